@@ -1,26 +1,198 @@
 //! Arcs with their correction: still arcs where the circle through three corrected places fits, else parts of them.
+//!
+//! The pole of polar coordinates is a place. With a correction each arc has a centre of its own, and gets a pole before it where the one that
+//! the control has is another. Polar coordinates about such a pole would lead elsewhere: they are written as X and Y.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use crate::{
     NcError,
     block::{Manner, Word},
-    carried::Settled,
-    circle::Written,
-    contour::Contour,
-    coordinates::Axes,
-    legs::{Leg, Writes},
-    line::Line,
-    motion::{Arc, Move},
+    codes::centre_is_absolute,
+    coordinates::{Axes, each},
+    line::{Edits, Line, NewWord, Shape},
+    motion::{Arc, Move, Polar},
+    moves::centre_of,
     notes::Note,
-    parts::{Part, words_of},
-    polar::polar_writes,
-    rewrite::Rewriter,
-    script::Shape,
-    stretches::{in_plane, shifted},
-    words::{Number, each},
+    number::{Number, half_step, of_steps},
+    reversal::Turns,
+    rewrite::{Contour, Rewriter, Settled},
+    straight::{Leg, MOST_PARTS, Part, Writes, polar_writes, too_many_parts, words_of},
 };
 
+/// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
+/// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
+const BETWEEN_QUARTERS: f64 = 1.15;
+
+/// In so many equal parts a turn is looked at for axes that turn, and an arc of many turns at the most.
+const ARC_LOOKED_AT: u32 = 64;
+
+const ARC_MOST_LOOKED_AT: f64 = 4096.0;
+
+/// An axis of the plane that goes by half of this beside its turning point is taken for standing.
+const HARDLY_MM: f64 = 5e-4;
+
+/// Parts of an arc that are shorter than so many steps of its words are not split any further.
+const SHORTEST_IN_STEPS: f64 = 20.0;
+
+/// And an axis that turns does not make shorter ones.
+const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
+
+/// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+}
+
+impl Stretch {
+    /// The angle it turns by, rad, without its sign.
+    pub(crate) fn turns(self, arc: &Arc) -> f64 {
+        (self.to - self.from) * arc.turns_by.abs()
+    }
+
+    /// Whole turns before its last one, which may be whole itself.
+    fn more_turns(self, arc: &Arc) -> f64 {
+        (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
+    }
+
+    pub(crate) fn middle(self) -> f64 {
+        0.5 * (self.from + self.to)
+    }
+
+    /// Whether it is so near to a whole turn, or more, that no circle goes through its beginning, middle and end.
+    pub(crate) fn is_whole(self, arc: &Arc) -> bool {
+        self.turns(arc) > 1.9 * PI
+    }
+}
+
+/// What a control makes of an arc by its radius may be so many steps off in its middle, else the arc gets a centre.
+const OFF_BY_RADIUS: f64 = 1.0;
+
+/// The same by its centre, whose two words are rounded.
+const OFF_BY_CENTRE: f64 = 3.0;
+
+/// A part of an arc between the places that its words lead to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WrittenArc<'a> {
+    pub(crate) arc: &'a Arc,
+    /// The beginning and the end of the whole arc, in the coordinates of the program.
+    pub(crate) ends: [&'a Axes; 2],
+    pub(crate) part: Stretch,
+    /// Which part it is, where there are several.
+    pub(crate) place: Option<usize>,
+    /// The corrections with which it begins and ends, in these coordinates.
+    pub(crate) carried: [&'a Axes; 2],
+}
+
+impl WrittenArc<'_> {
+    /// Where the axes begin and end, in the plane.
+    fn commanded(&self) -> [[f64; 2]; 2] {
+        let places = [self.part.from, self.part.to]
+            .map(|share| self.arc.place(self.ends[0], self.ends[1], share));
+        std::array::from_fn(|i| shifted(self.arc, &places[i], self.carried[i]))
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CircleWords {
+    /// What the line of the program gets.
+    replaced: Vec<(u8, Option<usize>, Number)>,
+    removed: Vec<usize>,
+    /// What stands behind the coordinates of a line of its own.
+    pub(crate) others: Vec<(u8, Number)>,
+}
+
+impl CircleWords {
+    /// The numbers of the centre, which stand in a line of their own.
+    fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
+        let found = letters.map(|letter| {
+            let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
+            let replaced = replaced.map(|(.., number)| *number);
+            let others = self.others.iter().find(|(of, _)| *of == letter);
+            replaced.or(others.map(|(_, number)| *number))
+        });
+        self.replaced.retain(|(of, ..)| !letters.contains(of));
+        self.others.retain(|(of, _)| !letters.contains(of));
+        found
+    }
+
+    fn has_radius(&self) -> bool {
+        let in_line = self.replaced.iter().any(|(letter, ..)| *letter == b'R');
+        in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
+    }
+
+    /// Whether the radius of the line goes.
+    fn lets_radius_go(&self) -> bool {
+        !self.removed.is_empty()
+    }
+
+    fn edit(&self, edits: &mut Edits) {
+        for (letter, place, number) in &self.replaced {
+            edits.set(*letter, *place, *number);
+        }
+        edits.removed.extend(&self.removed);
+    }
+}
+
+/// An arc of less than a whole turn between two places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bow {
+    pub(crate) start: [f64; 2],
+    pub(crate) end: [f64; 2],
+    /// How far the middle of the arc is from that of its chord, mm.
+    sag: f64,
+    pub(crate) clockwise: bool,
+}
+
+impl Bow {
+    pub(crate) fn chord(&self) -> f64 {
+        (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
+    }
+
+    /// The direction from the middle of the chord to that of the arc.
+    pub(crate) fn normal(&self) -> [f64; 2] {
+        let chord = self.chord();
+        let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
+        let side = if self.clockwise { -1.0 } else { 1.0 };
+        [side * way[1] / chord, -side * way[0] / chord]
+    }
+
+    pub(crate) fn radius(&self) -> f64 {
+        let half = 0.5 * self.chord();
+        0.5 * (half * half / self.sag + self.sag)
+    }
+
+    /// The place at a distance from the middle of the chord along the normal.
+    fn on_normal(&self, distance: f64) -> [f64; 2] {
+        let normal = self.normal();
+        std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
+    }
+
+    pub(crate) fn middle(&self) -> [f64; 2] {
+        self.on_normal(self.sag)
+    }
+
+    pub(crate) fn centre(&self) -> [f64; 2] {
+        self.on_normal(self.sag - self.radius())
+    }
+
+    /// The arc between two other places near these: of the same radius where it turns by less than a quarter, else of the same sag.
+    pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
+        let mut other = Self {
+            start,
+            end,
+            ..*self
+        };
+        let (radius, half) = (self.radius(), 0.5 * other.chord());
+        if self.sag < 0.3 * radius && half < radius {
+            other.sag = half * half / (radius + (radius * radius - half * half).sqrt());
+        }
+        other
+    }
+}
+
 impl Rewriter {
-    /// An arc.
     #[expect(clippy::too_many_lines, reason = "one part after the other")]
     pub(crate) fn arc(
         &mut self,
@@ -94,7 +266,7 @@ impl Rewriter {
                 };
                 let mut after = carried;
                 let words = self.words_to(&leg, &mut after);
-                let written = Written {
+                let written = WrittenArc {
                     arc,
                     ends: [&from, &to],
                     part: *stretch,
@@ -107,10 +279,10 @@ impl Rewriter {
                 }
             }
             let Some((words, mut circle, after)) = found else {
-                return Err(NcError::NotCompensated {
-                    line: line.number,
-                    what: "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them".to_owned(),
-                });
+                return Err(NcError::not_compensated(
+                    line.number,
+                    "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them",
+                ));
             };
             carried = after;
             let (shape, centre) = self.shape_of_arc(keeps_polar, arc, &mut circle, line);
@@ -123,14 +295,11 @@ impl Rewriter {
             let part = Part {
                 place,
                 share: stretch.to,
-                numbers: &words,
-                words: &motion.words,
                 others: &circle.others,
                 code,
                 feed: splits.then(|| self.feed_of_part(share)).flatten(),
-                shape,
-                polar: motion.polar,
                 before: &centre,
+                ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             before = at;
@@ -138,6 +307,41 @@ impl Rewriter {
         self.carried = frame.moved_in_machine(&to, &carried);
         self.has_moved(motion);
         Ok(())
+    }
+
+    /// Checks the places of an arc where an axis of its plane turns, near an end of travel.
+    fn check_arc_bounds(&mut self, motion: &Move, arc: &Arc) {
+        let frame = &self.interpreter.frame;
+        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        let (_, start) = arc.start(&from);
+        let [first, second, _] = arc.axes;
+        let rotation = frame.rotation_deg.to_radians();
+        // One turn is enough: a helix goes through the same places of its plane.
+        let sweep = arc.turns_by.clamp(-TAU, TAU);
+        let places: Vec<Axes> = (-8..=8)
+            .filter_map(|quarter| {
+                let angle = f64::from(quarter) * FRAC_PI_2 - rotation - start;
+                let share = angle / arc.turns_by;
+                (share > 0.0 && share < sweep / arc.turns_by).then(|| arc.place(&from, &to, share))
+            })
+            .collect();
+        for place in places {
+            let machine = self.interpreter.frame.to_machine(&place);
+            let is_near = |axis: usize| self.bounds.is_near_end(axis, machine[axis]);
+            if is_near(first) || is_near(second) {
+                let delta = self.corrector.at(&machine).delta;
+                let by = each(|axis| {
+                    if self.corrector.corrects[axis] {
+                        delta[axis]
+                    } else {
+                        0.0
+                    }
+                });
+                if self.bounds.violated.is_none() {
+                    self.bounds.violated = self.violation_in_machine(&machine, &by);
+                }
+            }
+        }
     }
 
     /// An arc that cannot be corrected, since it is not known where it is: it goes with the correction that its axes have where it begins,
@@ -178,16 +382,9 @@ impl Rewriter {
         let (shape, before) = self.shape_of_arc(false, arc, &mut circle, line);
         circle.edit(&mut self.edits);
         let part = Part {
-            place: 0,
-            share: 1.0,
-            numbers: &words,
-            words: &motion.words,
             others: &circle.others,
-            code: None,
-            feed: None,
-            shape,
-            polar: motion.polar,
             before: &before,
+            ..Part::whole(motion, &words, shape)
         };
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(to, &carried);
@@ -217,7 +414,7 @@ impl Rewriter {
             self.interpreter.notes.add(Note::NotTakenUp, line.number);
             return;
         }
-        let feed = feed.filter(|_| line.script.is_heidenhain() || meaning.lacks_feed());
+        let feed = feed.filter(|_| line.script.is_heidenhain() || meaning.feed.is_none());
         meaning.swap(&mut self.interpreter);
         let frame = self.interpreter.frame.clone();
         let from = frame.to_program(&motion.from);
@@ -299,9 +496,655 @@ impl Rewriter {
         self.ends_part(share);
         Some(carried)
     }
+
+    /// One step of the words of lengths, mm.
+    pub(crate) fn step_mm(&self) -> f64 {
+        let unit = self.interpreter.modal.unit_mm;
+        of_steps(1, self.numerals(0, None).decimals) * unit
+    }
+
+    /// A part of less than a turn through its corrected beginning, middle and end. Where the correction bends more than the arc
+    /// does, it keeps at least half of its own bend and at most twice it: it never turns over.
+    pub(crate) fn corrected(&self, arc: &Arc, ends: [&Axes; 2], part: Stretch) -> Bow {
+        let programmed = programmed(arc, ends, part);
+        let [start, middle, end] = [part.from, part.middle(), part.to].map(|share| {
+            let at = arc.place(ends[0], ends[1], share);
+            in_plane(arc, &self.delta_in_program(&at))
+        });
+        let normal = programmed.normal();
+        let bend: f64 = (0..2)
+            .map(|i| normal[i] * (middle[i] - 0.5 * (start[i] + end[i])))
+            .sum();
+        let sag = programmed.sag;
+        Bow {
+            start: std::array::from_fn(|i| programmed.start[i] + start[i]),
+            end: std::array::from_fn(|i| programmed.end[i] + end[i]),
+            sag: (sag + bend).clamp(0.5 * sag, 2.0 * sag),
+            ..programmed
+        }
+    }
+
+    /// The parts in which an arc is written.
+    ///
+    /// # Errors
+    /// More of them than a motion may have.
+    fn stretches(
+        &mut self,
+        arc: &Arc,
+        [from, to]: [&Axes; 2],
+        line: Line<'_>,
+    ) -> Result<Vec<Stretch>, NcError> {
+        let mut stretches = Vec::new();
+        self.turns = self.turns_of_arc(arc, [from, to]);
+        if self.contour != Contour::None {
+            let whole = Stretch { from: 0.0, to: 1.0 };
+            if !self.fits(arc, [from, to], whole) {
+                self.interpreter.notes.add(Note::ContourWhole, line.number);
+            }
+            return Ok(vec![whole]);
+        }
+        let mut open = self.turn_to_turn();
+        let sides = self.corrector.sides();
+        let mut next = 0;
+        let (radius, _) = arc.start(from);
+        let shortest = SHORTEST_IN_STEPS * self.step_mm();
+        while let Some(stretch) = open.pop() {
+            self.turn_up_to(&mut next, stretch.from);
+            let is_short = stretch.turns(arc) * radius < shortest;
+            if stretches.len() + open.len() >= MOST_PARTS {
+                return Err(too_many_parts(line));
+            }
+            if is_short || self.fits(arc, [from, to], stretch) {
+                stretches.push(stretch);
+            } else {
+                let middle = stretch.middle();
+                open.push(Stretch {
+                    from: middle,
+                    ..stretch
+                });
+                open.push(Stretch {
+                    to: middle,
+                    ..stretch
+                });
+            }
+        }
+        self.corrector.put_back(sides);
+        Ok(stretches)
+    }
+
+    fn turns_of_arc(&self, arc: &Arc, [from, to]: [&Axes; 2]) -> Turns {
+        if !self.corrector.bidirectional {
+            return Turns::default();
+        }
+        let frame = &self.interpreter.frame;
+        let steps = f64::from(ARC_LOOKED_AT) * (arc.turns_by.abs() / (2.0 * PI)).max(1.0);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a few thousand at the most"
+        )]
+        let steps = steps.ceil().min(ARC_MOST_LOOKED_AT) as u32;
+        let place = |share: f64| match share {
+            0.0 => frame.to_machine(from),
+            1.0 => frame.to_machine(to),
+            _ => frame.to_machine(&arc.place(from, to, share)),
+        };
+        let carriages = self.corrector.carriages(steps, place);
+        let mut found = self.corrector.turns(steps, carriages);
+        // No part is so short that what takes up the play makes another arc of it; beside its turning point an axis hardly moves.
+        let (radius, _) = arc.start(from);
+        let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
+        let shortest = shortest / (radius * arc.turns_by.abs());
+        found.keep_before(1.0 - shortest);
+        let mut passed = 0.0;
+        for turn in &mut found.turns {
+            if turn.share - passed < shortest {
+                turn.share = passed;
+            }
+            passed = turn.share;
+        }
+        found
+    }
+
+    /// The parts of an arc in which no axis turns, the first one last.
+    fn turn_to_turn(&self) -> Vec<Stretch> {
+        let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
+        for turn in &self.turns.turns {
+            let Some(last) = parts.last_mut() else { break };
+            if turn.share > last.from {
+                last.to = turn.share;
+                parts.push(Stretch {
+                    from: turn.share,
+                    to: 1.0,
+                });
+            }
+        }
+        parts.reverse();
+        parts
+    }
+
+    /// Whether a part of an arc stays an arc: the one through its corrected beginning, middle and end is nowhere further from where
+    /// it belongs than the tolerance. What errors that are straight within the part leave is largest near the quarters, where it is
+    /// looked at; what curves add is bounded by their derivatives.
+    fn fits(&self, arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> bool {
+        let tolerance = self.corrector.split_beyond_mm;
+        let [first, second, _] = arc.axes;
+        let turns = part.turns(arc);
+        let is_whole = part.is_whole(arc);
+        let eighths = (turns / FRAC_PI_4).ceil().clamp(4.0, 4096.0);
+        let count = if is_whole { eighths } else { 4.0 };
+        let mut shares = (0..).map(f64::from).map(|place| place / count);
+        let place = |share: f64| {
+            let at = arc.place(from, to, part.from + share * (part.to - part.from));
+            (at, self.delta_in_program(&at))
+        };
+        let places: Vec<_> = shares
+            .by_ref()
+            .take_while(|share| *share <= 1.0)
+            .map(|share| (share, place(share)))
+            .collect();
+        let (Some((_, start)), Some((_, end))) = (places.first(), places.last()) else {
+            return false;
+        };
+        // The box of all places of the part, and how far the correction may be from a straight one within it.
+        let frame = &self.interpreter.frame;
+        let (radius, _) = arc.start(from);
+        let bulge = radius * (1.0 - (0.5 * turns / count).cos());
+        let boxed = |turned: bool, of: &dyn Fn(&Axes) -> Axes| {
+            let [mut low, mut high] = [of(&start.0); 2];
+            for (_, (at, _)) in &places {
+                let at = of(at);
+                low = each(|axis| low[axis].min(at[axis]));
+                high = each(|axis| high[axis].max(at[axis]));
+            }
+            for axis in 0..3 {
+                if turned || axis == first || axis == second {
+                    low[axis] -= bulge;
+                    high[axis] += bulge;
+                }
+            }
+            (low, high)
+        };
+        let (low, high) = boxed(false, &|at| *at);
+        let bulge_mm = self.bulge_mm(&low, &high);
+        // The corners of a turned box are not those of the box about the turned arc.
+        let turned = frame.rotation_deg != 0.0 || frame.tip.is_some();
+        let (low, high) = boxed(turned, &|at| frame.to_machine(at));
+        let curved = self.corrector.bound_mm(&low, &high, bulge_mm);
+        if 2.0 * curved > tolerance {
+            return false;
+        }
+        let off_plane = |share: f64, delta: &Axes| {
+            let away: f64 = (0..9)
+                .filter(|axis| *axis != first && *axis != second)
+                .map(|axis| {
+                    (delta[axis] - start.1[axis] - share * (end.1[axis] - start.1[axis])).powi(2)
+                })
+                .sum();
+            away.sqrt()
+        };
+        let circles = (!is_whole).then(|| {
+            // The programmed circle, too: its numbers are rounded, and that is not for a correction to mend.
+            [
+                self.corrected(arc, [from, to], part),
+                programmed(arc, [from, to], part),
+            ]
+            .map(|bow| (bow.centre(), bow.radius()))
+        });
+        let mut largest = 0.0_f64;
+        for (share, (at, delta)) in &places {
+            let off = if let Some([corrected, programmed]) = circles {
+                let off = |(centre, radius): ([f64; 2], f64), [x, y]: [f64; 2]| {
+                    (x - centre[0]).hypot(y - centre[1]) - radius
+                };
+                (off(corrected, shifted(arc, at, delta)) - off(programmed, in_plane(arc, at))).abs()
+            } else {
+                // A whole circle keeps its radius: it is shifted as its beginning is.
+                let of_start = &start.1;
+                (delta[first] - of_start[first]).hypot(delta[second] - of_start[second])
+            };
+            largest = largest.max(off).max(off_plane(*share, delta));
+        }
+        BETWEEN_QUARTERS * largest + 2.0 * curved <= tolerance
+    }
+
+    /// The words of the circle of a part of an arc; `None`: with these ends a control would not do what is meant.
+    pub(crate) fn circle(&self, written: &WrittenArc<'_>, line: Line<'_>) -> Option<CircleWords> {
+        let (arc, part) = (written.arc, written.part);
+        let [start, end] = written.commanded();
+        let begins = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.from));
+        let ends = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.to));
+        let middle = middle_of(begins, ends, arc.centre, arc.turns_by < 0.0);
+        // How far the circle goes from where it is programmed: its centre, its middle and its radius.
+        let (centre_by, middle_by, radius_by);
+        if part.is_whole(arc) {
+            let by = std::array::from_fn(|i| start[i] - begins[i]);
+            (centre_by, middle_by, radius_by) = (by, by, 0.0);
+        } else {
+            let plain = programmed(arc, written.ends, part);
+            let bow = self.corrected(arc, written.ends, part).between(start, end);
+            let way = |to: [f64; 2], from: [f64; 2]| -> [f64; 2] {
+                std::array::from_fn(|i| to[i] - from[i])
+            };
+            centre_by = way(bow.centre(), plain.centre());
+            middle_by = way(bow.middle(), plain.middle());
+            radius_by = bow.radius() - plain.radius();
+        }
+        let wanted: [f64; 2] = std::array::from_fn(|i| middle[i] + middle_by[i]);
+        let is_good = |centre: [f64; 2], most_steps: f64| {
+            let found = middle_of(start, end, centre, arc.turns_by < 0.0);
+            (found[0] - wanted[0]).hypot(found[1] - wanted[1]) <= most_steps * self.step_mm()
+        };
+        if arc.by_radius
+            && let Some((mut words, radius)) = self.by_radius(written, radius_by, line)
+            && let Ok(centre) = centre_of(start, end, radius, arc.turns_by < 0.0)
+            && is_good(centre, OFF_BY_RADIUS)
+        {
+            add_turns(written, line, &mut words);
+            return Some(words);
+        }
+        let centre = std::array::from_fn(|i| arc.centre[i] + centre_by[i]);
+        let (mut words, centre) = self.by_centre(written, start, centre, line)?;
+        add_turns(written, line, &mut words);
+        is_good(centre, OFF_BY_CENTRE).then_some(words)
+    }
+
+    /// The words of an arc that is moved as a whole: its radius stays, its centre is this one.
+    fn circle_about(
+        &self,
+        arc: &Arc,
+        start: [f64; 2],
+        centre: [f64; 2],
+        line: Line<'_>,
+    ) -> CircleWords {
+        if arc.by_radius {
+            return CircleWords::default();
+        }
+        let written = WrittenArc {
+            arc,
+            ends: [&[0.0; 9]; 2],
+            part: Stretch { from: 0.0, to: 1.0 },
+            place: None,
+            carried: [&[0.0; 9]; 2],
+        };
+        let words = self.by_centre(&written, start, centre, line);
+        words.map(|(words, _)| words).unwrap_or_default()
+    }
+
+    /// R, and the radius that it says, mm.
+    fn by_radius(
+        &self,
+        written: &WrittenArc<'_>,
+        radius_by: f64,
+        line: Line<'_>,
+    ) -> Option<(CircleWords, f64)> {
+        let unit = self.interpreter.modal.unit_mm;
+        let place = line.place_of(b'R');
+        let word = line.word(place)?;
+        let sign = match written.place {
+            // A half circle may be written either way.
+            None => word.value?.signum(),
+            Some(_) if written.part.turns(written.arc) > PI => -1.0,
+            Some(_) => 1.0,
+        };
+        // As much larger as the arc is, whatever rounding its radius has.
+        let size = word.value?.abs() + radius_by / unit;
+        let mut words = CircleWords::default();
+        let said = self.word(written, (b'R', sign * size), place, line, &mut words)?;
+        Some((words, said * unit))
+    }
+
+    /// The centre along both axes, and where these words say that it is, mm.
+    fn by_centre(
+        &self,
+        written: &WrittenArc<'_>,
+        start: [f64; 2],
+        centre: [f64; 2],
+        line: Line<'_>,
+    ) -> Option<(CircleWords, [f64; 2])> {
+        let modal = &self.interpreter.modal;
+        let unit = modal.unit_mm;
+        let mut words = CircleWords::default();
+        let mut said = [0.0; 2];
+        if written.arc.by_radius && written.place.unwrap_or(0) == 0 {
+            words.removed.extend(line.place_of(b'R'));
+        }
+        for (i, letter) in modal.plane.centre_letters().into_iter().enumerate() {
+            let place = line.place_of(letter);
+            let manner = line.word(place).map(|word| word.manner);
+            let base = if centre_is_absolute(manner, modal) {
+                0.0
+            } else {
+                start[i]
+            };
+            let value = (letter, (centre[i] - base) / unit);
+            said[i] = base + unit * self.word(written, value, place, line, &mut words)?;
+        }
+        Some((words, said))
+    }
+
+    /// One word, and the value that it has then: in the line of the program it changes only if its number does.
+    fn word(
+        &self,
+        written: &WrittenArc<'_>,
+        (letter, value): (u8, f64),
+        place: Option<usize>,
+        line: Line<'_>,
+        words: &mut CircleWords,
+    ) -> Option<f64> {
+        let word = line.word(place);
+        let numerals = self.numerals(0, word);
+        let said = self.pole_along(letter);
+        let before = word.and_then(|word| word.value).or(said).unwrap_or(0.0);
+        let changes = (value - before).abs() >= half_step(numerals.decimals);
+        let is_missing = letter != b'R' && written.arc.by_radius;
+        if !changes && written.place.is_none() && !is_missing {
+            return Some(before);
+        }
+        let of_word = word.and_then(|word| word.decimals).unwrap_or(0);
+        let number = numerals.nearest(value, of_word)?;
+        if written.place.is_some_and(|part| part > 0) {
+            words.others.push((letter, number));
+        } else if changes || place.is_some() || is_missing {
+            words.replaced.push((letter, place, number));
+        } else {
+            return Some(before);
+        }
+        Some(number.value())
+    }
+
+    /// The pole that the control has along the axis of a letter of the centre, in the unit of its word.
+    fn pole_along(&self, letter: u8) -> Option<f64> {
+        let place = match letter {
+            b'I' => 0,
+            b'J' => 1,
+            _ => return None,
+        };
+        self.pole
+            .map(|pole| pole[place] / self.interpreter.modal.unit_mm)
+    }
+
+    /// Whether a motion is in polar coordinates that need no correction in their plane, at any of these places and where it begins.
+    pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
+        let Some(polar) = motion.polar else {
+            return false;
+        };
+        let unit_mm = self.interpreter.modal.unit_mm;
+        let half_mm = 0.5 * unit_mm * of_steps(1, self.numerals(0, None).decimals);
+        let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
+        // What counts from where the tool is goes on with what it is off there.
+        let begins = if polar.from_here {
+            carried[..2].iter().all(|by| by.abs() < 1e-9)
+        } else {
+            is_small(carried)
+        };
+        begins
+            && self.has_pole_of_program()
+            && !self.polar_is_off
+            && places.iter().all(|at| is_small(&self.delta_in_program(at)))
+    }
+
+    /// Whether the pole that the control has is that of the program.
+    fn has_pole_of_program(&self) -> bool {
+        match (self.pole, self.interpreter.modal.pole) {
+            (Some(said), Some(pole)) => (0..2).all(|i| (said[i] - pole[i]).abs() < 1e-9),
+            (said, pole) => said == pole,
+        }
+    }
+
+    /// A block has said the pole: along axes whose coordinate is relative to where the tool is, that is with its correction.
+    pub(crate) fn takes_pole(&mut self, relative: [bool; 2]) {
+        let interpreter = &self.interpreter;
+        let carried = interpreter
+            .frame
+            .moved_in_program(&interpreter.position, &self.carried);
+        self.pole = interpreter.modal.pole.map(|pole| {
+            std::array::from_fn(|i| pole[i] + if relative[i] { carried[i] } else { 0.0 })
+        });
+    }
+
+    /// How an arc is written, and the line with its centre that must stand before it, if any.
+    fn shape_of_arc(
+        &mut self,
+        keeps_polar: bool,
+        arc: &Arc,
+        circle: &mut CircleWords,
+        line: Line<'_>,
+    ) -> (Shape, Vec<u8>) {
+        if !line.script.is_heidenhain() {
+            let shape = if keeps_polar {
+                Shape::AsItIs
+            } else {
+                Shape::Centre
+            };
+            return (shape, Vec::new());
+        }
+        let centre = circle.take_centre([b'I', b'J']);
+        if keeps_polar {
+            return (Shape::AsItIs, Vec::new());
+        }
+        let keeps_radius = arc.by_radius && !circle.lets_radius_go() && centre == [None; 2];
+        if circle.has_radius() || keeps_radius {
+            return (Shape::Radius, Vec::new());
+        }
+        let unit = self.interpreter.modal.unit_mm;
+        let before = self.pole;
+        let numbers = std::array::from_fn(|i| {
+            let said = before.map(|pole| pole[i] / unit).unwrap_or_default();
+            let decimals = self.decimals.of(0, unit);
+            centre[i].or(Number::nearest(said, decimals))
+        });
+        let [Some(x), Some(y)] = numbers else {
+            return (Shape::Centre, Vec::new());
+        };
+        let changes = |i: usize, number: Number| {
+            centre[i].is_some()
+                && before.is_none_or(|pole| (unit * number.value() - pole[i]).abs() > 1e-9)
+        };
+        if !changes(0, x) && !changes(1, y) {
+            return (Shape::Centre, Vec::new());
+        }
+        self.pole = Some([unit * x.value(), unit * y.value()]);
+        (Shape::Centre, pole_line([x, y], line))
+    }
+
+    /// An arc that passes on goes about the pole of the program.
+    fn puts_pole_back(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
+        let Some(pole) = self.interpreter.modal.pole else {
+            return;
+        };
+        if !line.script.is_heidenhain() || self.has_pole_of_program() {
+            return;
+        }
+        let unit = self.interpreter.modal.unit_mm;
+        let [Some(x), Some(y)] = pole.map(|at| Number::shortest(at / unit, 6)) else {
+            return;
+        };
+        out.extend_from_slice(&pole_line([x, y], line));
+        out.extend_from_slice(line.more);
+        self.counts.added += 1;
+        self.pole = Some(pole);
+        self.edits.write(line, out);
+    }
+
+    /// The line of the program gets the word for the way in which its motion is written, and loses its polar coordinates where
+    /// that is by X and Y.
+    pub(crate) fn goes_as(&mut self, shape: Shape, polar: Option<Polar>, line: Line<'_>) {
+        if shape == Shape::AsItIs {
+            return;
+        }
+        let keyword = line.block.keyword.clone();
+        let length = line.script.keyword(shape).len();
+        if length < keyword.len() {
+            // LP, CP and CR become L and C.
+            let rest = keyword.start + length..keyword.end;
+            self.edits.ranges.push((rest, None));
+        }
+        let Some(polar) = polar else { return };
+        self.edits.removed.extend(polar.words.into_iter().flatten());
+        if self.interpreter.modal.polar.is_none() {
+            return;
+        }
+        // The control reads X and Y as places from here on, until the program says G16 again.
+        let is_g16 = |word: &Word| word.letter == b'G' && word.value == Some(16.0);
+        let place = line.block.words.iter().position(is_g16);
+        if let Some(code) = Number::nearest(15.0, 0)
+            && (place.is_some() || !self.polar_is_off)
+        {
+            self.edits.set(b'G', place, code);
+        }
+        self.polar_is_off = true;
+    }
+
+    /// A note where an arc gets the coordinate of an axis that it did not have.
+    fn notes_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
+        // A helix in polar coordinates gets X and Y, and an arc that had none a further word.
+        let is_new = |axis: usize| {
+            words[axis].is_some() && (motion.words[axis].is_none() || motion.polar.is_some())
+        };
+        if line.script.is_heidenhain() && (2..9).any(is_new) {
+            self.interpreter.notes.add(Note::Superposed, line.number);
+        }
+    }
 }
 
 /// G2 or G3.
 fn code_of(arc: &Arc) -> Option<Number> {
     Number::nearest(if arc.turns_by < 0.0 { 2.0 } else { 3.0 }, 0)
+}
+
+/// A place in the plane of an arc.
+pub(crate) fn in_plane(arc: &Arc, at: &Axes) -> [f64; 2] {
+    let [first, second, _] = arc.axes;
+    [at[first], at[second]]
+}
+
+/// The same with a correction.
+pub(crate) fn shifted(arc: &Arc, at: &Axes, delta: &Axes) -> [f64; 2] {
+    let [first, second, _] = arc.axes;
+    [at[first] + delta[first], at[second] + delta[second]]
+}
+
+/// A part of less than a turn as it is programmed.
+pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bow {
+    let [start, end] = [part.from, part.to].map(|share| in_plane(arc, &arc.place(from, to, share)));
+    let radius = |at: [f64; 2]| (at[0] - arc.centre[0]).hypot(at[1] - arc.centre[1]);
+    Bow {
+        start,
+        end,
+        sag: sag_of(0.5 * (radius(start) + radius(end)), part.turns(arc)),
+        clockwise: arc.turns_by < 0.0,
+    }
+}
+
+/// The number of turns of a part, where the arc is in several.
+fn add_turns(written: &WrittenArc<'_>, line: Line<'_>, words: &mut CircleWords) {
+    let Some(part) = written.place else {
+        return;
+    };
+    let place = line.place_of(b'P');
+    let turns = written.part.more_turns(written.arc) + 1.0;
+    let number = Number::nearest(turns, 0).filter(|_| turns > 1.0);
+    match number {
+        Some(number) if part > 0 => words.others.push((b'P', number)),
+        Some(number) => words.replaced.push((b'P', place, number)),
+        None if part == 0 => words.removed.extend(place),
+        None => {}
+    }
+}
+
+/// The middle of the last turn of an arc about a centre, as a control reads it.
+fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) -> [f64; 2] {
+    let polar = |at: [f64; 2]| {
+        let way = [at[0] - centre[0], at[1] - centre[1]];
+        (way[0].hypot(way[1]), way[1].atan2(way[0]))
+    };
+    let ((from_radius, from), (to_radius, to)) = (polar(start), polar(end));
+    let sign = if clockwise { -1.0 } else { 1.0 };
+    let mut turns = sign * (sign * (to - from)).rem_euclid(2.0 * PI);
+    // An end that is the beginning is a full turn.
+    if (end[0] - start[0]).hypot(end[1] - start[1]) < 1e-9 {
+        turns = sign * 2.0 * PI;
+    }
+    let angle = from + 0.5 * turns;
+    let radius = 0.5 * (from_radius + to_radius);
+    [
+        centre[0] + radius * angle.cos(),
+        centre[1] + radius * angle.sin(),
+    ]
+}
+
+/// The sag of an arc that turns by an angle, rad.
+fn sag_of(radius: f64, turns: f64) -> f64 {
+    2.0 * radius * (0.25 * turns).sin().powi(2)
+}
+
+/// `CC X+1.000 Y+2.000`.
+fn pole_line(centre: [Number; 2], line: Line<'_>) -> Vec<u8> {
+    let mut text = b"CC".to_vec();
+    for word in [b'X', b'Y'].into_iter().zip(centre) {
+        line.script.write_word(&NewWord::plain(word), &mut text);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn assert_at(found: [f64; 2], expected: [f64; 2]) {
+        let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+        assert!(off < 1e-9, "{found:?}, expected {expected:?}");
+    }
+
+    #[test]
+    fn a_quarter_a_half_and_three_quarters_of_a_circle() {
+        let half_root = 0.5_f64.sqrt();
+        for (turns, end, middle) in [
+            (0.5, [0.0, 10.0], [10.0 * half_root, 10.0 * half_root]),
+            (1.0, [-10.0, 0.0], [0.0, 10.0]),
+            (1.5, [0.0, -10.0], [-10.0 * half_root, 10.0 * half_root]),
+        ] {
+            let bow = Bow {
+                start: [10.0, 0.0],
+                end,
+                sag: sag_of(10.0, turns * std::f64::consts::PI),
+                clockwise: false,
+            };
+            assert_at(bow.middle(), middle);
+            assert_at(bow.centre(), [0.0, 0.0]);
+            // The same arc the other way round.
+            let back = Bow {
+                start: bow.end,
+                end: bow.start,
+                clockwise: true,
+                ..bow
+            };
+            assert_at(back.middle(), middle);
+            assert_at(back.centre(), [0.0, 0.0]);
+            assert!((back.radius() - 10.0).abs() < 1e-9);
+        }
+    }
+
+    /// A chord that is a step longer leaves a shallow arc its radius, and a half circle its sag: neither centre jumps.
+    #[test]
+    fn a_step_more_of_the_chord_moves_the_centre_by_little() {
+        let shallow = Bow {
+            start: [10.0, 0.0],
+            end: [10.4, 0.0],
+            sag: 0.04 / (100.0 + 0.2_f64.hypot(100.0)),
+            clockwise: false,
+        };
+        assert_at(shallow.centre(), [10.2, 100.0]);
+        let longer = shallow.between([10.0, 0.0], [10.401, 0.0]);
+        assert!((longer.radius() - shallow.radius()).abs() < 1e-9);
+        let half = Bow {
+            start: [0.0, 0.0],
+            end: [100.0, 0.0],
+            sag: 50.0,
+            clockwise: false,
+        };
+        let longer = half.between([0.0, 0.0], [100.009, 0.0]);
+        assert!(longer.centre()[1].abs() < 0.01, "{:?}", longer.centre());
+    }
 }

@@ -2,33 +2,29 @@
 //! offsets.
 
 use std::{
-    io::Write,
-    sync::mpsc::{Receiver, sync_channel},
-    thread,
+    io::{BufRead, Write},
+    sync::mpsc::Receiver,
 };
 
 use volcomp_model::{
-    Thermal,
+    Lengths,
     kinematics::nalgebra::{Matrix3, Vector3},
 };
 
 use crate::{
     Job, NcError,
-    bounds::Bounds,
-    control::Control,
-    coordinates::{Axes, Frame, LETTERS},
-    correction::Corrector,
-    dialect::Dialect,
+    control::{Control, Dialect},
+    coordinates::{Axes, Frame, LETTERS, each},
+    correction::{Bounds, Corrector},
     flow::{OLine, o_line},
+    line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
-    made::Made,
-    modal::{NUMBERED, SYSTEMS},
-    motion::{Path, half_deep},
+    modal::{NUMBERED, SYSTEMS, name_of_offset},
+    motion::{Made, Path, half_deep},
     notes::Note,
-    script::{NewWord, Script},
-    setup::{SetUp, name_of_offset},
-    verify::{WAITING, is_end, motions},
-    words::{Number, each},
+    number::Number,
+    program::run_beside,
+    setup::SetUp,
 };
 
 /// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and
@@ -115,16 +111,13 @@ fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f
 struct Sums {
     places: u64,
     sum: [f64; 3],
-    squares: f64,
-    largest: f64,
+    lengths: Lengths,
 }
 
 impl Sums {
     fn take(&mut self, of: [f64; 3]) {
-        let square: f64 = of.iter().map(|x| x * x).sum();
         self.places += 1;
-        self.squares += square;
-        self.largest = self.largest.max(square.sqrt());
+        self.lengths.take(&of.into());
         for (sum, of) in self.sum.iter_mut().zip(of) {
             *sum += of;
         }
@@ -132,20 +125,12 @@ impl Sums {
 
     /// The largest and the root of the mean square, µm.
     fn um(&self) -> [f64; 2] {
-        let rms = (self.squares / (self.places as f64).max(1.0)).sqrt();
-        [1e3 * self.largest, 1e3 * rms]
-    }
-}
-
-fn refused(line: usize, what: &str) -> NcError {
-    NcError::NotCompensated {
-        line,
-        what: what.to_owned(),
+        [1e3 * self.lengths.max(), 1e3 * self.lengths.rms()]
     }
 }
 
 fn with_rotary_axes() -> NcError {
-    refused(
+    NcError::not_compensated(
         1,
         "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
     )
@@ -163,12 +148,12 @@ pub fn average(
     job: Job<'_>,
     of: MeanOf<'_>,
 ) -> Result<Vec<Average>, NcError> {
-    if !job.corrector.is_only_linear() {
+    if !job.corrector.only_linear {
         return Err(with_rotary_axes());
     }
     let is_printer = job.setup.control().is_some_and(Control::is_printer);
     if job.dialect != Dialect::Rs274 || is_printer {
-        return Err(refused(
+        return Err(NcError::not_compensated(
             1,
             "a mean correction is put into work offsets by G10, which only RS-274 has, and no printer",
         ));
@@ -214,7 +199,7 @@ pub fn average(
             let what = format!(
                 "the mean correction of {offset} does not reach {letter} here, because its position, or the start of its G91 move or its G92 zero, was not programmed in G90 under {offset}: program {letter} there first"
             );
-            return Err(refused(place.line, &what));
+            return Err(NcError::not_compensated(place.line, &what));
         }
         let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
         if let Some(violation) = bounds.violation(&[true; 9], &place.at, &by) {
@@ -227,19 +212,19 @@ pub fn average(
         Ok(())
     })?;
     let (mut averages, mut offsets) = (Vec::new(), Vec::new());
-    let unit = job.setup.modal().unit_mm;
+    let unit = job.setup.modal.unit_mm;
     for system in 0..SYSTEMS {
         let of = &sums[system];
         if of.places == 0 {
             continue;
         }
-        let offset = (job.setup.offset(system)).ok_or_else(|| NcError::NotCompensated {
-            line: 1,
-            what: format!(
+        let Some(offset) = job.setup.offset(system) else {
+            let what = format!(
                 "the set-up does not state the work offset {}, which is to get the mean correction",
                 name_of_offset(system)
-            ),
-        })?;
+            );
+            return Err(NcError::not_compensated(1, what));
+        };
         let words: [Option<Number>; 3] = std::array::from_fn(|i| {
             let value = (offset[i] + means[system][i]) / unit;
             Number::nearest(value, job.decimals.of(i, unit))
@@ -266,10 +251,8 @@ pub fn average(
     Ok(averages)
 }
 
-/// A place where a program cuts.
 struct CutPlace {
     line: usize,
-    /// The work offset.
     system: usize,
     /// The axes of the machine, mm.
     at: Axes,
@@ -289,58 +272,40 @@ fn at_places(
     moved: Option<&SetUp>,
     mut take: impl FnMut(&Corrector, CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
-    let mut ideal = (**job.corrector.machine()).clone();
-    ideal.clear_errors();
-    ideal.set_thermal(Thermal::default())?;
-    let ideal = Corrector::new(&ideal, job.corrector.temperatures(), 1.0)?;
     let mut corrector = job.corrector.clone();
-    thread::scope(|scope| {
-        let ideal = &ideal;
-        let run_with = |setup| {
-            let (to, all) = sync_channel::<Made>(WAITING);
-            let limits = (Dialect::Rs274, job.most_blocks);
-            let run = scope.spawn(move || motions(&mut &program[..], ideal, setup, limits, to));
-            (run, all)
-        };
-        let (run, all) = run_with(job.setup);
-        let mut runs = vec![run];
-        let moved = moved.map(|setup| {
-            let (run, all) = run_with(setup);
-            runs.push(run);
-            all
-        });
-        let mut found = Ok(());
-        while let Ok(made) = all.recv() {
-            let beside = match moved.as_ref().map(Receiver::recv) {
+    let (mut own, mut again) = (program, program);
+    let mut programs: Vec<(&mut (dyn BufRead + Send), _)> = vec![(&mut own, job.setup)];
+    if let Some(setup) = moved {
+        programs.push((&mut again, setup));
+    }
+    let limits = (Dialect::Rs274, job.most_blocks);
+    let (machine, temperatures) = (&job.corrector.machine, &job.corrector.temperatures);
+    let (found, failed) = run_beside(machine, temperatures, limits, programs, |motions| {
+        while let Ok(made) = motions[0].recv() {
+            let beside = match motions.get(1).map(Receiver::recv) {
                 Some(Ok(beside)) if beside.line == made.line => Some(beside),
                 Some(_) => {
                     let what = "the program makes other motions with the mean correction in its work offsets, which it reads (such as #5221)";
-                    found = Err(refused(made.line, what));
-                    break;
+                    return Err(NcError::not_compensated(made.line, what));
                 }
                 None => None,
             };
-            if let Err(error) = corrector.take_tool(&made.tool) {
-                found = Err(error);
-                break;
-            }
+            corrector.take_tool(&made.tool)?;
             corrector.goes(&made.motion.to);
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);
             if stated.is_some_and(|stated| made.frame.work[..3] != stated[..3]) {
-                found = Err(refused(
+                return Err(NcError::not_compensated(
                     made.line,
                     "the program has set its work offset itself (G10 L2, L20): the mean correction would be lost there",
                 ));
-                break;
             }
             if !made.known {
-                found = Err(refused(
+                return Err(NcError::not_compensated(
                     made.line,
                     "it is not known where X, Y and Z stand here: [start] of the set-up says it",
                 ));
-                break;
             }
             let delta = corrector.at(&at).delta;
             let place = CutPlace {
@@ -352,23 +317,11 @@ fn at_places(
                 from_stated_zero: made.cuts_from_stated_zero,
                 frame: made.frame,
             };
-            let taken = take(&corrector, place);
-            if taken.is_err() {
-                found = taken;
-                break;
-            }
+            take(&corrector, place)?;
         }
-        // A sender that goes on gets an error.
-        drop((all, moved));
-        for run in runs {
-            match run.join() {
-                Ok(Err(error)) if found.is_ok() && !is_end(&error) => found = Err(error),
-                Ok(_) => {}
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        found
-    })
+        Ok(())
+    })?;
+    found.and(failed.map_or(Ok(()), Err))
 }
 
 /// Where a motion cuts: the axes at its end, or half-way down a hole.

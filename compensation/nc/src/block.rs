@@ -1,13 +1,11 @@
-//! One line of a program: its words with their places in the text, so that what is not changed stays as it is.
+//! One line of a program as it is read: its words with their places in the text, so that what is not changed stays as it is.
 
 use std::ops::Range;
 
 use crate::{
-    command::Command,
-    expression::{Expressions, Read},
-    fault::Fault,
+    error::{Fault, malformed},
+    number::{Digits, plain},
     parameters::Value,
-    scan::Scanner,
 };
 
 /// A word: a letter and its value.
@@ -43,8 +41,10 @@ pub(crate) enum Manner {
 
 /// The letter of words that mean nothing for coordinates, but must be executed with their motion: a coolant that is switched on.
 pub(crate) const OTHER: u8 = b'!';
+
 /// The same where it is done at the end of the motion: a stop. Of a motion in parts it belongs to the last one.
 pub(crate) const LAST: u8 = b'&';
+
 /// The letters of polar coordinates, the distance from the pole and the angle.
 pub(crate) const POLAR: [u8; 2] = *b"@^";
 
@@ -55,7 +55,6 @@ pub(crate) enum Parameter {
     Named(String),
 }
 
-/// A parameter and its value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Assignment {
     pub(crate) parameter: Parameter,
@@ -99,132 +98,293 @@ pub(crate) struct Block {
 }
 
 impl Block {
-    /// Reads a line without its end of line. O-words are read elsewhere: none may be in it.
-    pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
-        self.clear();
-        let mut scanner = Scanner::new(line);
-        let mut end = 0;
-        match scanner.peek() {
-            Some(b'/') => {
-                scanner.next();
-                self.begins = Begins::Slash;
-                self.skip = scanner.at() - 1..scanner.at();
-                end = scanner.at();
-            }
-            Some(b'%') => {
-                self.begins = Begins::Percent;
-                self.end = line.len();
-                return Ok(());
-            }
-            _ => {}
-        }
-        self.end = end;
-        while let Some(byte) = scanner.peek() {
-            let (at, column) = (scanner.at(), scanner.column());
-            scanner.next();
-            match byte {
-                b'(' => skip_comment(&mut scanner, column)?,
-                b';' => break,
-                b'#' => {
-                    self.assignment(at, &mut scanner, expressions)?;
-                    self.end = scanner.at();
-                }
-                b'A'..=b'Z' | b'@' | b'^' | b'$' => {
-                    scanner.peek();
-                    let from = scanner.at();
-                    let read = expressions.read(&mut scanner)?;
-                    let Some(Read { value, decimals }) = read else {
-                        return Err(Fault::NoNumber {
-                            column,
-                            letter: char::from(byte),
-                        });
-                    };
-                    self.end = scanner.at();
-                    self.words.push(Word {
-                        letter: byte,
-                        at,
-                        text: from..scanner.at(),
-                        value,
-                        decimals,
-                        manner: Manner::Modal,
-                        in_increments: false,
-                    });
-                }
-                other => {
-                    return Err(Fault::Character {
-                        column,
-                        found: char::from(other),
-                    });
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// A line that says nothing.
-    pub(crate) fn clear(&mut self) {
-        self.words.clear();
-        self.assignments.clear();
-        self.commands.clear();
-        self.begins = Begins::Nothing;
-        self.skip = 0..0;
-        self.number = None;
-        self.keyword = 0..0;
-        self.comma = None;
-        self.last_in_increments = None;
-        self.end = 0;
-    }
-
-    /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.
-    fn assignment(
+    pub(crate) fn push(
         &mut self,
+        letter: u8,
         at: usize,
-        scanner: &mut Scanner<'_>,
-        expressions: &Expressions<'_>,
-    ) -> Result<(), Fault> {
-        let parameter = if scanner.takes(b'<') {
-            Some(Parameter::Named(scanner.name()?))
-        } else {
-            let number = expressions.parameter_number(scanner, 0)?;
-            number.map(Parameter::Numbered)
-        };
-        let column = scanner.column();
-        if !scanner.takes(b'=') {
-            return Err(Fault::Expression {
-                column,
-                what: "expected = after a parameter that begins a word",
-            });
-        }
-        scanner.peek();
-        let (column, from) = (scanner.column(), scanner.at());
-        let read = expressions.read(scanner)?.ok_or(Fault::Expression {
-            column,
-            what: "expected the value of the parameter after =",
-        })?;
-        let parameter = parameter.ok_or(Fault::Expression {
-            column,
-            what: "only the machine knows which parameter is set here",
-        })?;
-        self.assignments.push(Assignment {
-            parameter,
-            value: read.value,
-            all: at..scanner.at(),
-            text: from..scanner.at(),
+        text: Range<usize>,
+        value: Value,
+        manner: Manner,
+        decimals: Option<u8>,
+    ) {
+        self.words.push(Word {
+            letter,
+            at,
+            text,
+            value,
+            decimals,
+            manner,
+            in_increments: false,
         });
-        Ok(())
-    }
-
-    /// The last word with this letter.
-    pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
-        self.words.iter().rev().find(|word| word.letter == letter)
     }
 }
 
-fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
-    let rest = &scanner.bytes()[scanner.at()..];
-    let Some(length) = rest.iter().position(|byte| *byte == b')') else {
-        return Err(Fault::OpenComment { column });
-    };
-    scanner.go_to(scanner.at() + length + 1);
-    Ok(())
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Command {
+    /// The words of its block shift the coordinates (TRANS, ATRANS), instead of what shifts and turns them or on top of that.
+    Shift {
+        adds: bool,
+    },
+    /// It turns the coordinates by an angle, deg, about the axis normal to X and Y (ROT, AROT).
+    Turn {
+        adds: bool,
+        angle_deg: Value,
+    },
+    /// Coordinates are those of the centre point of the tool from now on, or of the axes.
+    CentrePoint(bool),
+    WorkOffset(usize),
+    /// CYCL DEF 247: one of the next lines has the number of the preset.
+    AwaitsPreset,
+    /// The number of that preset.
+    Preset(Value),
+    /// The words of its block are machine coordinates.
+    InMachine,
+    /// The cutting edge of the tool whose length holds from now on; 0: none.
+    Edge(Value),
+    /// The tool that was chosen is in the spindle from now on.
+    ChangeTool,
+    NamedTool,
+    /// The rest of the line moves the axes in its own way and passes on.
+    Cycle(Cycle),
+    /// Such a cycle is done behind each motion from now on, or none any more.
+    EachMotion(Option<Cycle>),
+    /// A command that is copied and may move the axes: their positions are unknown after it.
+    MayMove(String),
+    /// A printer homes (G28), which clears the shift of G92.
+    Homes {
+        all: bool,
+    },
+    /// E words are relative (M83) or absolute (M82) from now on.
+    Extrudes {
+        relative: bool,
+    },
+    Ends,
+    /// The words of its block say the centre of arcs and of polar coordinates (CC).
+    Pole,
+    /// The words of its block are the datum shift along their axes; the others stay (cycle 7).
+    Datum,
+    /// Rotary axes go the shorter way from now on, or not (M126, M127).
+    Shorter(bool),
+    /// The block goes on in the next line.
+    GoesOn,
+    /// The cycle that is done where one is called, and its call.
+    Defines(Cycle),
+    CallsDefined,
+    /// The tool with this number and an allowance on its length, in the unit of the program.
+    CallsTool {
+        tool: Value,
+        longer: Value,
+    },
+    /// The length of a tool, in the unit of the program.
+    DefinesTool {
+        tool: Value,
+        length: Value,
+    },
+}
+
+/// A cycle that passes on as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Cycle {
+    pub(crate) name: String,
+    /// It only moves along the tool, and ends at this place (RTP), in the unit of the program.
+    pub(crate) drills_to: Option<Value>,
+}
+
+/// A line, read from the left. Places are bytes.
+#[derive(Clone, Debug)]
+pub(crate) struct Scanner<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Scanner<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    pub(crate) fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.at..).unwrap_or_default()
+    }
+
+    /// Whether this word is next, in capital letters or small ones; no blanks are passed.
+    pub(crate) fn is_next(&self, word: &str) -> bool {
+        let next = self.rest().get(..word.len());
+        next.is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()))
+    }
+
+    pub(crate) fn go_to(&mut self, at: usize) {
+        self.at = at.min(self.bytes.len());
+    }
+
+    /// The place of the next character as people count.
+    pub(crate) fn column(&self) -> usize {
+        self.at + 1
+    }
+
+    /// The next character as a capital letter, which stays; blanks before it are passed.
+    #[inline]
+    pub(crate) fn peek(&mut self) -> Option<u8> {
+        while let Some(byte) = self.bytes.get(self.at) {
+            if !matches!(byte, b' ' | b'\t') {
+                return Some(byte.to_ascii_uppercase());
+            }
+            self.at += 1;
+        }
+        None
+    }
+
+    /// The next character as a capital letter.
+    #[inline]
+    pub(crate) fn next(&mut self) -> Option<u8> {
+        let byte = self.peek()?;
+        self.at += 1;
+        Some(byte)
+    }
+
+    /// Passes this character where it is the next one.
+    pub(crate) fn takes(&mut self, byte: u8) -> bool {
+        let is_next = self.peek() == Some(byte);
+        self.at += usize::from(is_next);
+        is_next
+    }
+
+    /// Passes these capital letters where they are next, whatever blanks are between.
+    pub(crate) fn takes_all(&mut self, letters: &str) -> bool {
+        let before = self.at;
+        let all = letters.bytes().all(|letter| self.takes(letter));
+        if !all {
+            self.at = before;
+        }
+        all
+    }
+
+    /// A decimal number with a sign or without, and its decimals.
+    pub(crate) fn number(&mut self) -> Option<(f64, u8)> {
+        if let Some((value, decimals, length)) = plain(&self.bytes[self.at..]) {
+            self.at += length;
+            return Some((value, decimals));
+        }
+        self.number_with_blanks()
+    }
+
+    /// The same for a number with any digits, and blanks between them.
+    fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
+        let before = self.at;
+        let mut digits = Digits::default();
+        match self.peek() {
+            Some(b'-') => {
+                digits.negate();
+                self.at += 1;
+            }
+            Some(b'+') => self.at += 1,
+            _ => {}
+        }
+        let mut end = self.at;
+        while let Some(byte) = self.peek() {
+            if !digits.take(byte) {
+                break;
+            }
+            self.at += 1;
+            end = self.at;
+        }
+        // Blanks after the last digit are not of the number.
+        self.at = end;
+        let value = digits.value();
+        if value.is_none() {
+            self.at = before;
+        }
+        value.map(|value| (value, digits.decimals()))
+    }
+
+    /// Passes a text in quotation marks where it is next.
+    pub(crate) fn takes_text(&mut self) -> Result<bool, Fault> {
+        self.peek();
+        let column = self.column();
+        if !self.takes(b'"') {
+            return Ok(false);
+        }
+        let rest = &self.bytes[self.at..];
+        let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
+            return Err(malformed(
+                column,
+                "the text that begins here does not end with \"",
+            ));
+        };
+        self.at += length + 1;
+        Ok(true)
+    }
+
+    /// A name between `<` and `>`, whose `<` is passed already: small letters, without blanks.
+    pub(crate) fn name(&mut self) -> Result<String, Fault> {
+        let column = self.column();
+        let mut name = String::new();
+        while let Some(byte) = self.next() {
+            if byte == b'>' {
+                return Ok(name);
+            }
+            name.push(char::from(byte.to_ascii_lowercase()));
+        }
+        Err(malformed(
+            column,
+            "the name that begins here does not end with >",
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn texts_are_passed_with_their_marks() {
+        let mut scanner = Scanner::new(b"  \"MILL \" X");
+        assert_eq!(scanner.takes_text(), Ok(true));
+        assert_eq!(
+            (scanner.takes_text(), scanner.next()),
+            (Ok(false), Some(b'X'))
+        );
+        let open = Scanner::new(b"  \"MILL").takes_text();
+        assert!(
+            matches!(open, Err(Fault::Expression { column: 3, .. })),
+            "{open:?}"
+        );
+    }
+
+    /// Texts of the characters that numbers have and may have: one pass over a plain number finds what the reader of single characters
+    /// finds, to the last bit.
+    #[test]
+    fn plain_numbers_are_read_as_character_by_character() {
+        let mut draw = ChaCha8Rng::seed_from_u64(7);
+        let (mut plainly, mut none) = (0, 0);
+        for round in 0..100_000 {
+            let letters: &[u8] = if round % 2 == 0 {
+                b"0123456789.123456789 "
+            } else {
+                b"0123456789..--++ \tXe"
+            };
+            let length = draw.random_range(0..24);
+            let text: Vec<u8> = (0..length)
+                .map(|_| letters[draw.random_range(0..letters.len())])
+                .collect();
+            let (mut one, mut other) = (Scanner::new(&text), Scanner::new(&text));
+            let (found, expected) = (one.number(), other.number_with_blanks());
+            let bits = |found: Option<(f64, u8)>| found.map(|(value, of)| (value.to_bits(), of));
+            assert_eq!(bits(found), bits(expected), "{text:?}");
+            assert_eq!(one.at(), other.at(), "{text:?}");
+            plainly += usize::from(plain(&text).is_some());
+            none += usize::from(found.is_none());
+        }
+        assert!(plainly > 30_000 && none > 10_000, "{plainly} {none}");
+    }
 }

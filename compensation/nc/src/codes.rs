@@ -1,68 +1,38 @@
-//! The G and M codes of a block, sorted by what they change; one of a group in a block.
+//! What the words of a block say: its G and M codes, one of a group, and each other letter once.
 
 use crate::{
-    block::Block,
-    control::Control,
-    fault::Fault,
-    modal::{Code, WORK_OFFSETS},
+    NcError,
+    block::{Block, Manner, POLAR, Word},
+    control::{Control, why_refused},
+    coordinates::{Axes, axis_of},
+    error::Fault,
+    modal::{Code, Modal, WORK_OFFSETS, code_text},
 };
 
-/// Codes of which only one may stand in a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Group {
-    Motion,
-    NotModal,
-    Plane,
-    Diameter,
-    Distance,
-    Centre,
-    Feed,
-    Units,
-    Radius,
-    ToolLength,
-    WorkOffset,
-    ComesBack,
-    Rotation,
-    Polar,
-}
-
-/// The codes of each group.
-const GROUPS: [(Group, &[Code]); 14] = [
-    (
-        Group::Motion,
-        &[
-            0, 10, 20, 30, 50, 51, 52, 53, 330, 331, 382, 383, 384, 385, 730, 740, 760, 800, 810,
-            820, 830, 840, 850, 860, 870, 880, 890,
-        ],
-    ),
-    (
-        Group::NotModal,
-        &[40, 100, 280, 281, 300, 301, 520, 920, 921, 922, 923],
-    ),
-    (Group::Plane, &[170, 180, 190]),
-    (Group::Diameter, &[70, 80]),
-    (Group::Distance, &[900, 910]),
-    (Group::Centre, &[901, 911]),
-    (Group::Feed, &[930, 940, 950]),
-    (Group::Units, &[200, 210]),
-    (Group::Radius, &[400, 410, 411, 420, 421]),
-    (Group::ToolLength, &[430, 431, 432, 434, 490]),
-    (Group::WorkOffset, &WORK_OFFSETS),
-    (Group::ComesBack, &[980, 990]),
-    (Group::Rotation, &[680, 690]),
-    (Group::Polar, &[150, 160]),
-];
 /// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 
 /// G64, whose Q is how straight a path may be made.
 const PATH_MODE: Code = 640;
 
-/// The codes of a block. `None`: none of the group.
+/// The codes of a block: one of each group may stand in it.
 #[expect(clippy::struct_excessive_bools, reason = "each is a code of its own")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Codes {
-    groups: [Option<Code>; GROUPS.len()],
+    pub(crate) motion: Option<Code>,
+    pub(crate) not_modal: Option<Code>,
+    pub(crate) plane: Option<Code>,
+    pub(crate) diameter: Option<Code>,
+    pub(crate) distance: Option<Code>,
+    pub(crate) centre: Option<Code>,
+    pub(crate) feed: Option<Code>,
+    pub(crate) units: Option<Code>,
+    pub(crate) radius: Option<Code>,
+    pub(crate) tool_length: Option<Code>,
+    pub(crate) work_offset: Option<Code>,
+    pub(crate) comes_back: Option<Code>,
+    pub(crate) rotation: Option<Code>,
+    pub(crate) polar: Option<Code>,
     /// Moves in the coordinates of the machine (G53).
     pub(crate) in_machine: bool,
     /// The program ends here (M2, M30), or goes on elsewhere (M98, M99).
@@ -84,22 +54,13 @@ pub(crate) struct Codes {
     pub(crate) centre_point: Option<bool>,
 }
 
-/// A code that is not known: what it does nobody can say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct UnknownCode(pub(crate) Code);
-
-/// Why the codes of a block are not taken.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Refusal {
-    Fault(Fault),
-    Unknown(UnknownCode),
-    /// The number of a code that only the machine knows, or that is none.
-    NoCode(usize),
-}
-
 impl Codes {
-    /// As a control reads them; `None`: as all do.
-    pub(crate) fn of(block: &Block, control: Option<Control>) -> Result<Self, Refusal> {
+    /// As a control reads them; `None`: as all do. `line` is that of messages.
+    pub(crate) fn of(
+        block: &Block,
+        control: Option<Control>,
+        line: usize,
+    ) -> Result<Self, NcError> {
         let mut codes = Self::default();
         // These are LinuxCNC's; elsewhere the builder of the machine has given them a meaning.
         let has_own_m = control.is_some_and(Control::is_fanuc_like);
@@ -114,7 +75,7 @@ impl Codes {
                 continue;
             }
             let Some(code) = word.value.and_then(code_of) else {
-                return Err(Refusal::NoCode(place));
+                return Err(no_code(word, line));
             };
             if word.letter == b'M' {
                 match code {
@@ -149,27 +110,29 @@ impl Codes {
                 continue;
             }
             codes.has_words |= code == PATH_MODE;
-            let group = GROUPS.iter().find(|(_, codes)| codes.contains(&code));
-            let group = group.map(|(group, _)| *group).filter(|_| refused.is_none());
             let numbered = control.is_some_and(|control| control.has_numbered_offset(code));
-            match group.or(numbered.then_some(Group::WorkOffset)) {
+            let group = match refused {
+                _ if numbered => Some(&mut codes.work_offset),
+                None => codes.group(code),
+                Some(_) => None,
+            };
+            match group {
                 Some(group) => {
-                    let other = codes.groups[group as usize].replace(code);
                     // FANUC programs end cycles in the block of the next motion: G80 G0.
-                    if let (Some(800), 0..=30) | (Some(0..=30), 800) = (other, code)
-                        && group == Group::Motion
-                    {
-                        codes.groups[group as usize] =
-                            other.into_iter().chain([code]).find(|code| *code != 800);
-                    } else if let Some(other) = other {
-                        return Err(Refusal::Fault(Fault::Twice {
-                            found: text(code),
-                            other: text(other),
-                        }));
-                    }
+                    *group = Some(match (*group, code) {
+                        (Some(800), 0..=30) | (None, _) => code,
+                        (Some(motion @ 0..=30), 800) => motion,
+                        (Some(other), _) => {
+                            let fault = Fault::Twice {
+                                found: code_text(code),
+                                other: code_text(other),
+                            };
+                            return Err(NcError::Block { line, fault });
+                        }
+                    });
                 }
                 None if HARMLESS.contains(&code) => {}
-                None => return Err(Refusal::Unknown(UnknownCode(code))),
+                None => return Err(unknown_code(code, control, line)),
             }
         }
         codes.has_words |= codes.unknown.is_some();
@@ -179,67 +142,68 @@ impl Codes {
     /// The place of an M code that is not known, where no other code of the block takes the words of axes: they may be its arguments, as
     /// in `M92 X80` of a printer and in a macro that a control calls by an M code.
     pub(crate) fn with_arguments(&self) -> Option<usize> {
-        let are_taken = self.motion().is_some()
-            || self.not_modal().is_some()
+        let are_taken = self.motion.is_some()
+            || self.not_modal.is_some()
             || self.calls.is_some()
-            || self.tool_length() == Some(431)
-            || self.rotation() == Some(680);
+            || self.tool_length == Some(431)
+            || self.rotation == Some(680);
         self.unknown.filter(|_| !are_taken)
     }
 
     /// G5 and G5.1 without axes are no splines: FANUC controls look ahead with G05 P10000 and G05.1 Q1.
     pub(crate) fn ends_smoothing(&mut self, names_axes: bool) {
-        let motion = &mut self.groups[Group::Motion as usize];
-        if !names_axes && matches!(motion, Some(50 | 51)) {
-            *motion = None;
+        if !names_axes && matches!(self.motion, Some(50 | 51)) {
+            self.motion = None;
         }
     }
 
-    pub(crate) fn motion(&self) -> Option<Code> {
-        self.groups[Group::Motion as usize]
-    }
-    pub(crate) fn not_modal(&self) -> Option<Code> {
-        self.groups[Group::NotModal as usize]
-    }
-    pub(crate) fn plane(&self) -> Option<Code> {
-        self.groups[Group::Plane as usize]
-    }
-    pub(crate) fn diameter(&self) -> Option<Code> {
-        self.groups[Group::Diameter as usize]
-    }
-    pub(crate) fn distance(&self) -> Option<Code> {
-        self.groups[Group::Distance as usize]
-    }
-    pub(crate) fn centre(&self) -> Option<Code> {
-        self.groups[Group::Centre as usize]
-    }
-    pub(crate) fn feed(&self) -> Option<Code> {
-        self.groups[Group::Feed as usize]
-    }
-    pub(crate) fn units(&self) -> Option<Code> {
-        self.groups[Group::Units as usize]
-    }
-    pub(crate) fn radius(&self) -> Option<Code> {
-        self.groups[Group::Radius as usize]
-    }
-    pub(crate) fn tool_length(&self) -> Option<Code> {
-        self.groups[Group::ToolLength as usize]
-    }
-    pub(crate) fn work_offset(&self) -> Option<Code> {
-        self.groups[Group::WorkOffset as usize]
-    }
-    pub(crate) fn comes_back(&self) -> Option<Code> {
-        self.groups[Group::ComesBack as usize]
-    }
-    pub(crate) fn rotation(&self) -> Option<Code> {
-        self.groups[Group::Rotation as usize]
-    }
-    pub(crate) fn polar(&self) -> Option<Code> {
-        self.groups[Group::Polar as usize]
+    /// Where the code of a group is kept; `None`: the code is of none.
+    fn group(&mut self, code: Code) -> Option<&mut Option<Code>> {
+        Some(match code {
+            0 | 10 | 20 | 30 | 50 | 51 | 52 | 53 | 330 | 331 | 382 | 383 | 384 | 385 | 730
+            | 740 | 760 | 800 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => {
+                &mut self.motion
+            }
+            40 | 100 | 280 | 281 | 300 | 301 | 520 | 920 | 921 | 922 | 923 => &mut self.not_modal,
+            170 | 180 | 190 => &mut self.plane,
+            70 | 80 => &mut self.diameter,
+            900 | 910 => &mut self.distance,
+            901 | 911 => &mut self.centre,
+            930 | 940 | 950 => &mut self.feed,
+            200 | 210 => &mut self.units,
+            400 | 410 | 411 | 420 | 421 => &mut self.radius,
+            430 | 431 | 432 | 434 | 490 => &mut self.tool_length,
+            _ if WORK_OFFSETS.contains(&code) => &mut self.work_offset,
+            980 | 990 => &mut self.comes_back,
+            680 | 690 => &mut self.rotation,
+            150 | 160 => &mut self.polar,
+            _ => return None,
+        })
     }
 }
 
-/// What is known of an M code.
+/// A code whose number only the machine knows, or is none.
+fn no_code(word: &Word, line: usize) -> NcError {
+    let letter = char::from(word.letter);
+    match word.value {
+        None => NcError::OnlyAtMachine { line, word: letter },
+        Some(_) => {
+            NcError::not_compensated(line, format!("{letter} with a number that is no code"))
+        }
+    }
+}
+
+fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
+    let what = match why_refused(code, control) {
+        Some(why) => format!("{} is not followed: {why}", code_text(code)),
+        None => format!(
+            "{} is not known here: it may move an axis, so that the program cannot be compensated",
+            code_text(code)
+        ),
+    };
+    NcError::not_compensated(line, what)
+}
+
 enum MCode {
     /// It has no words but S.
     Alone,
@@ -280,11 +244,169 @@ fn code_of(value: f64) -> Option<Code> {
     is_code.then_some(tenths as Code)
 }
 
-/// A G code as people write it.
-pub(crate) fn text(code: Code) -> String {
-    if code.is_multiple_of(10) {
-        format!("G{}", code / 10)
-    } else {
-        format!("G{}.{}", code / 10, code % 10)
+/// Larger numbers are no coordinates of a machine tool, and lose their decimals.
+pub(crate) const LARGEST: f64 = 1e9;
+
+/// The words of a block that is executed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Given<'a> {
+    pub(crate) block: &'a Block,
+    /// The place of the word of each axis in the block.
+    pub(crate) places: Axes<Option<usize>>,
+    /// The places of the distance from the pole and of the angle about it, where the block has polar coordinates.
+    pub(crate) polar: Option<[Option<usize>; 2]>,
+    /// A bit for each letter that a word of the block has, and one for all that are none from A to Z.
+    letters: u32,
+    /// The number of the line, counted from 1.
+    pub(crate) line: usize,
+}
+
+impl<'a> Given<'a> {
+    /// What a block says; `are_polar`: its X and Y words are a distance and an angle.
+    ///
+    /// # Errors
+    /// A letter that stands twice.
+    pub(crate) fn new(block: &'a Block, line: usize, are_polar: bool) -> Result<Self, NcError> {
+        let mut places = [None; 9];
+        let mut polar = [None; 2];
+        let mut seen = 0_u32;
+        for (place, word) in block.words.iter().enumerate() {
+            if let Some(axis) = axis_of(word.letter) {
+                places[axis] = Some(place);
+            }
+            let letter = word.letter;
+            let of_polar = POLAR.iter().position(|of| *of == letter);
+            if let Some(of) = of_polar {
+                polar[of] = Some(place);
+            }
+            // Each of the two may stand once.
+            let bit = of_polar.map_or_else(|| bit_of(letter), |of| 1 << (27 + of));
+            let stands_once = letter.is_ascii_uppercase() && letter != b'G' && letter != b'M';
+            if (stands_once || of_polar.is_some()) && seen & bit != 0 {
+                let name = char::from(letter).to_string();
+                return Err(NcError::Block {
+                    line,
+                    fault: Fault::Twice {
+                        found: name.clone(),
+                        other: name,
+                    },
+                });
+            }
+            seen |= bit | bit_of(letter);
+        }
+        if are_polar {
+            polar = [places[0].take(), places[1].take()];
+        }
+        Ok(Self {
+            block,
+            places,
+            polar: (polar != [None; 2]).then_some(polar),
+            letters: seen,
+            line,
+        })
     }
+
+    pub(crate) fn names_axes(&self) -> bool {
+        self.places.iter().any(Option::is_some)
+    }
+
+    pub(crate) fn has(&self, letter: u8) -> bool {
+        self.find(letter).is_some()
+    }
+
+    /// The last word of the block with this letter.
+    pub(crate) fn find(&self, letter: u8) -> Option<&'a Word> {
+        if self.letters & bit_of(letter) == 0 {
+            return None;
+        }
+        self.block.word(letter)
+    }
+
+    pub(crate) fn word(&self, axis: usize) -> Option<&'a Word> {
+        self.block.words.get(self.places[axis]?)
+    }
+
+    /// Whether the centre of an arc along the axis of a letter is a place, not a way from its beginning.
+    pub(crate) fn centre_is_absolute(&self, letter: u8, modal: &Modal) -> bool {
+        let word = self.block.word(letter);
+        centre_is_absolute(word.map(|word| word.manner), modal)
+    }
+
+    /// The value of an axis, in the unit of its word.
+    pub(crate) fn axis(&self, axis: usize) -> Result<Option<f64>, NcError> {
+        let word = self.word(axis);
+        word.map(|word| self.value_of(word)).transpose()
+    }
+
+    /// The axes that the block names, and their values in the units of their words.
+    pub(crate) fn axes(&self) -> Result<impl Iterator<Item = (usize, f64)> + use<>, NcError> {
+        let mut values = [None; 9];
+        for (axis, value) in values.iter_mut().enumerate() {
+            *value = self.axis(axis)?;
+        }
+        Ok((0..9).filter_map(move |axis| Some((axis, values[axis]?))))
+    }
+
+    pub(crate) fn letter(&self, letter: u8) -> Result<Option<f64>, NcError> {
+        let word = self.find(letter);
+        word.map(|word| self.value_of(word)).transpose()
+    }
+
+    /// The value of the word with a letter where it is a whole number up to 99999.
+    pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, NcError> {
+        Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
+    }
+
+    /// The word of the distance (0) or of the angle (1) of polar coordinates.
+    pub(crate) fn polar_word(&self, of: usize) -> Option<&'a Word> {
+        self.block.words.get(self.polar?[of]?)
+    }
+
+    /// The value of a word, in its unit.
+    pub(crate) fn value_of(&self, word: &Word) -> Result<f64, NcError> {
+        let letter = char::from(word.letter);
+        let value = word.value.ok_or(NcError::OnlyAtMachine {
+            line: self.line,
+            word: letter,
+        })?;
+        if value.abs() > LARGEST {
+            let what = format!("{letter} with {value:e}, expected at most {LARGEST:e}");
+            return Err(self.refused(&what));
+        }
+        Ok(value)
+    }
+
+    /// The error that this block asks for what cannot be compensated.
+    pub(crate) fn refused(&self, what: &str) -> NcError {
+        NcError::NotCompensated {
+            line: self.line,
+            what: what.to_owned(),
+        }
+    }
+}
+
+fn bit_of(letter: u8) -> u32 {
+    let place = letter.wrapping_sub(b'A').min(26);
+    1 << place
+}
+
+/// Whether the word of a centre is a place.
+pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool {
+    match manner.unwrap_or_default() {
+        Manner::Modal => modal.centre_absolute,
+        Manner::Incremental => false,
+        Manner::Absolute | Manner::Shortest => true,
+    }
+}
+
+/// A whole number up to the largest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the range was looked at before"
+)]
+pub(crate) fn whole(value: f64, most: u32) -> Option<u32> {
+    let rounded = value.round();
+    let is_whole = (value - rounded).abs() < 1e-3 && (0.0..=f64::from(most)).contains(&rounded);
+    is_whole.then_some(rounded as u32)
 }

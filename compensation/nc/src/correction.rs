@@ -1,24 +1,28 @@
-//! The correction of a machine at a place, and how far a straight way may go before it must be split.
+//! The correction of a machine at a place, how far a straight way may go before it must be split, and what no corrected coordinate may do.
 
 use std::sync::Arc;
 
 use volcomp_model::{
-    Machine, Temperatures,
+    Machine, Temperatures, Tolerance,
     curve::ErrorCurve,
-    evaluator::Evaluation,
+    evaluator::{CompiledMachine, Evaluation, Neglected, Slides},
     kinematics::{Correctors, Form, State, actual_pose},
-    vocabulary::{AxisKind, AxisName, Direction, MAX_AXES},
+    vocabulary::{
+        AxisKind, AxisName, Component, Coordinate, CorrectionLimit, Direction, Displacement,
+        ErrorName, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY, bounds::LARGEST_CORRECTION,
+        is_within,
+    },
 };
 
 use crate::{
     NcError,
-    coordinates::{Axes, AxisPlaces, Frame, name_of},
-    play::Play,
-    tooled::Tooled,
+    coordinates::{Axes, AxisPlaces, Frame, each, is_rotary, name_of, with_tool},
+    error::BoundViolation,
 };
 
 /// What a correction of one step or two may neglect, as a part of the tolerance; beyond it the exact one is taken.
 const NEGLECTED: f64 = 0.05;
+
 /// Tools whose machines are kept.
 const MOST_TOOLS: usize = 64;
 
@@ -47,25 +51,21 @@ impl Correction {
         }
         delta
     }
-
-    /// Whether rotary axes have a part in it.
-    pub(crate) fn is_coupled(&self) -> bool {
-        self.follow.is_some()
-    }
 }
 
 /// The correction of a machine. State: the tool in the spindle, and from which side each axis comes.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    machine: Arc<Machine>,
-    temperatures: Temperatures,
+    /// With the tool of its file.
+    pub(crate) machine: Arc<Machine>,
+    pub(crate) temperatures: Temperatures,
     /// With each tool that was in the spindle, and which of them is.
     tools: Vec<Arc<Tooled>>,
     pub(crate) tool: Arc<Tooled>,
     pub(crate) places: AxisPlaces,
     pub(crate) corrects: Axes<bool>,
     travels: Axes<[f64; 2]>,
-    only_linear: bool,
+    pub(crate) only_linear: bool,
     pub(crate) bidirectional: bool,
     pub(crate) approach: Axes<Option<Direction>>,
     pub(crate) play: Arc<Play>,
@@ -108,6 +108,285 @@ impl Seen {
             }
         }
         &self.places[self.last].correction
+    }
+}
+
+/// A part of the tolerance that no rounding carries over it.
+const SURELY: f64 = 1.0 - 1e-9;
+
+const COMPILED_TO_NM: f64 = 1.0;
+
+#[derive(Clone, Debug)]
+pub(crate) struct Tooled {
+    /// What the control adds to the coordinates for the tool.
+    pub(crate) offset: Axes,
+    pub(crate) machine: Machine,
+    compiled: CompiledMachine,
+    /// How it corrects where no axis turns.
+    slides: Option<Slides>,
+    neglected: Neglected,
+    /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
+    unsplit: Axes,
+    /// The longest lever, mm, and the most by which the error changes for each mm of the linear axes.
+    reach_mm: f64,
+    steepness: f64,
+}
+
+impl Tooled {
+    /// The machine with the tool for which the control adds this offset.
+    pub(crate) fn new(
+        machine: &Machine,
+        offset: &Axes,
+        temperatures: &Temperatures,
+        tolerance_mm: f64,
+        places: &AxisPlaces,
+    ) -> Result<Self, NcError> {
+        let machine = with_tool(machine, offset)?;
+        let compiled = machine.compile_at(Tolerance::from_nm(COMPILED_TO_NM), temperatures)?;
+        let ways = compiled.short_ways(tolerance_mm);
+        let unsplit = std::array::from_fn(|axis| match places.of_axis(axis) {
+            Some(place) if is_rotary(axis) => ways[place].to_degrees(),
+            Some(place) => ways[place],
+            None => f64::INFINITY,
+        });
+        Ok(Self {
+            offset: *offset,
+            reach_mm: compiled.reach_mm(),
+            steepness: compiled.steepness(),
+            slides: compiled.slides(),
+            neglected: compiled.neglected(),
+            machine,
+            compiled,
+            unsplit,
+        })
+    }
+
+    /// The correction of a state: of one step or two where these neglect no more than `most_mm`, else the exact one.
+    pub(crate) fn correction(
+        &self,
+        state: &State,
+        places: &AxisPlaces,
+        temperatures: &Temperatures,
+        most_mm: f64,
+    ) -> Correction {
+        let Self {
+            machine, compiled, ..
+        } = self;
+        if let Some(slides) = &self.slides {
+            // The errors are those where the axes go to.
+            return Correction {
+                delta: places.axes(&slides.two_steps(compiled, state)),
+                follow: None,
+            };
+        }
+        let mut parts = compiled.parts_of(state, compiled.correctors());
+        let mut delta = parts.delta();
+        let mut neglected_mm = self.neglected.mm(&delta);
+        if neglected_mm > most_mm {
+            // The errors are those where the axes go to.
+            let first = delta;
+            let mut there = *state;
+            for (q, delta) in there.q.iter_mut().zip(&first) {
+                *q += delta;
+            }
+            parts = compiled.parts_of(&there, compiled.correctors());
+            delta = parts.delta();
+            neglected_mm = self.neglected.there_mm(&first, &delta);
+        }
+        if neglected_mm > most_mm {
+            let options = machine.correction_options();
+            delta = machine.correction_at(state, temperatures, &options).delta;
+        }
+        let rotary = compiled.correctors().rotary();
+        let follow = (!rotary.is_empty()).then(|| {
+            std::array::from_fn(|rotary| match places.of_axis(3 + rotary) {
+                // For each rad as the model has it, for each deg here; only linear axes follow.
+                Some(place) => places.linear_axes(&parts.follow[place], 1.0_f64.to_radians()),
+                None => [0.0; 9],
+            })
+        });
+        Correction {
+            delta: places.axes(&delta),
+            follow,
+        }
+    }
+}
+
+/// The play of an axis is looked at in so many places of its travel.
+const NODES: u32 = 33;
+
+/// An axis with play that goes back by less, mm and deg, is not taken for turned: words round to that, and it is the most that
+/// the carriage is off by then.
+const LEAST: [f64; 2] = [5e-4, 1e-5];
+
+/// The curves of an axis in its own direction, each with the share of it along the axis.
+#[derive(Clone, Debug)]
+struct Own {
+    place: usize,
+    curves: Vec<(ErrorCurve, f64)>,
+    /// mm or deg for each unit of the curves.
+    scale: f64,
+}
+
+/// The play of the axes of a machine: an axis whose carriage stands still at first where its drive goes back.
+///
+/// A reversal value has a sign. Where the carriage lags, after motion in the positive direction it is behind where it is after
+/// motion in the other one: that is lost motion, and the carriage is anywhere between the two flanks, where it was left. Where
+/// the sign is the other one the carriage runs ahead, as with a control that adds more at a turn than the axis loses; then the
+/// error is one of two, as the direction says.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Play {
+    /// Of the axes that have any, somewhere.
+    axes: Axes<Option<Own>>,
+    pub(crate) any: bool,
+}
+
+impl Play {
+    pub(crate) fn of(machine: &Machine, places: &AxisPlaces) -> Self {
+        let axes: Axes<Option<Own>> = std::array::from_fn(|axis| {
+            let own = own(machine, axis, places)?;
+            let travel = machine.axis(name_of(axis)?)?.travel;
+            own.is_anywhere(travel, machine.axes().len()).then_some(own)
+        });
+        Self {
+            any: axes.iter().any(Option::is_some),
+            axes,
+        }
+    }
+
+    /// Whether the carriage of an axis lags.
+    pub(crate) fn has(&self, axis: usize) -> bool {
+        self.axes[axis].is_some()
+    }
+
+    /// How far the two flanks of an axis are from one another at these coordinates (of the model's chain), mm or deg; 0 where it has no play.
+    pub(crate) fn lost(&self, axis: usize, coordinates: &[f64]) -> f64 {
+        let own = self.axes[axis].as_ref();
+        own.map_or(0.0, |own| own.lost(coordinates))
+    }
+
+    /// Travel against its direction after which an axis counts as turned, mm or deg.
+    pub(crate) fn turned_after(&self, axis: usize) -> f64 {
+        match (self.has(axis), is_rotary(axis)) {
+            (true, rotary) => LEAST[usize::from(rotary)],
+            (false, true) => TURNED_AFTER_ROTARY.0,
+            (false, false) => TURNED_AFTER.0,
+        }
+    }
+}
+
+impl Own {
+    fn lost(&self, coordinates: &[f64]) -> f64 {
+        let value = |direction: Direction| -> f64 {
+            let along = self.curves.iter().map(|(curve, share)| {
+                share * curve.value(self.place, coordinates, Some(direction))
+            });
+            along.sum()
+        };
+        let lost = value(Direction::Negative) - value(Direction::Positive);
+        self.scale * lost.max(0.0)
+    }
+
+    fn is_anywhere(&self, [low, high]: [f64; 2], axes: usize) -> bool {
+        let mut coordinates = vec![0.0; axes];
+        (0..NODES).any(|node| {
+            coordinates[self.place] = low + (high - low) * f64::from(node) / f64::from(NODES - 1);
+            self.lost(&coordinates) > 0.0
+        })
+    }
+}
+
+/// Coordinates nearer to an end of travel than the largest correction can leave it.
+const NEAR_MM: f64 = LARGEST_CORRECTION.0;
+
+/// The bounds of the coordinates of each axis that a machine has.
+///
+/// State: the first corrected coordinate of the line that is being written that is beyond them. Nothing of such a line is
+/// written.
+#[derive(Clone, Debug)]
+pub(crate) struct Bounds {
+    limit: CorrectionLimit,
+    /// How far the corrections of all axes together may move the tool, where rotary axes correct.
+    at_tool: Option<CorrectionLimit>,
+    axes: Axes<Option<AxisName>>,
+    /// Travel, mm and deg; infinite for an axis without ends.
+    travels: Axes<[f64; 2]>,
+    pub(crate) violated: Option<BoundViolation>,
+}
+
+impl Bounds {
+    pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
+        let machine = &corrector.machine;
+        let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
+        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it: what they do together
+        // at the tool is bounded instead.
+        let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects[axis]);
+        Self {
+            limit: if rotary_corrects {
+                CorrectionLimit::LARGEST
+            } else {
+                limit
+            },
+            at_tool: rotary_corrects.then_some(limit),
+            axes: each(|of| axis(of).map(|axis| axis.name)),
+            travels: each(|of| match axis(of) {
+                Some(axis) if axis.has_ends() => axis.travel,
+                _ => [f64::NEG_INFINITY, f64::INFINITY],
+            }),
+            violated: None,
+        }
+    }
+
+    /// Why axes that are `known` to be at this place, mm and deg of the machine, may not get this correction.
+    pub(crate) fn violation(
+        &self,
+        known: &Axes<bool>,
+        at: &Axes,
+        by: &Axes,
+    ) -> Option<BoundViolation> {
+        for (axis, name) in self.axes.iter().enumerate() {
+            let (Some(name), true) = (*name, by[axis] != 0.0) else {
+                continue;
+            };
+            let coordinate = |at: f64| Displacement::from_coordinate(name.kind(), at);
+            let correction = coordinate(by[axis]);
+            if !self.limit.allows(correction) {
+                return Some(BoundViolation::BeyondLimit {
+                    axis: name,
+                    found: correction,
+                    limit: self.limit.of(name.kind()),
+                });
+            }
+            let (travel, from, to) = (self.travels[axis], at[axis], at[axis] + by[axis]);
+            if known[axis] && is_within(travel, from) && !is_within(travel, to) {
+                return Some(BoundViolation::LeavesTravel {
+                    axis: name,
+                    from: Coordinate(coordinate(from)),
+                    to: Coordinate(coordinate(to)),
+                    travel: travel.map(|end| Coordinate(coordinate(end))),
+                });
+            }
+        }
+        None
+    }
+
+    /// Why the tool may not move so far.
+    pub(crate) fn violation_at_tool(
+        &self,
+        moves_mm: impl FnOnce() -> f64,
+    ) -> Option<BoundViolation> {
+        let limit = self.at_tool?;
+        let found = Displacement::from_coordinate(AxisKind::Linear, moves_mm());
+        (!limit.allows(found)).then(|| BoundViolation::ToolBeyondLimit {
+            found,
+            limit: limit.of(AxisKind::Linear),
+        })
+    }
+
+    /// Whether an axis is so near to an end of its travel that a correction within every limit may lead it out.
+    pub(crate) fn is_near_end(&self, axis: usize, at: f64) -> bool {
+        let near = |end: &f64| (at - end).abs() <= NEAR_MM;
+        !is_rotary(axis) && self.travels[axis].iter().any(near)
     }
 }
 
@@ -160,11 +439,6 @@ impl Corrector {
         })
     }
 
-    /// The machine with the tool of its file.
-    pub(crate) fn machine(&self) -> &Arc<Machine> {
-        &self.machine
-    }
-
     /// From now on the tool is in the spindle for which the control adds this offset. Whether it is another one than before.
     pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
         if self.tool.offset == *offset {
@@ -196,29 +470,9 @@ impl Corrector {
         self.places.of_axis(axis).is_some()
     }
 
-    /// The axes that the machine has.
     #[inline]
     pub(crate) fn axes(&self) -> impl Iterator<Item = usize> {
         self.places.axes_of_machine()
-    }
-
-    /// The temperatures that hold.
-    pub(crate) fn temperatures(&self) -> &Temperatures {
-        &self.temperatures
-    }
-
-    /// No axis is a rotary one.
-    pub(crate) fn is_only_linear(&self) -> bool {
-        self.only_linear
-    }
-
-    #[inline]
-    pub(crate) fn corrects(&self, axis: usize) -> bool {
-        self.corrects[axis]
-    }
-
-    pub(crate) fn is_bidirectional(&self) -> bool {
-        self.bidirectional
     }
 
     #[inline]
@@ -234,11 +488,6 @@ impl Corrector {
         axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
     }
 
-    /// How far a line may be from where it belongs before it is split, mm.
-    pub(crate) fn split_beyond_mm(&self) -> f64 {
-        self.split_beyond_mm
-    }
-
     pub(crate) fn state(&self, at: &Axes) -> State {
         let mut state = self.places.state(at);
         if !self.bidirectional {
@@ -250,11 +499,6 @@ impl Corrector {
             }
         }
         state
-    }
-
-    /// Whether the carriage of any axis lags.
-    pub(crate) fn has_play(&self) -> bool {
-        self.play.any
     }
 
     /// How far the carriage of each axis lags at these coordinates from one direction to the other, mm or deg.
@@ -293,11 +537,6 @@ impl Corrector {
         state
     }
 
-    /// Travel against its direction after which an axis counts as turned, mm or deg.
-    pub(crate) fn turned_after(&self, axis: usize) -> f64 {
-        self.turned_after[axis]
-    }
-
     /// The correction at these coordinates of the axes (mm, deg).
     pub(crate) fn at(&self, at: &Axes) -> Correction {
         let state = self.state(at);
@@ -328,7 +567,7 @@ impl Corrector {
     /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
     /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
     pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
-        let slides = self.tool.slides()?;
+        let slides = self.tool.slides.as_ref()?;
         let error = Evaluation {
             position_mm: error_mm,
             ..Evaluation::default()
@@ -379,4 +618,123 @@ impl Corrector {
         let error = machine.error_at(&state, Form::Exact, temperatures);
         (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
     }
+
+    /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
+    #[inline]
+    pub(crate) fn is_straight_in(
+        &self,
+        frame: &Frame,
+        seen: &mut Seen,
+        [from, to]: [&Axes; 2],
+        in_program: [&Axes; 2],
+    ) -> bool {
+        let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
+        // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
+        let coupled_mm = if frame.tip.is_some() {
+            0.0
+        } else {
+            self.coupled_mm(seen, from, to)
+        };
+        self.is_straight(from, to, bulge_mm, coupled_mm)
+    }
+
+    /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
+    /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
+    /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).
+    fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64, coupled_mm: f64) -> bool {
+        let mut share = 0.0;
+        for axis in self.places.axes_of_machine() {
+            let way = (to[axis] - from[axis]).abs();
+            if way > 0.0 {
+                share += way / self.tool.unsplit[axis];
+            }
+        }
+        let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
+        if share <= 1.0 {
+            // Within its ways the bound grows no faster than the share: where this one is met, the nearer one is.
+            let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
+            if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
+                return true;
+            }
+        }
+        self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
+    }
+
+    /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
+    pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
+        let [from, to] = [from, to].map(|at| self.state(at));
+        self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
+    }
+
+    /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
+    /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
+    /// pose the corrections of rotary axes are many times the errors.
+    fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
+        if self.tool.compiled.correctors().rotary().is_empty() {
+            return 0.0;
+        }
+        let reach_mm = self.tool.reach_mm;
+        let way_mm: f64 = (0..9)
+            .filter(|axis| !is_rotary(*axis) && self.has(*axis))
+            .map(|axis| (to[axis] - from[axis]).abs())
+            .sum();
+        let rotary = (3..6).filter(|axis| self.has(*axis));
+        let turned: f64 = rotary
+            .clone()
+            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
+            .sum();
+        let [before, after] = [from, to].map(|at| seen.at(self, at).delta);
+        let (mut change, mut largest) = (0.0, 0.0);
+        for axis in rotary {
+            change += (after[axis] - before[axis]).abs().to_radians();
+            largest += before[axis].abs().max(after[axis].abs()).to_radians();
+        }
+        let lever_change = way_mm + turned * reach_mm;
+        let lever_bend = turned * (2.0 * way_mm + turned * reach_mm);
+        0.25 * lever_change * change + 0.125 * lever_bend * largest
+    }
+
+    /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
+    /// of the program, mm.
+    #[inline]
+    pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
+        let Some(tip) = &frame.tip else {
+            return 0.0;
+        };
+        let turned = tip.tip.turned(from, to);
+        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
+        self.bulge_mm(turned, way.sqrt())
+    }
+
+    /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
+    /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
+    pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
+        let reach_mm = self.tool.reach_mm;
+        0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
+    }
+}
+
+/// The bidirectional curves of an axis along its own direction.
+fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
+    const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
+    const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
+    let (name, place) = (name_of(axis)?, places.of_axis(axis)?);
+    let direction = machine.chain().joints()[place].direction;
+    let components = if is_rotary(axis) { ANGULAR } else { LINEAR };
+    let curves = components.into_iter().zip(direction.iter());
+    let curves = curves.filter_map(|(component, share)| {
+        let curve = machine.error(ErrorName::motion(component, name))?;
+        let counts = *share != 0.0 && !matches!(curve, ErrorCurve::Single(_));
+        counts.then(|| (curve.clone(), *share))
+    });
+    let curves: Vec<_> = curves.collect();
+    (!curves.is_empty()).then_some(Own {
+        place,
+        curves,
+        scale: if is_rotary(axis) {
+            1e-6_f64.to_degrees()
+        } else {
+            1e-3
+        },
+    })
 }

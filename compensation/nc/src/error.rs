@@ -2,116 +2,59 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{bounds::BoundViolation, fault::Fault};
+use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 
-/// Why a program is not compensated: the line, what was found, and what was expected.
+/// Why a program is not compensated: the line, counted from 1, what was found, and what was expected.
+#[expect(missing_docs, reason = "the messages say it")]
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NcError {
-    /// A block that cannot be read.
     #[error("line {line}: {fault}")]
-    Block {
-        /// Counted from 1.
-        line: usize,
-        /// What is wrong with it.
-        fault: Fault,
-    },
-    /// A code whose motion is not known.
-    #[error(
-        "line {line}: {code} is not known here: it may move an axis, so that the program cannot be compensated"
-    )]
-    UnknownCode {
-        /// Counted from 1.
-        line: usize,
-        /// As it is written.
-        code: String,
-    },
-    /// What a block asks for cannot be compensated.
+    Block { line: usize, fault: Fault },
     #[error("line {line}: {what}")]
-    NotCompensated {
-        /// Counted from 1.
-        line: usize,
-        /// What it asks for, and why not.
-        what: String,
-    },
-    /// A value that only the machine knows.
+    NotCompensated { line: usize, what: String },
     #[error(
         "line {line}: the value of {word} is only known at the machine, so that its motion cannot be compensated"
     )]
-    OnlyAtMachine {
-        /// Counted from 1.
-        line: usize,
-        /// The letter of the word.
-        word: char,
-    },
-    /// A program in coordinates of the tool's centre point for a machine that cannot do that.
+    OnlyAtMachine { line: usize, word: char },
     #[error(
         "coordinates of the tool's centre point need a machine with X, Y and Z, with rotary axes, and with none of these between X, Y and Z"
     )]
     NoCentrePoint,
-    /// The control of the set-up reads another language than that of the program.
     #[error(
         "control of the set-up file: found {control}, whose programs are in the language {expected}, but the program is read as {found}"
     )]
     OtherLanguage {
-        /// The control.
         control: &'static str,
-        /// Its language.
         expected: &'static str,
-        /// That of the program.
         found: &'static str,
     },
-    /// A line longer than [`LONGEST_LINE`](crate::LONGEST_LINE).
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
-    LongLine {
-        /// Counted from 1.
-        line: usize,
-        /// The most that is taken.
-        most: usize,
-    },
-    /// A byte that no NC program has.
-    #[error("line {line}: byte {byte:#04x} at column {column}; this is no NC program")]
-    Binary {
-        /// Counted from 1.
-        line: usize,
-        /// Counted from 1.
-        column: usize,
-        /// The byte.
-        byte: u8,
-    },
-    /// A corrected coordinate that the limit of the [`Job`](crate::Job) or the travel does not allow.
+    LongLine { line: usize, most: usize },
+    #[error("line {line}: byte 0x00 at column {column}; this is no NC program")]
+    Binary { line: usize, column: usize },
     #[error("line {line}: {violation}")]
     OutOfBounds {
-        /// Counted from 1.
         line: usize,
-        /// Which bound, and by how much.
         violation: BoundViolation,
     },
-    /// The O-words do not fit together, or never end.
-    #[error("line {line}: {what}")]
-    Flow {
-        /// Counted from 1.
-        line: usize,
-        /// What does not fit.
-        what: String,
-    },
-    /// What is wrong is in a file with subroutines.
     #[error("{}: {error}", file.display())]
-    InFile {
-        /// The file.
-        file: PathBuf,
-        /// What is wrong in it.
-        error: Box<NcError>,
-    },
-    /// The program or its correction cannot be read or written.
+    InFile { file: PathBuf, error: Box<NcError> },
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// The machine has no axis, or cannot be compiled.
     #[error(transparent)]
     Machine(#[from] volcomp_model::ModelError),
 }
 
 impl NcError {
+    /// What a line asks for cannot be compensated, or its O-words do not fit together.
+    pub(crate) fn not_compensated(line: usize, what: impl Into<String>) -> Self {
+        Self::NotCompensated {
+            line,
+            what: what.into(),
+        }
+    }
+
     /// The same error in this file.
     pub(crate) fn in_file(self, file: &Path) -> Self {
         Self::InFile {
@@ -124,13 +67,11 @@ impl NcError {
     pub(crate) fn at_line(mut self, number: usize) -> Self {
         match &mut self {
             Self::Block { line, .. }
-            | Self::UnknownCode { line, .. }
             | Self::NotCompensated { line, .. }
             | Self::OnlyAtMachine { line, .. }
             | Self::LongLine { line, .. }
             | Self::Binary { line, .. }
-            | Self::OutOfBounds { line, .. }
-            | Self::Flow { line, .. } => *line = number,
+            | Self::OutOfBounds { line, .. } => *line = number,
             Self::NoCentrePoint
             | Self::OtherLanguage { .. }
             | Self::InFile { .. }
@@ -138,5 +79,90 @@ impl NcError {
             | Self::Machine(_) => {}
         }
         self
+    }
+}
+
+/// What is wrong with a block.
+#[expect(missing_docs, reason = "the messages say it")]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Fault {
+    #[error(
+        "column {column}: found {found:?}, expected a word such as X12.5, a comment or the end of the line"
+    )]
+    Character { column: usize, found: char },
+    #[error("column {column}: expected a number, a parameter or an expression after {letter:?}")]
+    NoNumber { column: usize, letter: char },
+    #[error("column {column}: {what}")]
+    Expression { column: usize, what: &'static str },
+    #[error("the parameter #<{name}> has no value here")]
+    NoParameter { name: String },
+    #[error("column {column}: {found} is not followed: {why}")]
+    NotFollowed {
+        column: usize,
+        found: String,
+        why: &'static str,
+    },
+    #[error(
+        "column {column}: {word} has {} decimal point, unlike coordinates before it, and controls read a number without one as millimetres or as least increments: state which with without_point in the set-up file",
+        if *.without_point { "no" } else { "a" }
+    )]
+    MixedPoints {
+        column: usize,
+        word: String,
+        without_point: bool,
+    },
+    #[error("{found} stands beside {other} in one block, of which only one may")]
+    Twice { found: String, other: String },
+}
+
+/// A correction that no axis may get.
+#[expect(missing_docs, reason = "the messages say it")]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BoundViolation {
+    #[error(
+        "the correction of {axis} is {found:.1}, expected at most {limit}: check the units in the machine file"
+    )]
+    BeyondLimit {
+        axis: AxisName,
+        found: Displacement,
+        limit: Displacement,
+    },
+    #[error(
+        "the corrections of all axes together move the tool by {found:.1}, expected at most {limit}: check the units in the machine file"
+    )]
+    ToolBeyondLimit {
+        found: Displacement,
+        limit: Displacement,
+    },
+    #[error(
+        "the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
+        travel[0], travel[1]
+    )]
+    LeavesTravel {
+        axis: AxisName,
+        from: Coordinate,
+        to: Coordinate,
+        travel: [Coordinate; 2],
+    },
+}
+
+/// What cannot be read at a column.
+pub(crate) fn malformed(column: usize, what: &'static str) -> Fault {
+    Fault::Expression { column, what }
+}
+
+/// Reasons why words are not followed.
+pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
+pub(crate) const OWN_RULE: &str = "it moves axes by a rule of its own";
+pub(crate) const FLOW: &str = "which lines are executed after it, is not followed in this language";
+
+/// A word whose rule is not followed.
+pub(crate) fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {
+    Fault::NotFollowed {
+        column,
+        found: found.to_owned(),
+        why,
     }
 }

@@ -1,26 +1,51 @@
-//! Numbers, parameters and expressions after a letter, as RS-274 has them; angles are in degrees.
+//! Numbers, parameters and formulas: with square brackets after the letter of a word (RS-274), with round ones (SINUMERIK, HEIDENHAIN).
+//! Angles are in degrees.
 
 use std::cell::Cell;
 
 use crate::{
-    control_values::{axis_of_name, axis_of_place},
+    block::Scanner,
     coordinates::Axes,
-    fault::Fault,
-    interpret::Interpreter,
+    error::{Fault, malformed},
+    interpreter::{Interpreter, axis_of_name, axis_of_place},
+    number::Digits,
     parameters::{HAS_RETURNED, MOST, RETURNED, Value},
-    scan::Scanner,
 };
 
 /// Brackets in brackets, so many at the most.
 const DEEPEST: u32 = 50;
 
-/// A value as it stands in a word.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Read {
-    pub(crate) value: Value,
-    /// The decimals of a plain number; `None`: it was computed.
-    pub(crate) decimals: Option<u8>,
+/// A value as it stands in a word, and the decimals of a plain number; `None`: it was computed.
+pub(crate) type WordValue = (Value, Option<u8>);
+
+/// What the values of a block were computed from.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Reads {
+    /// The axes whose places were read: at the control these are the corrected ones.
+    pub(crate) axes: Axes<bool>,
+    /// What a subroutine returned was read.
+    pub(crate) returned: bool,
 }
+
+/// Functions that all languages have.
+type Functions = &'static [(&'static str, fn(f64) -> f64)];
+const FUNCTIONS: Functions = &[
+    ("ABS", f64::abs),
+    ("ACOS", |x| x.acos().to_degrees()),
+    ("ASIN", |x| x.asin().to_degrees()),
+    ("COS", |x| x.to_radians().cos()),
+    ("EXP", f64::exp),
+    ("LN", f64::ln),
+    ("SIN", |x| x.to_radians().sin()),
+    ("SQRT", f64::sqrt),
+    ("TAN", |x| x.to_radians().tan()),
+];
+/// And those of RS-274 alone.
+const RS274_FUNCTIONS: Functions = &[
+    ("FIX", f64::floor),
+    ("FUP", f64::ceil),
+    ("ROUND", f64::round),
+];
 
 /// Operators that bind equally, the strongest last.
 const OPERATORS: [&[(&str, Operator)]; 5] = [
@@ -46,7 +71,6 @@ const OPERATORS: [&[(&str, Operator)]; 5] = [
     &[("**", Operator::Power)],
 ];
 
-/// What is done with two values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Operator {
     And,
@@ -73,10 +97,7 @@ pub(crate) enum Operator {
 /// Reads values of a block; parameters have the values that they had before it.
 pub(crate) struct Expressions<'p> {
     interpreter: &'p Interpreter,
-    /// The axes whose places were read.
-    reads: Cell<Axes<bool>>,
-    /// What a subroutine returned was read.
-    reads_returned: Cell<bool>,
+    pub(crate) reads: Cell<Reads>,
 }
 
 impl<'p> Expressions<'p> {
@@ -84,40 +105,24 @@ impl<'p> Expressions<'p> {
         Self {
             interpreter,
             reads: Cell::default(),
-            reads_returned: Cell::default(),
         }
-    }
-
-    /// The axes whose places were read: at the control these are the corrected ones.
-    pub(crate) fn axes_read(&self) -> Axes<bool> {
-        self.reads.get()
-    }
-
-    pub(crate) fn has_read_returned(&self) -> bool {
-        self.reads_returned.get()
     }
 
     fn reads_place(&self, axis: Option<usize>) {
         if let Some(axis) = axis {
             let mut reads = self.reads.get();
-            reads[axis] = true;
+            reads.axes[axis] = true;
             self.reads.set(reads);
         }
     }
 
     /// The value that begins here; `None`: there is none.
-    pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
+    pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         if let Some((value, decimals)) = scanner.number() {
-            return Ok(Some(Read {
-                value: Some(value),
-                decimals: Some(decimals),
-            }));
+            return Ok(Some((Some(value), Some(decimals))));
         }
         let value = self.value(scanner, 0)?;
-        Ok(value.map(|value| Read {
-            value,
-            decimals: None,
-        }))
+        Ok(value.map(|value| (value, None)))
     }
 
     fn value(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
@@ -126,10 +131,7 @@ impl<'p> Expressions<'p> {
         }
         let column = scanner.column();
         if depth > DEEPEST {
-            return Err(Fault::Expression {
-                column,
-                what: "the expression is nested too deeply",
-            });
+            return Err(malformed(column, "the expression is nested too deeply"));
         }
         match scanner.peek() {
             Some(b'[') => {
@@ -156,10 +158,10 @@ impl<'p> Expressions<'p> {
         if scanner.takes(b']') {
             return Ok(value);
         }
-        Err(Fault::Expression {
-            column: scanner.column(),
-            what: "expected an operator or ] here",
-        })
+        Err(malformed(
+            scanner.column(),
+            "expected an operator or ] here",
+        ))
     }
 
     /// Operators of one strength, from the left; between them what binds more strongly.
@@ -172,10 +174,10 @@ impl<'p> Expressions<'p> {
         let Some(operators) = OPERATORS.get(strength) else {
             let column = scanner.column();
             let value = self.value(scanner, depth)?;
-            return value.ok_or(Fault::Expression {
+            return value.ok_or(malformed(
                 column,
-                what: "expected a number, a parameter or a function here",
-            });
+                "expected a number, a parameter or a function here",
+            ));
         };
         let mut value = self.operation(scanner, strength + 1, depth)?;
         loop {
@@ -219,7 +221,9 @@ impl<'p> Expressions<'p> {
 
     fn named(&self, name: &str) -> Option<Value> {
         if name == RETURNED || name == HAS_RETURNED {
-            self.reads_returned.set(true);
+            let mut reads = self.reads.get();
+            reads.returned = true;
+            self.reads.set(reads);
         }
         let set = self.interpreter.parameters.named(name);
         set.or_else(|| {
@@ -240,9 +244,11 @@ impl<'p> Expressions<'p> {
         depth: u32,
     ) -> Result<Option<u32>, Fault> {
         let column = scanner.column();
-        let wrong = || Fault::Expression {
-            column,
-            what: "expected the number of a parameter, 1 to 99999, or its name between < and >",
+        let wrong = || {
+            malformed(
+                column,
+                "expected the number of a parameter, 1 to 99999, or its name between < and >",
+            )
         };
         let Some(number) = self.value(scanner, depth)?.ok_or_else(wrong)? else {
             return Ok(None);
@@ -255,61 +261,41 @@ impl<'p> Expressions<'p> {
     }
 
     fn function(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
-        const NAMES: [&str; 14] = [
-            "ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND",
-            "SIN", "SQRT", "TAN",
-        ];
         let column = scanner.column();
-        let Some(name) = NAMES.into_iter().find(|name| scanner.takes_all(name)) else {
-            return Ok(None);
+        let special = ["ATAN", "EXISTS"];
+        let special = special.into_iter().find(|name| scanner.takes_all(name));
+        let mut functions = FUNCTIONS.iter().chain(RS274_FUNCTIONS);
+        let function = match special {
+            Some(_) => None,
+            None => match functions.find(|(name, _)| scanner.takes_all(name)) {
+                Some((_, function)) => Some(function),
+                None => return Ok(None),
+            },
         };
         if !scanner.takes(b'[') {
-            return Err(Fault::Expression {
-                column: scanner.column(),
-                what: "expected [ after the name of a function",
-            });
+            return Err(malformed(
+                scanner.column(),
+                "expected [ after the name of a function",
+            ));
         }
-        if name == "EXISTS" {
+        if special == Some("EXISTS") {
             let is_named = scanner.takes_all("#<");
             let exists = is_named && self.named(&scanner.name()?).is_some();
             if !is_named || !scanner.takes(b']') {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected EXISTS[#<name>]",
-                });
+                return Err(malformed(column, "expected EXISTS[#<name>]"));
             }
             return Ok(Some(Some(f64::from(u8::from(exists)))));
         }
         let value = self.bracket(scanner, depth)?;
-        if name == "ATAN" {
-            let over = scanner.takes_all("/[");
-            if !over {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected ATAN[y]/[x]",
-                });
+        let Some(function) = function else {
+            if !scanner.takes_all("/[") {
+                return Err(malformed(column, "expected ATAN[y]/[x]"));
             }
             let x = self.bracket(scanner, depth)?;
             return Ok(Some(value.zip(x).map(|(y, x)| y.atan2(x).to_degrees())));
-        }
-        let Some(x) = value else {
-            return Ok(Some(None));
         };
-        let result = match name {
-            "ABS" => x.abs(),
-            "ACOS" => x.acos().to_degrees(),
-            "ASIN" => x.asin().to_degrees(),
-            "COS" => x.to_radians().cos(),
-            "EXP" => x.exp(),
-            "FIX" => x.floor(),
-            "FUP" => x.ceil(),
-            "LN" => x.ln(),
-            "ROUND" => x.round(),
-            "SIN" => x.to_radians().sin(),
-            "SQRT" => x.sqrt(),
-            _ => x.to_radians().tan(),
-        };
-        finite(result, column).map(|x| Some(Some(x)))
+        let value = value.map(|x| finite(function(x), column)).transpose()?;
+        Ok(Some(value))
     }
 }
 
@@ -317,10 +303,10 @@ pub(crate) fn finite(value: f64, column: usize) -> Result<f64, Fault> {
     if value.is_finite() {
         return Ok(value);
     }
-    Err(Fault::Arithmetic {
+    Err(malformed(
         column,
-        what: "this calculation has no result (a division by zero, or a function outside its range)",
-    })
+        "this calculation has no result (a division by zero, or a function outside its range)",
+    ))
 }
 
 pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
@@ -351,4 +337,200 @@ pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Resu
         Operator::Rest => a % b,
     };
     finite(value, column)
+}
+
+/// Operators that bind equally, and their names.
+type Equals = &'static [(&'static str, Operator)];
+
+/// Functions of two values, and their names.
+type Pairs = &'static [(&'static str, fn(f64, f64) -> f64)];
+
+/// What the formulas of a language are made of.
+pub(crate) trait Formulas {
+    /// The operators, those that bind the least first.
+    const OPERATORS: &'static [Equals];
+    /// The functions of one value besides those that all languages have; those of two are in [`Self::PAIRS`].
+    const FUNCTIONS: Functions;
+    const PAIRS: Pairs;
+
+    /// A number without a sign.
+    fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)>;
+    /// A parameter or a constant, in so many brackets; `None`: there is none.
+    fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;
+
+    /// The value that begins here; `None`: there is none. A plain number keeps its decimals.
+    fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
+        let before = scanner.at();
+        let sign = match scanner.peek() {
+            Some(sign @ (b'+' | b'-')) => {
+                scanner.next();
+                Some(sign)
+            }
+            _ => None,
+        };
+        let number = self.number(scanner);
+        let end = scanner.at();
+        // `2*R1` begins with a number, but is none.
+        if let Some((value, decimals)) = number
+            && self.operator(scanner, Self::OPERATORS).is_none()
+        {
+            scanner.go_to(end);
+            let value = if sign == Some(b'-') { -value } else { value };
+            return Ok(Some((Some(value), Some(decimals))));
+        }
+        scanner.go_to(before);
+        let value = self.operation(scanner, 0, 0)?;
+        Ok(value.map(|value| (value, None)))
+    }
+
+    /// Passes one of these operators.
+    fn operator(&self, scanner: &mut Scanner<'_>, of: &[Equals]) -> Option<Operator> {
+        let mut all = of.iter().flat_map(|equals| equals.iter());
+        let found = all.find(|(name, _)| takes_name(scanner, name));
+        found.map(|(_, operator)| *operator)
+    }
+
+    /// Operators of one strength, from the left; between them what binds more strongly.
+    fn operation(
+        &self,
+        scanner: &mut Scanner<'_>,
+        strength: usize,
+        depth: u32,
+    ) -> Result<Option<Value>, Fault> {
+        let Some(equals) = Self::OPERATORS.get(strength) else {
+            return self.operand(scanner, depth);
+        };
+        let Some(mut value) = self.operation(scanner, strength + 1, depth)? else {
+            return Ok(None);
+        };
+        loop {
+            scanner.peek();
+            let column = scanner.column();
+            let Some(operator) = self.operator(scanner, &[equals]) else {
+                return Ok(Some(value));
+            };
+            let other = self.operation(scanner, strength + 1, depth)?;
+            let other = other.ok_or(malformed(
+                column,
+                "expected a number, a parameter or a function after this operator",
+            ))?;
+            value = match (value, other) {
+                (Some(a), Some(b)) => Some(operate(operator, a, b, column)?),
+                _ => None,
+            };
+        }
+    }
+
+    fn operand(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
+        if depth > DEEPEST {
+            return Err(malformed(
+                scanner.column(),
+                "the expression is nested too deeply",
+            ));
+        }
+        if let Some((value, _)) = self.number(scanner) {
+            return Ok(Some(Some(value)));
+        }
+        match scanner.peek() {
+            Some(sign @ (b'+' | b'-')) => {
+                scanner.next();
+                let value = self.operand(scanner, depth + 1)?;
+                return Ok(value.map(|value| value.map(|x| if sign == b'-' { -x } else { x })));
+            }
+            Some(b'(') => {
+                scanner.next();
+                return self.bracket(scanner, depth + 1).map(Some);
+            }
+            _ => {}
+        }
+        let column = scanner.column();
+        let mut functions = FUNCTIONS.iter().chain(Self::FUNCTIONS);
+        if let Some((_, function)) = functions.find(|(name, _)| takes_name(scanner, name)) {
+            let x = self.argument(scanner, depth + 1)?;
+            let value = x.map(|x| finite(function(x), column)).transpose()?;
+            return Ok(Some(value));
+        }
+        let mut pairs = Self::PAIRS.iter();
+        if let Some((_, function)) = pairs.find(|(name, _)| takes_name(scanner, name)) {
+            let [a, b] = self.arguments(scanner, depth + 1)?;
+            let value = a.zip(b).map(|(a, b)| finite(function(a, b), column));
+            return Ok(Some(value.transpose()?));
+        }
+        self.parameter(scanner, depth + 1)
+    }
+
+    /// The argument of a function: in brackets, or an operand.
+    fn argument(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
+        let column = scanner.column();
+        let value = self.operand(scanner, depth)?;
+        value.ok_or(malformed(
+            column,
+            "expected the argument of the function here",
+        ))
+    }
+
+    /// Two arguments in brackets.
+    fn arguments(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<[Value; 2], Fault> {
+        let wrong = |column| malformed(column, "expected two arguments: (1, 2)");
+        if !scanner.takes(b'(') {
+            return Err(wrong(scanner.column()));
+        }
+        let first = self.operation(scanner, 0, depth)?;
+        if !scanner.takes(b',') {
+            return Err(wrong(scanner.column()));
+        }
+        let second = self.operation(scanner, 0, depth)?;
+        let (Some(first), Some(second), true) = (first, second, scanner.takes(b')')) else {
+            return Err(wrong(scanner.column()));
+        };
+        Ok([first, second])
+    }
+
+    /// What is in brackets, the first of which is passed.
+    fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
+        let value = self.operation(scanner, 0, depth)?;
+        match (value, scanner.takes(b')')) {
+            (Some(value), true) => Ok(value),
+            _ => Err(malformed(
+                scanner.column(),
+                "expected a value or an operator, and ) behind them",
+            )),
+        }
+    }
+}
+
+/// Passes this name where it is next and no letter or digit goes on with it.
+pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
+    scanner.peek();
+    let (at, rest) = (scanner.at(), scanner.rest());
+    let is_next = scanner.is_next(name);
+    let is_letter = name.ends_with(|c: char| c.is_ascii_alphanumeric());
+    let goes_on = rest
+        .get(name.len())
+        .is_some_and(|byte| byte.is_ascii_alphanumeric() || *byte == b'_');
+    if !is_next || is_letter && goes_on {
+        return false;
+    }
+    scanner.go_to(at + name.len());
+    true
+}
+
+/// A decimal number without a sign and without blanks in it, and its decimals; `points` are the characters that stand for the
+/// decimal point.
+pub(crate) fn plain_number(scanner: &mut Scanner<'_>, points: &[u8]) -> Option<(f64, u8)> {
+    scanner.peek();
+    let (at, rest) = (scanner.at(), scanner.rest());
+    let mut digits = Digits::default();
+    let mut length = 0;
+    for byte in rest {
+        let byte = if points.contains(byte) { b'.' } else { *byte };
+        let is_point = byte == b'.' && points.is_empty();
+        if is_point || !digits.take(byte) {
+            break;
+        }
+        length += 1;
+    }
+    let value = digits.value()?;
+    scanner.go_to(at + length);
+    Some((value, digits.decimals()))
 }

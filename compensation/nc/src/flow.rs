@@ -1,14 +1,17 @@
-//! O-words: which line is executed after which. They are matched once, before anything is executed.
+//! O-words: which line is executed after which, in the program and in the files with subroutines that it calls.
 
-use std::{collections::HashMap, ops::Range, path::PathBuf};
+use std::{
+    collections::{BTreeMap, HashMap},
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 use crate::{
     NcError,
-    scan::Scanner,
-    subroutines::{Listing, is_file_of, is_file_of_number},
+    block::Scanner,
+    line_ends::{Ends, MOST_IN_MEMORY, check_line, leader_of, split_lines},
 };
 
-/// What an O-word does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Keyword {
     Sub,
@@ -56,7 +59,6 @@ const KEYWORDS: [(&str, Keyword); 15] = [
     ("DO", Keyword::Do),
 ];
 
-/// A line with an O-word.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Statement {
     pub(crate) name: String,
@@ -229,7 +231,6 @@ impl Flow {
         let mut open: Vec<(usize, usize)> = Vec::new();
         let mut in_file = 0;
         for (place, (line, _)) in lines.lines.iter().enumerate() {
-            let wrong = |what: String| lines.at(place, NcError::Flow { line: 0, what });
             let (file, _) = lines.file_of(place);
             if file != in_file {
                 Self::all_have_ended(&open, lines)?;
@@ -237,12 +238,14 @@ impl Flow {
             }
             let mut statement = match o_line(line) {
                 Some(OLine::Statement(statement)) => statement,
-                Some(OLine::Wrong(what)) => return Err(wrong(what.to_owned())),
+                Some(OLine::Wrong(what)) => return Err(lines.wrong(place, what)),
                 Some(OLine::Program(number)) => {
                     if let Some(number) = number
                         && flow.programs.insert((file, number), place).is_some()
                     {
-                        return Err(wrong(format!("the program O{number} stands twice")));
+                        return Err(
+                            lines.wrong(place, format!("the program O{number} stands twice"))
+                        );
                     }
                     continue;
                 }
@@ -271,7 +274,7 @@ impl Flow {
             if let Some(needs) = needs {
                 let Some((begin, branch)) = open.last_mut().filter(|_| opened == Some(needs))
                 else {
-                    return Err(wrong(format!(
+                    return Err(lines.wrong(place, format!(
                         "o{name} ends or goes on here what did not begin before, or what lies in it has not ended"
                     )));
                 };
@@ -288,12 +291,17 @@ impl Flow {
             match statement.keyword {
                 Keyword::Sub => {
                     if !open.is_empty() {
-                        return Err(wrong(format!(
-                            "the subroutine o{name} begins in something that has not ended"
-                        )));
+                        return Err(lines.wrong(
+                            place,
+                            format!(
+                                "the subroutine o{name} begins in something that has not ended"
+                            ),
+                        ));
                     }
                     if flow.subs.insert((file, name.clone()), place).is_some() {
-                        return Err(wrong(format!("the subroutine o{name} stands twice")));
+                        return Err(
+                            lines.wrong(place, format!("the subroutine o{name} stands twice"))
+                        );
                     }
                     open.push((place, place));
                 }
@@ -315,8 +323,7 @@ impl Flow {
         let Some((begin, _)) = open.last() else {
             return Ok(());
         };
-        let what = "what begins here does not end in the program".to_owned();
-        Err(lines.at(*begin, NcError::Flow { line: 0, what }))
+        Err(lines.wrong(*begin, "what begins here does not end in the program"))
     }
 
     /// Where what begins at a line ends, or what ends there begins.
@@ -339,7 +346,8 @@ impl Flow {
             return Some(begin + 1);
         }
         // A file of its own may do without the number in it.
-        let mut own = (self.files.iter()).filter(|(_, path, _)| is_file_of_number(path, number));
+        let mut own =
+            (self.files.iter()).filter(|(_, path, _)| is_file_of(path, &number_name(number)));
         let (file, _, places) = own.next()?;
         let begin = self.programs.get(&(*file, number));
         Some(begin.map_or(places.start, |begin| begin + 1))
@@ -353,13 +361,12 @@ impl Flow {
         branch
     }
 
-    /// What the O-word of a line does.
     pub(crate) fn keyword(&self, line: usize) -> Option<Keyword> {
         Some(self.statements.get(&line)?.keyword)
     }
 
     /// The first `break` behind a line that belongs to the loop which begins at `begin`.
-    pub(crate) fn break_behind(&self, begin: usize, line: usize) -> Option<usize> {
+    fn break_behind(&self, begin: usize, line: usize) -> Option<usize> {
         let name = &self.statements.get(&begin)?.name;
         (line + 1..self.partner(begin)).find(|at| {
             let statement = self.statements.get(at);
@@ -380,4 +387,331 @@ impl Flow {
             })
         })
     }
+}
+
+/// What a loop does next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Next {
+    Again,
+    Passed,
+}
+
+/// How often a loop is still to be done.
+#[derive(Clone, Copy, Debug)]
+struct Count {
+    /// The pass that is being done among them.
+    left: u64,
+    /// The loop was left before its end, and goes on with the count that it had.
+    is_old: bool,
+}
+
+/// State: the loops that have begun. Lines are counted from 0.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Loops {
+    /// The loops with a count that are being done, or were left before their end.
+    counts: HashMap<usize, Count>,
+    /// The `break` that is in force until a loop `do` … `while` has ended: that ends after the pass that it does.
+    breaks: Option<usize>,
+    /// The `continue` of a loop `do` … `while` that is in force until the end of another loop has been passed by: that is done once more.
+    continues: Option<usize>,
+    /// Some loops are written out, so that the control does not come to their ends: what is in force may stay so.
+    pub(crate) some_are_written_out: bool,
+}
+
+const WAS_LEFT: &str = "this loop was left before its last pass (by break, continue, return or M99), and LinuxCNC goes on with the number of passes that was left then: write it as while … endwhile";
+
+impl Loops {
+    pub(crate) fn repeats(
+        &mut self,
+        flow: &Flow,
+        begin: usize,
+        times: u64,
+    ) -> Result<Next, String> {
+        let before = self.counts.get(&begin);
+        let left = before.map_or(times, |before| times.min(before.left - 1));
+        if left == 0 && times > 0 {
+            return Err(WAS_LEFT.to_owned());
+        }
+        if left == 0 {
+            return self.is_passed_by(flow, begin);
+        }
+        let is_old = before.is_some();
+        self.counts.insert(begin, Count { left, is_old });
+        Ok(Next::Again)
+    }
+
+    /// A pass of a loop with a count has been done.
+    pub(crate) fn has_repeated(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
+        match self.counts.get_mut(&begin) {
+            Some(count) if count.left > 1 => {
+                count.left -= 1;
+                Ok(Next::Again)
+            }
+            Some(Count { is_old: true, .. }) => Err(WAS_LEFT.to_owned()),
+            _ => {
+                self.counts.remove(&begin);
+                self.is_passed_by(flow, begin)
+            }
+        }
+    }
+
+    /// The condition of a loop `while` does not hold, or the passes of one with a count are done: it is passed by to its end.
+    pub(crate) fn is_passed_by(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
+        let is_repeat = flow.keyword(begin) == Some(Keyword::Repeat);
+        if let Some(of) = self.continues.filter(|_| is_repeat) {
+            return Err(format!(
+                "LinuxCNC does all passes of this loop once more, since the continue of line {} in a loop do … while is in force until then: write that loop as while … endwhile",
+                of + 1
+            ));
+        }
+        self.passes_breaks(flow, begin, begin);
+        self.ends_continue();
+        Ok(Next::Passed)
+    }
+
+    /// `break` at a line in the loop that begins at another.
+    pub(crate) fn breaks(&mut self, flow: &Flow, line: usize, begin: usize) -> Result<(), String> {
+        if flow.keyword(begin) == Some(Keyword::Do) {
+            self.ends_break();
+            return Ok(());
+        }
+        if let Some(of) = self.continues {
+            return Err(format!(
+                "LinuxCNC goes on with the loop here, since the continue of line {} in a loop do … while is in force until a loop has ended: write that loop as while … endwhile",
+                of + 1
+            ));
+        }
+        self.breaks = Some(line);
+        Ok(())
+    }
+
+    /// `continue` at a line in the loop that begins at another.
+    pub(crate) fn continues(&mut self, flow: &Flow, line: usize, begin: usize) {
+        self.passes_breaks(flow, begin, line);
+        if flow.keyword(begin) == Some(Keyword::Do) {
+            self.continues = Some(line);
+        } else {
+            self.ends_continue();
+        }
+    }
+
+    /// The end of a loop `do` … `while`, whose condition holds or not.
+    pub(crate) fn do_while(&mut self, holds: bool) -> Result<Next, String> {
+        if !holds {
+            self.ends_break();
+            return Ok(Next::Passed);
+        }
+        match self.breaks {
+            Some(of) => Err(format!(
+                "LinuxCNC ends this loop here, whatever its condition is, since the break of line {} is in force until the end of a loop do … while: write this loop as while … endwhile",
+                of + 1
+            )),
+            None => Ok(Next::Again),
+        }
+    }
+
+    /// Lines behind one of a loop are passed by: a `break` of this loop among them counts all the same.
+    fn passes_breaks(&mut self, flow: &Flow, begin: usize, line: usize) {
+        if let Some(passed) = flow.break_behind(begin, line) {
+            self.breaks = Some(passed);
+        }
+    }
+
+    fn ends_break(&mut self) {
+        if !self.some_are_written_out {
+            self.breaks = None;
+        }
+    }
+
+    fn ends_continue(&mut self) {
+        if !self.some_are_written_out {
+            self.continues = None;
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct SubFile {
+    pub(crate) path: PathBuf,
+    pub(crate) text: Vec<u8>,
+}
+
+/// A program that is executed: its lines, and behind them those of the files that it calls.
+#[derive(Clone, Debug)]
+pub(crate) struct Listing<'t> {
+    /// Each line and its end.
+    pub(crate) lines: Vec<(&'t [u8], &'t [u8])>,
+    /// The number of the first one in its file.
+    pub(crate) first: usize,
+    /// How many of them are the program's own.
+    pub(crate) own: usize,
+    /// The other files, in their order, and where the lines of each begin.
+    files: Vec<(&'t Path, usize)>,
+}
+
+impl<'t> Listing<'t> {
+    /// The lines of a program, the first of which has this number, and those of the files.
+    pub(crate) fn new(
+        own: Vec<(&'t [u8], &'t [u8])>,
+        first: usize,
+        files: &'t [SubFile],
+    ) -> Result<Self, NcError> {
+        let mut ends = Ends::default();
+        for (place, (line, end)) in own.iter().enumerate() {
+            check_line(line, first + place)?;
+            ends.check(line, end, first + place)?;
+        }
+        let mut lines = Self {
+            own: own.len(),
+            lines: own,
+            first,
+            files: Vec::new(),
+        };
+        for file in files {
+            lines.files.push((&file.path, lines.lines.len()));
+            for (place, line) in split_lines(&file.text).into_iter().enumerate() {
+                check_line(line.0, place + 1).map_err(|error| error.in_file(&file.path))?;
+                lines.lines.push(line);
+            }
+        }
+        Ok(lines)
+    }
+
+    /// Which file a line is in: 0 is the program, and its path and first line where it is another.
+    pub(crate) fn file_of(&self, place: usize) -> (usize, Option<(&'t Path, usize)>) {
+        let file = self.files.partition_point(|(_, begins)| *begins <= place);
+        (file, file.checked_sub(1).map(|at| self.files[at]))
+    }
+
+    /// The files by their places from 1: the path, and the lines of it.
+    pub(crate) fn files(&self) -> impl Iterator<Item = (usize, &'t Path, std::ops::Range<usize>)> {
+        let ends = self.files.iter().skip(1).map(|(_, begins)| *begins);
+        let ends = ends.chain([self.lines.len()]);
+        let files = self.files.iter().zip(ends).enumerate();
+        files.map(|(place, (&(path, begins), end))| (place + 1, path, begins..end))
+    }
+
+    /// What is wrong at a line.
+    pub(crate) fn wrong(&self, place: usize, what: impl Into<String>) -> NcError {
+        self.at(place, NcError::not_compensated(0, what))
+    }
+
+    /// An error at a line, with its file where that is not the program.
+    pub(crate) fn at(&self, place: usize, error: NcError) -> NcError {
+        match self.file_of(place).1 {
+            Some((path, begins)) => error.at_line(place - begins + 1).in_file(path),
+            None => error.at_line(self.first + place),
+        }
+    }
+}
+
+/// What a file calls and what stands in it, by name; the programs with a number are called O and the number.
+#[derive(Default)]
+struct Names {
+    called: Vec<String>,
+    defined: Vec<String>,
+}
+
+impl Names {
+    fn of<'t>(lines: impl Iterator<Item = &'t [u8]>) -> Self {
+        let mut names = Self::default();
+        for line in lines {
+            match o_line(line) {
+                Some(OLine::Program(Some(number))) => names.defined.push(number_name(number)),
+                Some(OLine::Statement(Statement { name, keyword, .. })) => match keyword {
+                    Keyword::Sub => names.defined.push(name),
+                    Keyword::Call => names.called.push(name),
+                    _ => {}
+                },
+                Some(_) => {}
+                None => {
+                    if let Some(Statement {
+                        keyword: Keyword::CallProgram { number, .. },
+                        ..
+                    }) = program_line(line)
+                    {
+                        names.called.push(number_name(number));
+                    }
+                }
+            }
+        }
+        names
+    }
+}
+
+/// How a program with a number is called in the list of names: no O-word has a blank in its name.
+fn number_name(number: u32) -> String {
+    format!("O {number}")
+}
+
+/// The names that a file with this subroutine may have, in small letters.
+fn file_names(called: &str) -> Vec<String> {
+    let Some(number) = called.strip_prefix("O ") else {
+        return vec![format!("{called}.ngc").to_lowercase()];
+    };
+    let begins = [
+        format!("o{number:0>4}"),
+        format!("o{number}"),
+        format!("{number:0>4}"),
+        number.to_owned(),
+    ];
+    let ends = ["", ".nc", ".ngc", ".tap"];
+    (begins.iter())
+        .flat_map(|begin| ends.map(|end| format!("{begin}{end}")))
+        .collect()
+}
+
+/// Whether a subroutine of this name is looked for in a file.
+fn is_file_of(path: &Path, called: &str) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))
+}
+
+/// The files in which what a program calls, and what these call, stands: of each name the first one in the order of the folders. What is in
+/// no file is left out.
+pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<SubFile>, NcError> {
+    let mut found: BTreeMap<String, PathBuf> = BTreeMap::new();
+    for folder in folders {
+        let in_folder = |error| NcError::from(error).in_file(folder);
+        for entry in std::fs::read_dir(folder).map_err(in_folder)? {
+            let path = entry.map_err(in_folder)?.path();
+            if let Some(name) = path.file_name().and_then(|name| name.to_str())
+                && path.is_file()
+            {
+                found.entry(name.to_lowercase()).or_insert(path);
+            }
+        }
+    }
+    let mut files: Vec<SubFile> = Vec::new();
+    let main = Names::of(own.iter().map(|(line, _)| *line));
+    let mut called: Vec<String> = main.called;
+    let mut size = 0;
+    while let Some(name) = called.pop() {
+        let is_there =
+            main.defined.contains(&name) || files.iter().any(|file| is_file_of(&file.path, &name));
+        let path = file_names(&name)
+            .into_iter()
+            .find_map(|file| found.get(&file));
+        let Some(path) = path.filter(|_| !is_there) else {
+            continue;
+        };
+        let mut text = std::fs::read(path).map_err(|error| NcError::from(error).in_file(path))?;
+        text.drain(..leader_of(&text));
+        size += text.len();
+        if size > MOST_IN_MEMORY {
+            let what = format!(
+                "the files of subroutines are longer than {} MiB",
+                MOST_IN_MEMORY >> 20
+            );
+            return Err(NcError::not_compensated(1, what).in_file(path));
+        }
+        let of_file = Names::of(split_lines(&text).into_iter().map(|(line, _)| line));
+        let others = of_file.called.into_iter();
+        called.extend(others.filter(|name| !of_file.defined.contains(name)));
+        files.push(SubFile {
+            path: path.clone(),
+            text,
+        });
+    }
+    Ok(files)
 }

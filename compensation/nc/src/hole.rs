@@ -1,17 +1,14 @@
-//! Canned cycles: the hole is corrected, its depth and its plane R go along.
+//! Canned cycles: the hole is corrected, its depth and its plane R go along; and cycles that pass on as they are.
 
 use crate::{
     NcError,
-    coordinates::{Axes, LETTERS},
-    legs::{Leg, Writes},
-    line::{Line, write_comment},
+    coordinates::{Axes, LETTERS, each},
+    interpreter::Outcome,
+    line::{Line, Shape, write_comment},
     motion::{Move, Path, at_height, half_deep},
-    number::half_step,
-    parts::Part,
-    polar::polar_writes,
+    number::{Number, half_step},
     rewrite::Rewriter,
-    script::Shape,
-    words::{Number, each},
+    straight::{Leg, Part, Writes, polar_writes},
 };
 
 impl Rewriter {
@@ -34,15 +31,7 @@ impl Rewriter {
             self.tell(motion, line.number, motion.cuts())?;
             self.note_axes(motion, line);
             self.corrector.wraps(&motion.wraps);
-            if let Path::Hole {
-                bottom,
-                clearance,
-                depth,
-            } = motion.path
-            {
-                let hole = InRow { place, stays };
-                self.hole(motion, depth, [bottom, clearance], hole, line, out);
-            }
+            self.hole(motion, (place, stays), line, out);
             self.ends_part(1.0);
             self.notes_zero(line.number);
         }
@@ -95,21 +84,27 @@ impl Rewriter {
         })
     }
 
-    /// A hole of a cycle.
+    /// A hole of a cycle: its place in its row, counted from 0, and whether the line of the row stays as it is.
     pub(crate) fn hole(
         &mut self,
         motion: &Move,
-        depth: usize,
-        places: [f64; 2],
-        InRow { place, stays }: InRow,
+        (place, stays): (usize, bool),
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
+        let Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        } = motion.path
+        else {
+            return;
+        };
+        let places = [bottom, clearance];
         let frame = self.interpreter.frame.clone();
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
-        let [_, clearance] = places;
         // It goes down from R, also where it went up to R before.
         self.corrector
             .goes(&frame.to_machine(&at_height(&end, depth, clearance)));
@@ -152,15 +147,8 @@ impl Rewriter {
         }
         // Depth and R are places, wherever the tool was before; ways need that.
         let is_known = self.interpreter.known[depth] || !motion.incremental[depth];
-        let mut depths = if is_known && self.corrector.corrects(depth) {
-            let hole = Hole {
-                depth,
-                before: before[depth],
-                end,
-                places,
-                counts_from_r: motion.incremental[depth],
-            };
-            self.heights(&hole, &mut carried, (line, in_own_line))
+        let mut depths = if is_known && self.corrector.corrects[depth] {
+            self.heights(motion, &mut carried, (line, in_own_line))
         } else {
             Vec::new()
         };
@@ -179,21 +167,15 @@ impl Rewriter {
                 self.edits.removed.extend(line.place_of(letter));
             }
         }
+        let shape = if keeps_polar {
+            Shape::AsItIs
+        } else {
+            Shape::Straight
+        };
         let part = Part {
             place,
-            share: 1.0,
-            numbers: &words,
-            words: &motion.words,
             others: &depths,
-            code: None,
-            feed: None,
-            shape: if keeps_polar {
-                Shape::AsItIs
-            } else {
-                Shape::Straight
-            },
-            polar: motion.polar,
-            before: &[],
+            ..Part::whole(motion, &words, shape)
         };
         self.write_part(&part, line, out);
     }
@@ -201,17 +183,21 @@ impl Rewriter {
     /// The words for the depth of a hole and its plane R that change; `carried` gets the correction that is along the depth behind the hole.
     fn heights(
         &mut self,
-        hole: &Hole,
+        motion: &Move,
         carried: &mut Axes,
         (line, in_own_line): (Line<'_>, bool),
     ) -> Vec<(u8, Number)> {
-        let Hole {
+        let Path::Hole {
+            bottom,
+            clearance,
             depth,
-            end,
-            places: [bottom, clearance],
-            counts_from_r,
-            ..
-        } = *hole;
+        } = motion.path
+        else {
+            return Vec::new();
+        };
+        // Ways: R counts from where the first hole began, the depth from R.
+        let counts_from_r = motion.incremental[depth];
+        let [before, end] = self.ends_of(motion);
         let frame = self.interpreter.frame.clone();
         // The rotary axes have what they were rounded to.
         let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
@@ -219,7 +205,7 @@ impl Rewriter {
             self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
         });
         let initial = self.interpreter.modal.sticky.initial;
-        let initial = initial.unwrap_or(hole.before);
+        let initial = initial.unwrap_or(before[depth]);
         let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
         let [of_bottom, of_clearance] = self.carried_by_cycle;
         // In G91 R counts from where the first hole began, and the depth from R.
@@ -229,32 +215,26 @@ impl Rewriter {
             (0.0, 0.0)
         };
         // Where the tool is not above R, LinuxCNC lifts it to the plane of G98 before the hole; so it must not be above the corrected R.
-        let stands = hole.before + carried[depth] - clearance;
-        let lifts = self.interpreter.modal.comes_back && clearance >= hole.before;
+        let stands = before[depth] + carried[depth] - clearance;
+        let lifts = self.interpreter.modal.comes_back && clearance >= before[depth];
         let at_clearance = if lifts {
             at_clearance.max(stands)
         } else {
             at_clearance
         };
-        let plane = InCycle {
-            letter: b'R',
-            is: clearance - zero,
-            delta: at_clearance - carried_at_zero,
-            carried: of_clearance,
-        };
-        let (plane, of_clearance) = self.in_cycle(&plane, depth, (line, in_own_line));
+        let plane = [
+            clearance - zero,
+            at_clearance - carried_at_zero,
+            of_clearance,
+        ];
+        let (plane, of_clearance) = self.in_cycle(b'R', depth, plane, (line, in_own_line));
         let (zero, carried_at_plane) = if counts_from_r {
             (clearance, of_clearance + carried_at_zero)
         } else {
             (0.0, 0.0)
         };
-        let ground = InCycle {
-            letter: LETTERS[depth],
-            is: bottom - zero,
-            delta: at_bottom - carried_at_plane,
-            carried: of_bottom,
-        };
-        let (ground, of_bottom) = self.in_cycle(&ground, depth, (line, in_own_line));
+        let ground = [bottom - zero, at_bottom - carried_at_plane, of_bottom];
+        let (ground, of_bottom) = self.in_cycle(LETTERS[depth], depth, ground, (line, in_own_line));
         self.carried_by_cycle = [of_bottom, of_clearance];
         let heights = [
             (bottom, of_bottom + carried_at_plane),
@@ -274,28 +254,27 @@ impl Rewriter {
         [ground, plane].into_iter().flatten().collect()
     }
 
-    /// The number of a word of a cycle where it changes, and what of the correction the word stands for then, mm.
+    /// The number of a word of a cycle that says a height where it changes, and what of the correction the word stands for then, mm. `is` is
+    /// its number without a correction, `delta` what that is to change by, `carried` what it has changed by where the block does not have it, mm.
     fn in_cycle(
         &self,
-        word: &InCycle,
+        letter: u8,
         depth: usize,
+        [is, delta, carried]: [f64; 3],
         (line, in_own_line): (Line<'_>, bool),
     ) -> (Option<(u8, Number)>, f64) {
-        let scale = self.interpreter.modal.height_scale(word.letter, depth);
-        let place = line.place_of(word.letter).filter(|_| !in_own_line);
+        let scale = self.interpreter.modal.height_scale(letter, depth);
+        let place = line.place_of(letter).filter(|_| !in_own_line);
         // A word that the block has is without a correction.
-        let carried = if place.is_some() { 0.0 } else { word.carried };
-        if ((word.delta - carried) / scale).abs() < self.half_step(depth) {
+        let carried = if place.is_some() { 0.0 } else { carried };
+        if ((delta - carried) / scale).abs() < self.half_step(depth) {
             return (None, carried);
         }
-        let written = line.word(line.place_of(word.letter));
+        let written = line.word(line.place_of(letter));
         let of_word = written.and_then(|word| word.decimals).unwrap_or(0);
         let numerals = self.numerals(depth, written);
-        match numerals.nearest((word.is + word.delta) / scale, of_word) {
-            Some(number) => (
-                Some((word.letter, number)),
-                number.value() * scale - word.is,
-            ),
+        match numerals.nearest((is + delta) / scale, of_word) {
+            Some(number) => (Some((letter, number)), number.value() * scale - is),
             None => (None, carried),
         }
     }
@@ -304,44 +283,39 @@ impl Rewriter {
     fn half_step(&self, axis: usize) -> f64 {
         half_step(self.numerals(axis, None).decimals)
     }
-}
 
-/// Which hole of a row it is, counted from 0, and whether the line of the row stays as it is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct InRow {
-    pub(crate) place: usize,
-    pub(crate) stays: bool,
-}
-
-impl InRow {
-    /// A hole that is no part of a row.
-    pub(crate) const ALONE: Self = Self {
-        place: 0,
-        stays: true,
-    };
-}
-
-/// A hole, in the coordinates of the program, mm.
-struct Hole {
-    /// The axis along its depth.
-    depth: usize,
-    /// Where that axis was before.
-    before: f64,
-    /// Where the hole is.
-    end: Axes,
-    /// Its bottom and its plane R.
-    places: [f64; 2],
-    /// Its words are ways: R from where the first hole began, the depth from R.
-    counts_from_r: bool,
-}
-
-/// A word of a cycle that says a height: its depth, or its plane R.
-struct InCycle {
-    letter: u8,
-    /// Its number without a correction, mm.
-    is: f64,
-    /// What it is to change by, mm.
-    delta: f64,
-    /// What it has changed by where the block does not have it, mm.
-    carried: f64,
+    /// What cycles that pass on leave: their axes carry no correction.
+    pub(crate) fn after_cycles(
+        &mut self,
+        outcome: &Outcome,
+        line: Line<'_>,
+    ) -> Result<(), NcError> {
+        let each = self.interpreter.modal.each_motion.clone();
+        let each = each.filter(|_| outcome.motion.is_some());
+        if let (Some(cycle), Some(motion)) = (&each, &outcome.motion)
+            && matches!(motion.path, Path::Arc(_))
+        {
+            return Err(NcError::not_compensated(
+                line.number,
+                format!("an arc behind which {} is done (MCALL)", cycle.name),
+            ));
+        }
+        for cycle in each.iter().chain(&outcome.cycle) {
+            self.notes_zero(line.number);
+            let before = self.interpreter.position;
+            let frame = self.interpreter.frame.clone();
+            let mut carried = frame.moved_in_program(&before, &self.carried);
+            let moved = self.interpreter.after_cycle(cycle, line.number);
+            for (carried, moved) in carried.iter_mut().zip(moved) {
+                if moved {
+                    *carried = 0.0;
+                }
+            }
+            let at = self.interpreter.position;
+            self.corrector.goes(&at);
+            self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);
+            self.unsettles();
+        }
+        Ok(())
+    }
 }

@@ -1,9 +1,11 @@
-//! A line of a program: its text, and the block that was read from it.
+//! A line of a program: its text, the block that was read from it, and how it is written with other words.
+
+use std::ops::Range;
 
 use crate::{
     block::{Block, Manner, Word},
-    script::Script,
-    words::Number,
+    control::Dialect,
+    number::Number,
 };
 
 /// A line that is compensated.
@@ -67,4 +69,212 @@ pub(crate) fn write_comment(line: &[u8], out: &mut Vec<u8>) {
     out.push(b'(');
     out.extend(line.iter().filter(|byte| !b"()".contains(byte)));
     out.push(b')');
+}
+
+/// How a word that the program does not have is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Script {
+    pub(crate) dialect: Dialect,
+    /// Numbers have decimal commas.
+    pub(crate) comma: bool,
+    /// Each line with coordinates has its code.
+    pub(crate) says_each: bool,
+}
+
+/// How a part of a motion goes to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shape {
+    Straight,
+    /// By the polar coordinates of its line.
+    AsItIs,
+    /// An arc about its centre.
+    Centre,
+    /// An arc by its radius.
+    Radius,
+}
+
+/// A word that the program does not have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct NewWord {
+    pub(crate) letter: u8,
+    pub(crate) manner: Manner,
+    pub(crate) number: Number,
+}
+
+impl NewWord {
+    /// A word that means what is switched on.
+    pub(crate) fn plain((letter, number): (u8, Number)) -> Self {
+        Self {
+            letter,
+            manner: Manner::Modal,
+            number,
+        }
+    }
+}
+
+impl Script {
+    /// Whether the centre of an arc stands in a block of its own before it, and each motion says how it goes.
+    pub(crate) fn is_heidenhain(self) -> bool {
+        self.dialect == Dialect::Heidenhain
+    }
+
+    /// What begins a motion in a line of its own; nothing where that is switched on.
+    pub(crate) fn keyword(self, shape: Shape) -> &'static [u8] {
+        match shape {
+            _ if !self.is_heidenhain() => b"",
+            Shape::Straight | Shape::AsItIs => b"L",
+            Shape::Centre => b"C",
+            Shape::Radius => b"CR",
+        }
+    }
+
+    /// Writes a word behind what is there: with a blank, unless it begins a line.
+    pub(crate) fn write_word(self, word: &NewWord, out: &mut Vec<u8>) {
+        if !matches!(out.last(), None | Some(b'\r' | b'\n' | b'/')) {
+            out.push(b' ');
+        }
+        let opens: &[u8] = match (self.dialect, word.manner) {
+            (Dialect::Siemens, Manner::Absolute) => b"=AC(",
+            (Dialect::Siemens, Manner::Incremental) => b"=IC(",
+            (Dialect::Siemens, Manner::Shortest) => b"=DC(",
+            (Dialect::Heidenhain, Manner::Incremental) => {
+                out.push(b'I');
+                b""
+            }
+            _ => b"",
+        };
+        match (self.dialect, word.letter) {
+            (Dialect::Siemens, b'R') => out.extend_from_slice(b"CR="),
+            (_, letter) => out.push(letter),
+        }
+        out.extend_from_slice(opens);
+        self.write_number(word.number, true, out);
+        if !opens.is_empty() {
+            out.push(b')');
+        }
+    }
+
+    /// The same with the decimal comma or point of the number that stood there, if it had one.
+    fn like(self, before: &[u8]) -> Self {
+        let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
+        Self {
+            comma: sign.map_or(self.comma, |sign| *sign == b','),
+            ..self
+        }
+    }
+
+    /// Writes a number; `has_sign`: also a positive one has its sign, where the language writes one.
+    fn write_number(self, number: Number, has_sign: bool, out: &mut Vec<u8>) {
+        if !self.is_heidenhain() {
+            return number.write(out);
+        }
+        if has_sign && !number.is_negative() {
+            out.push(b'+');
+        }
+        let from = out.len();
+        number.write(out);
+        if self.comma {
+            for byte in &mut out[from..] {
+                if *byte == b'.' {
+                    *byte = b',';
+                }
+            }
+        }
+    }
+}
+
+/// Changes of a line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Edits {
+    /// The value of the word at a place of the block.
+    pub(crate) replaced: Vec<(usize, Number)>,
+    /// Words that go.
+    pub(crate) removed: Vec<usize>,
+    /// Words behind the last one.
+    pub(crate) added: Vec<(u8, Number)>,
+    /// Other text, and the number instead of it, or nothing.
+    pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
+}
+
+impl Edits {
+    pub(crate) fn clear(&mut self) {
+        self.replaced.clear();
+        self.removed.clear();
+        self.added.clear();
+        self.ranges.clear();
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.replaced.is_empty()
+            && self.removed.is_empty()
+            && self.added.is_empty()
+            && self.ranges.is_empty()
+    }
+
+    /// A word of this letter with this value: in the place of the word that the line has, or behind the last one.
+    pub(crate) fn set(&mut self, letter: u8, place: Option<usize>, number: Number) {
+        match place {
+            Some(place) => self.replaced.push((place, number)),
+            None => self.added.push((letter, number)),
+        }
+    }
+
+    /// Writes the line with its edits.
+    pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
+        let (text, block) = (line.text, line.block);
+        let (mut at, mut added) = (0, false);
+        // Further words stand before what follows their place.
+        let add = |at: &mut usize, out: &mut Vec<u8>| {
+            out.extend_from_slice(&text[*at..block.end]);
+            *at = block.end;
+            for word in &self.added {
+                line.script.write_word(&NewWord::plain(*word), out);
+            }
+        };
+        let mut put = |range: &Range<usize>, number: Option<Number>, out: &mut Vec<u8>| {
+            if !added && range.start >= block.end {
+                add(&mut at, out);
+                added = true;
+            }
+            out.extend_from_slice(&text[at..range.start]);
+            if let Some(number) = number {
+                let before = &text[range.clone()];
+                let has_sign = !before.first().is_some_and(u8::is_ascii_digit);
+                line.script.like(before).write_number(number, has_sign, out);
+            }
+            at = range.end;
+        };
+        let of_words = (block.words.iter().enumerate())
+            .filter_map(|(place, word)| self.of_word(place, word, text));
+        if self.ranges.is_empty() {
+            of_words.for_each(|(range, number)| put(&range, number, out));
+        } else {
+            let mut edits: Vec<_> = of_words.chain(self.ranges.iter().cloned()).collect();
+            edits.sort_by_key(|(range, _)| range.start);
+            for (range, number) in &edits {
+                put(range, *number, out);
+            }
+        }
+        if !added {
+            add(&mut at, out);
+        }
+        out.extend_from_slice(&text[at..]);
+    }
+
+    /// What is done to the word at a place of the block.
+    fn of_word(
+        &self,
+        place: usize,
+        word: &Word,
+        text: &[u8],
+    ) -> Option<(Range<usize>, Option<Number>)> {
+        if self.removed.contains(&place) {
+            // With the blanks before it, unless it begins the line.
+            let kept = text[..word.at].trim_ascii_end().len();
+            let from = if kept == 0 { word.at } else { kept };
+            return Some((from..word.text.end, None));
+        }
+        let replaced = self.replaced.iter().rev().find(|(of, _)| *of == place);
+        replaced.map(|(_, number)| (word.text.clone(), Some(*number)))
+    }
 }

@@ -1,5 +1,7 @@
 //! Line ends, leaders and trailers of program files, as editors, controls and tape punches write them.
 
+use memchr::memchr;
+
 use crate::NcError;
 
 /// Whether a byte belongs to the line end that `end` has begun: a line feed and the carriage returns after it (a tape punch
@@ -87,13 +89,13 @@ impl Ends {
         } else {
             ["a line feed", "carriage returns alone"]
         };
-        Err(NcError::NotCompensated {
-            line: number,
-            what: format!(
+        Err(NcError::not_compensated(
+            number,
+            format!(
                 "column {}: found {found} as the end of the line, expected the same as before it, {before}",
                 line.len() + 1
             ),
-        })
+        ))
     }
 }
 
@@ -121,6 +123,34 @@ pub(crate) fn is_trailer(line: &[u8]) -> bool {
 /// NUL, DC1 to DC4.
 fn is_of_tape(byte: u8) -> bool {
     matches!(byte, 0 | 0x11..=0x14)
+}
+
+/// A longer line is refused.
+pub const LONGEST_LINE: usize = 1 << 20;
+
+/// What follows the first O-word is held in memory, so many bytes at the most.
+pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
+
+/// Refuses what no program has: a line of a megabyte, a zero byte.
+pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
+    check_length(line, number)?;
+    match memchr(0, line) {
+        Some(column) => Err(NcError::Binary {
+            line: number,
+            column: column + 1,
+        }),
+        None => Ok(()),
+    }
+}
+
+pub(crate) fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
+    if line.len() > LONGEST_LINE {
+        return Err(NcError::LongLine {
+            line: number,
+            most: LONGEST_LINE,
+        });
+    }
+    Ok(())
 }
 
 #[cfg(test)]

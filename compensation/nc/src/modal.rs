@@ -3,23 +3,28 @@
 use std::sync::Arc;
 
 use crate::{
-    coordinates::{Axes, Frame, turned},
-    cycles::Cycle,
-    tip::{Tip, TipFrame},
+    block::Cycle,
+    coordinates::{Axes, Frame, Tip, TipFrame, turned},
 };
 
 /// The work offsets of RS-274: G54 to G59.3. The first four are those of SINUMERIK, too.
 pub(crate) const RS274_SYSTEMS: usize = 9;
+
 /// Their codes.
 pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
     [540, 550, 560, 570, 580, 590, 591, 592, 593];
+
 /// Behind them those that SINUMERIK has: G505 to G599, and G500.
 pub(crate) const G505: usize = RS274_SYSTEMS;
+
 pub(crate) const G500: usize = G505 + 95;
+
 /// Behind them those that have numbers from 1 on: `G54.1 P1` of FANUC, `G154 P1` of Haas, the presets of HEIDENHAIN.
 pub(crate) const NUMBERED: usize = G500 + 1;
+
 /// The largest of these numbers.
 pub(crate) const MOST_NUMBERED: u32 = 300;
+
 /// All of them.
 pub(crate) const SYSTEMS: usize = NUMBERED + MOST_NUMBERED as usize;
 
@@ -81,7 +86,6 @@ pub(crate) enum CentrePoint {
     Switched,
 }
 
-/// A work offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WorkOffset {
     pub(crate) offset: Axes,
@@ -119,7 +123,7 @@ pub(crate) struct Sticky {
 
 /// State of a program that is read.
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Modal {
     /// mm for each unit of length.
     pub(crate) unit_mm: f64,
@@ -135,7 +139,6 @@ pub(crate) struct Modal {
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
-    /// Which of the work offsets holds.
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
     /// The offset of G92 or G52, whether it holds or not.
@@ -266,5 +269,23 @@ impl Modal {
             b'R' => self.unit_mm,
             _ => self.scale(axis),
         }
+    }
+}
+
+pub(crate) fn name_of_offset(system: usize) -> String {
+    match WORK_OFFSETS.get(system) {
+        Some(code) => code_text(*code),
+        None if system == G500 => "G500".to_owned(),
+        None if system >= NUMBERED => format!("P{}", system - NUMBERED + 1),
+        None => format!("G{}", 505 + system - G505),
+    }
+}
+
+/// A G code as people write it.
+pub(crate) fn code_text(code: Code) -> String {
+    if code.is_multiple_of(10) {
+        format!("G{}", code / 10)
+    } else {
+        format!("G{}.{}", code / 10, code % 10)
     }
 }

@@ -1,6 +1,6 @@
 //! What a block makes the axes do.
 
-use crate::coordinates::Axes;
+use crate::coordinates::{Axes, Frame};
 
 /// How a motion goes from its beginning to its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +48,6 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     at
 }
 
-/// The polar coordinates of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Polar {
     /// The places of the distance and of the angle in the block.
@@ -57,7 +56,6 @@ pub(crate) struct Polar {
     pub(crate) from_here: bool,
 }
 
-/// A motion of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
     pub(crate) path: Path,
@@ -83,4 +81,47 @@ impl Move {
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
     }
+}
+
+impl Arc {
+    /// The radius at the beginning, and the angle there, rad.
+    pub(crate) fn start(&self, from: &Axes) -> (f64, f64) {
+        let [first, second, _] = self.axes;
+        let way = [from[first] - self.centre[0], from[second] - self.centre[1]];
+        (way[0].hypot(way[1]), way[1].atan2(way[0]))
+    }
+
+    /// The place at a part of the arc from 0 to 1, in the coordinates of the program. What else moves goes by the same part. The
+    /// radius goes from that of the beginning to that of the end, as a control takes it that allows for rounding.
+    pub(crate) fn place(&self, from: &Axes, to: &Axes, part: f64) -> Axes {
+        let [first, second, _] = self.axes;
+        let (radius, angle) = self.start(from);
+        let end = (to[first] - self.centre[0]).hypot(to[second] - self.centre[1]);
+        let radius = radius + part * (end - radius);
+        let (sin, cos) = (angle + part * self.turns_by).sin_cos();
+        let mut place: Axes =
+            std::array::from_fn(|axis| from[axis] + part * (to[axis] - from[axis]));
+        if part < 1.0 {
+            place[first] = self.centre[0] + radius * cos;
+            place[second] = self.centre[1] + radius * sin;
+        }
+        place
+    }
+}
+
+/// A motion that a program makes.
+#[derive(Clone, Debug)]
+pub(crate) struct Made {
+    pub(crate) line: usize,
+    pub(crate) motion: Move,
+    /// What its coordinates mean.
+    pub(crate) frame: Frame,
+    /// What the control adds for the tool.
+    pub(crate) tool: Axes,
+    pub(crate) system: usize,
+    /// It cuts, alone or by a cycle at its end, and the set-up file defines its zero.
+    pub(crate) cuts_from_stated_zero: bool,
+    /// It is known where X, Y and Z stand, as far as the machine has them.
+    pub(crate) known: bool,
+    pub(crate) in_inches: bool,
 }

@@ -1,17 +1,15 @@
-//! The motion of a block: where it leads, along which arc, or as which hole of a cycle.
+//! The motion of a block: where it leads, along which arc, or as which holes of a cycle.
 
 use crate::{
     NcError,
-    block::{Begins, Manner},
-    codes::{Codes, is_cycle, text},
-    coordinates::{Axes, LETTERS, is_rotary},
-    dialect::Dialect,
-    given::Given,
-    interpret::{Interpreter, Outcome},
-    modal::{CentrePoint, Code, Plane, Sticky},
-    motion::{Move, Path},
+    block::{Begins, Manner, Word},
+    codes::{Codes, Given, is_cycle, whole},
+    control::{Control, Dialect},
+    coordinates::{Axes, LETTERS, each, is_rotary},
+    interpreter::{Interpreter, Outcome},
+    modal::{CentrePoint, Code, Plane, Sticky, code_text},
+    motion::{Arc, Move, Path, Polar},
     notes::Note,
-    words::each,
 };
 
 /// A rotary axis that goes the shorter way and is this near to half a turn, deg, might go the other way round with its correction.
@@ -36,12 +34,12 @@ impl Interpreter {
         self.check_polar(codes, given)?;
         self.check_code(codes, given)?;
         let motion_before = self.modal.motion;
-        if let Some(code) = codes.motion() {
+        if let Some(code) = codes.motion {
             self.set_motion(code);
         }
         let has_words = given.names_axes() || polar;
         self.check_words(codes, given, has_words)?;
-        if self.modal.motion_unsure && codes.motion().is_none() && has_words {
+        if self.modal.motion_unsure && codes.motion.is_none() && has_words {
             return Err(given.refused(
                 "a motion without a G code behind a block that may be skipped (/) and has another one: write the code into this block",
             ));
@@ -49,7 +47,7 @@ impl Interpreter {
         if given.block.begins == Begins::Slash {
             self.modal.motion_unsure |=
                 motion_before.is_some() && self.modal.motion != motion_before;
-        } else if codes.motion().is_some() {
+        } else if codes.motion.is_some() {
             self.modal.motion_unsure = false;
         }
         let Some(code) = self.modal.motion else {
@@ -63,7 +61,7 @@ impl Interpreter {
                 .into_iter()
                 .any(|letter| given.has(letter))
         };
-        let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
+        let is_whole_circle = matches!(code, 20 | 30) && codes.motion.is_some() && has_centre();
         if !(has_words || is_whole_circle) {
             if is_cycle(code) && given.has(b'R') {
                 return Err(given.refused(
@@ -78,11 +76,11 @@ impl Interpreter {
             _ if is_cycle(code) => Path::Rapid,
             10 | 20 | 30 => Path::Line,
             50..=52 => {
-                self.notes.add(Note::GoesWhole(text(code)), given.line);
+                self.notes.add(Note::GoesWhole(code_text(code)), given.line);
                 Path::Spline
             }
             _ => {
-                self.notes.add(Note::PassedOn(text(code)), given.line);
+                self.notes.add(Note::PassedOn(code_text(code)), given.line);
                 Path::Other
             }
         };
@@ -137,7 +135,7 @@ impl Interpreter {
     /// # Errors
     /// Coordinates of a printer without a code.
     fn check_code(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
-        if self.is_printer() && codes.motion().is_none() && given.names_axes() {
+        if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
                 "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
             ));
@@ -156,7 +154,7 @@ impl Interpreter {
         let motion = self
             .modal
             .motion
-            .filter(|_| has_words || codes.motion().is_some());
+            .filter(|_| has_words || codes.motion.is_some());
         let (Some(motion @ (0 | 10 | 20 | 30)), Dialect::Rs274, false) =
             (motion, self.dialect, codes.has_words)
         else {
@@ -183,7 +181,7 @@ impl Interpreter {
             b'K' if is_arc => "which is no part of the centre in the plane of X and Y (G17)",
             _ => "which no code of the block uses, so that LinuxCNC refuses it",
         };
-        let (letter, code) = (char::from(*letter), text(motion));
+        let (letter, code) = (char::from(*letter), code_text(motion));
         Err(given.refused(&format!("{letter} beside {code}, {why}")))
     }
 
@@ -315,7 +313,7 @@ impl Interpreter {
         }
         for axis in 0..9 {
             let has_length =
-                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.has_unstated_tool();
+                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.tool != 0;
             if motion.words[axis].is_some() && has_length {
                 self.known[axis] = false;
             }
@@ -332,7 +330,9 @@ impl Interpreter {
     ) -> Result<Axes, NcError> {
         if in_machine {
             let mut end = self.position;
-            given.each_axis(|axis, value| end[axis] = value * self.modal.scale(axis))?;
+            for (axis, value) in given.axes()? {
+                end[axis] = value * self.modal.scale(axis);
+            }
             return Ok(end);
         }
         let before = self.program_position();
@@ -341,14 +341,14 @@ impl Interpreter {
         if let Some(at) = polar {
             end[..2].copy_from_slice(&at);
         }
-        given.each_axis(|axis, value| {
+        for (axis, value) in given.axes()? {
             let value = value * self.modal.scale(axis);
             end[axis] = if incremental[axis] {
                 before[axis] + value
             } else {
                 value
             };
-        })?;
+        }
         Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
     }
 
@@ -371,4 +371,397 @@ impl Interpreter {
             }
         })
     }
+
+    /// The hole of a block, or the row of them; false: there is none, and the cycle is stored for the next block.
+    pub(crate) fn hole(
+        &mut self,
+        given: &Given<'_>,
+        motion: &mut Move,
+        outcome: &mut Outcome,
+    ) -> Result<bool, NcError> {
+        let (letter, may_store) = self.repeats_by();
+        let [_, _, depth] = self.modal.plane.axes();
+        let before = self.program_position();
+        let [of_r, of_depth] =
+            [b'R', LETTERS[depth]].map(|letter| self.modal.height_scale(letter, depth));
+        let incremental = motion.incremental[depth];
+        let is_known = self.says_place(depth);
+        let sticky = &mut self.modal.sticky;
+        sticky.initial_is_known.get_or_insert(is_known);
+        let initial = *sticky.initial.get_or_insert(before[depth]);
+        if let Some(value) = given.letter(b'R')? {
+            sticky.clearance = Some(value * of_r);
+            sticky.incremental[1] = incremental;
+        }
+        if let Some(value) = given.axis(depth)? {
+            sticky.depth = Some(value * of_depth);
+            sticky.incremental[0] = incremental;
+        }
+        let (Some(way), Some(clearance)) = (sticky.depth, sticky.clearance) else {
+            return Err(given.refused("a cycle without its depth or its plane R"));
+        };
+        let is_fanuc_like = self.control.is_some_and(Control::is_fanuc_like);
+        if is_fanuc_like && sticky.incremental != [incremental; 2] {
+            return Err(given.refused(
+                "a cycle whose depth or plane R was given under the other of G90 and G91: LinuxCNC reads the number anew, whether this control does was found in no manual: write both into this block",
+            ));
+        }
+        let [clearance, bottom] = if incremental {
+            [initial + clearance, initial + clearance + way]
+        } else {
+            [clearance, way]
+        };
+        if letter == b'K' && given.has(b'L') {
+            return Err(given.refused(
+                "a cycle with L, which FANUC controls read as the number of holes in the format of series 10 and 11 only: write K",
+            ));
+        }
+        if letter != b'K' && given.has(b'K') {
+            return Err(given.refused(
+                "a cycle with K, which some controls read as the number of holes: write L, or each hole in a line of its own",
+            ));
+        }
+        let repeats = match given.letter(letter)? {
+            Some(repeats) => whole(repeats, 100_000)
+                .filter(|repeats| *repeats > 0 || may_store)
+                .ok_or_else(|| {
+                    let letter = char::from(letter);
+                    given.refused(&format!(
+                        "a cycle with {letter} that is not a number of holes"
+                    ))
+                })?,
+            None => 1,
+        };
+        if repeats == 0 {
+            // Whether the control goes to the place of the hole is not known.
+            for axis in (0..9).filter(|axis| *axis != depth) {
+                let in_plane = axis < 2 && given.polar.is_some();
+                if given.places[axis].is_some() || in_plane {
+                    self.is_assumed(axis);
+                }
+            }
+            return Ok(false);
+        }
+        motion.path = Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        };
+        let mut end = self.frame.to_program(&motion.to);
+        end[depth] = if self.modal.comes_back {
+            initial.max(clearance)
+        } else {
+            clearance
+        };
+        motion.to = self.frame.to_machine(&end);
+        if !incremental {
+            // Each of them is the same hole.
+            return Ok(true);
+        }
+        let way = each(|axis| match given.places[axis] {
+            Some(_) if axis != depth => end[axis] - before[axis],
+            _ => 0.0,
+        });
+        for _ in 1..repeats {
+            let from = self.frame.to_machine(&end);
+            if given.polar.is_some() {
+                self.ends_polar(given)?;
+            }
+            if let Some(place) = self.polar_end(given, &end)? {
+                end[..2].copy_from_slice(&place);
+            }
+            for (end, way) in end.iter_mut().zip(way) {
+                *end += way;
+            }
+            outcome.row.push(Move {
+                from,
+                to: self.frame.to_machine(&end),
+                wraps: [0.0; 9],
+                ..motion.clone()
+            });
+        }
+        Ok(true)
+    }
+
+    /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.
+    fn is_behind_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
+        let Sticky {
+            initial,
+            initial_is_known,
+            ..
+        } = self.modal.sticky;
+        if self.modal.comes_back && initial_is_known != Some(true) {
+            // Ways lead back to a place that is as unknown as it was.
+            self.known[depth] &= by_ways;
+        } else if !by_ways {
+            self.is_named(depth);
+        }
+        if !self.modal.says_return && initial.is_some_and(|initial| initial > clearance) {
+            // LinuxCNC begins with G99, FANUC controls with G98.
+            self.is_assumed(depth);
+            let note = Note::ReturnPlane(char::from(LETTERS[depth]));
+            self.notes.add(note, line);
+        }
+    }
+
+    pub(crate) fn arc(&self, code: Code, given: &Given<'_>, end: &Axes) -> Result<Arc, NcError> {
+        let axes = self.modal.plane.axes();
+        let [first, second, _] = axes;
+        let (from, to) = (self.program_position(), self.frame.to_program(end));
+        let (start, end) = ([from[first], from[second]], [to[first], to[second]]);
+        let letters = self.modal.plane.centre_letters();
+        let unit = self.modal.unit_mm;
+        let mut ways = [None; 2];
+        for (way, letter) in ways.iter_mut().zip(letters) {
+            *way = given.letter(letter)?.map(|value| value * unit);
+        }
+        let clockwise = code == 20;
+        let radius = given.letter(b'R')?.map(|radius| radius * unit);
+        let (centre, by_radius) = match (radius, ways) {
+            (Some(_), [Some(_), _] | [_, Some(_)]) => {
+                return Err(given.refused("an arc with a radius R and a centre"));
+            }
+            (Some(radius), _) => (
+                centre_of(start, end, radius, clockwise).map_err(|what| given.refused(what))?,
+                true,
+            ),
+            (None, [None, None]) if self.modal.pole.is_some() => {
+                (self.modal.pole.unwrap_or_default(), false)
+            }
+            (None, [None, None]) => {
+                return Err(given.refused(if self.dialect == Dialect::Heidenhain {
+                    "an arc without a radius and without a pole (CC) whose place is known: name X and Y before a CC that is relative to them"
+                } else {
+                    "an arc without a centre and without a radius R"
+                }));
+            }
+            (None, ways) => {
+                let centre = std::array::from_fn(|i| {
+                    let base = if given.centre_is_absolute(letters[i], &self.modal) {
+                        0.0
+                    } else {
+                        start[i]
+                    };
+                    base + ways[i].unwrap_or(0.0)
+                });
+                (centre, false)
+            }
+        };
+        let [begins, ends] = [start, end].map(|at| (at[0] - centre[0]).hypot(at[1] - centre[1]));
+        if (begins - ends).abs() > MOST_SPIRAL_MM {
+            return Err(given.refused(&format!(
+                "an arc with a radius of {begins:.3} mm where it begins and of {ends:.3} mm where it ends"
+            )));
+        }
+        let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
+        let mut turns_by = angle(end) - angle(start);
+        let whole_turn = 2.0 * std::f64::consts::PI;
+        // An end that is the beginning is a full turn.
+        if clockwise {
+            while turns_by > -1e-12 {
+                turns_by -= whole_turn;
+            }
+        } else {
+            while turns_by < 1e-12 {
+                turns_by += whole_turn;
+            }
+        }
+        if let Some(turns) = given.letter(b'P')? {
+            let turns = whole(turns, 100_000).filter(|turns| *turns > 0);
+            let more = turns
+                .ok_or_else(|| given.refused("an arc with a P that is no number of turns"))?
+                - 1;
+            turns_by += f64::from(more) * whole_turn.copysign(turns_by);
+        }
+        Ok(Arc {
+            axes,
+            centre,
+            turns_by,
+            by_radius,
+        })
+    }
+
+    /// Whether the X and Y words of a block are polar coordinates: those of motions are, under G16.
+    pub(crate) fn takes_polar(&self, codes: &Codes) -> bool {
+        let says_no_place = codes.not_modal.is_some() || codes.rotation == Some(680);
+        self.modal.polar.is_some() && !codes.in_machine && !says_no_place
+    }
+
+    /// # Errors
+    /// What a control makes of polar coordinates is not known here.
+    fn check_polar(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        let under_g16 = self.modal.polar.is_some();
+        if given.polar.is_none() && !under_g16 {
+            return Ok(());
+        }
+        if self.modal.plane != Plane::Xy && (given.polar.is_some() || given.names_axes()) {
+            return Err(given.refused("polar coordinates outside the plane of X and Y (G17)"));
+        }
+        if self.dialect != Dialect::Rs274 || given.polar.is_none() {
+            return Ok(());
+        }
+        if codes.in_machine {
+            return Err(given.refused("polar coordinates that are machine coordinates (G53)"));
+        }
+        let motion = codes.motion.or(self.modal.motion);
+        let is_arc = matches!(motion, Some(20 | 30));
+        if is_arc && under_g16 && (given.has(b'I') || given.has(b'J')) {
+            return Err(given.refused(
+                "an arc with a centre under G16, which controls read in different ways: write it with R",
+            ));
+        }
+        if under_g16 && self.is_way(given.polar_word(0)) {
+            return Err(given.refused(
+                "a distance under G16 in G91, which controls count from different places: write it in G90",
+            ));
+        }
+        Ok(())
+    }
+
+    /// The polar coordinates of a block, if it has any.
+    fn polar_of(&self, given: &Given<'_>) -> Option<Polar> {
+        let words = given.polar?;
+        let says_place = |of: usize| {
+            let word = given.polar_word(of);
+            word.is_some() && !self.is_way(word)
+        };
+        // Under G16 they count from what was said before, not from the place of the tool.
+        let from_here = self.modal.polar.is_none() && !(says_place(0) && says_place(1));
+        Some(Polar { words, from_here })
+    }
+
+    /// Whether a word of polar coordinates is a way from where the tool is.
+    fn is_way(&self, word: Option<&Word>) -> bool {
+        word.is_some_and(|word| match word.manner {
+            Manner::Incremental => true,
+            Manner::Modal => !self.modal.absolute,
+            Manner::Absolute | Manner::Shortest => false,
+        })
+    }
+
+    /// Where polar coordinates lead, in the coordinates of the program, mm; `None`: the block has none.
+    fn polar_end(&self, given: &Given<'_>, before: &Axes) -> Result<Option<[f64; 2]>, NcError> {
+        if given.polar.is_none() {
+            return Ok(None);
+        }
+        if given.places[0].is_some() || given.places[1].is_some() {
+            return Err(given.refused("X or Y beside polar coordinates"));
+        }
+        if let Some(polar) = self.modal.polar {
+            let [Some(radius), Some(angle_deg)] = self.said(polar, given)? else {
+                return Err(given.refused(
+                    "polar coordinates under G16 before both the distance and the angle have been said",
+                ));
+            };
+            let (sin, cos) = angle_deg.to_radians().sin_cos();
+            return Ok(Some([radius * cos, radius * sin]));
+        }
+        let pole = match self.dialect {
+            // Those of LinuxCNC, @ and ^, are about the zero of the coordinates that hold.
+            Dialect::Rs274 => [0.0; 2],
+            _ => self.modal.pole.ok_or_else(|| given.refused(NO_POLE))?,
+        };
+        let from = [before[0] - pole[0], before[1] - pole[1]];
+        let [distance, angle] = [0, 1].map(|of| given.polar_word(of));
+        let needs_angle = angle.is_none_or(|_| self.is_way(angle));
+        if self.dialect == Dialect::Rs274 && needs_angle && from == [0.0; 2] {
+            return Err(given.refused("polar coordinates whose angle counts from a tool at zero"));
+        }
+        let unit = self.modal.unit_mm;
+        let mut radius = from[0].hypot(from[1]);
+        if let Some(word) = distance {
+            let is_way = self.is_way(distance);
+            radius = given.value_of(word)? * unit + if is_way { radius } else { 0.0 };
+        }
+        let start_deg = from[1].atan2(from[0]).to_degrees();
+        let mut angle_deg = start_deg;
+        if let Some(word) = angle {
+            let value = given.value_of(word)?;
+            let is_way = self.is_way(angle);
+            angle_deg = value + if is_way { start_deg } else { 0.0 };
+            if is_way && distance.is_none() && (value / 360.0).fract() == 0.0 {
+                // Whole turns end where they begin, to the last digit.
+                return Ok(Some([before[0], before[1]]));
+            }
+        }
+        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        Ok(Some([pole[0] + radius * cos, pole[1] + radius * sin]))
+    }
+
+    /// The distance (mm) and the angle (deg) under G16, once a block has said its own.
+    fn said(
+        &self,
+        [mut distance, mut angle]: [Option<f64>; 2],
+        given: &Given<'_>,
+    ) -> Result<[Option<f64>; 2], NcError> {
+        if let Some(word) = given.polar_word(0) {
+            distance = Some(given.value_of(word)? * self.modal.scale(0));
+        }
+        if let Some(word) = given.polar_word(1) {
+            let value = given.value_of(word)?;
+            angle = if self.is_way(Some(word)) {
+                angle.map(|angle| angle + value)
+            } else {
+                Some(value)
+            };
+        }
+        Ok([distance, angle])
+    }
+
+    /// A motion has ended that polar coordinates led: where is known if both are places.
+    fn ends_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+        let is_place = |of: usize| {
+            given
+                .polar_word(of)
+                .is_some_and(|word| !self.is_way(Some(word)))
+        };
+        let is_known = is_place(0) && is_place(1);
+        if let Some(polar) = self.modal.polar {
+            self.modal.polar = Some(self.said(polar, given)?);
+        }
+        if is_known || self.modal.polar.is_some() {
+            self.is_named(0);
+            self.is_named(1);
+        }
+        Ok(())
+    }
 }
+
+/// By so much the radii at the ends of an arc may differ, mm: more LinuxCNC refuses unless it is told to, and other controls let far less pass.
+const MOST_SPIRAL_MM: f64 = 0.127;
+
+/// By so much the radius of a half circle may be short by its rounding, mm, as LinuxCNC takes it.
+const ROUNDED_MM: f64 = 0.00127;
+
+/// The centre of an arc by its radius: a negative one means the longer way.
+pub(crate) fn centre_of(
+    start: [f64; 2],
+    end: [f64; 2],
+    radius: f64,
+    clockwise: bool,
+) -> Result<[f64; 2], &'static str> {
+    let way = [end[0] - start[0], end[1] - start[1]];
+    let chord = way[0].hypot(way[1]);
+    if chord == 0.0 || radius == 0.0 {
+        return Err("an arc with a radius R whose end is its beginning");
+    }
+    let rest = radius * radius - 0.25 * chord * chord;
+    // A half circle whose numbers are rounded.
+    let short = 0.5 * chord - radius.abs();
+    if rest < 0.0 && short > (1e-4 * radius.abs()).max(ROUNDED_MM) {
+        return Err("an arc whose radius R is too small for its end");
+    }
+    let height = rest.max(0.0).sqrt();
+    // To the left of the way for the shorter one counterclockwise.
+    let side = if (radius > 0.0) == clockwise {
+        -1.0
+    } else {
+        1.0
+    };
+    let normal = [-way[1] / chord, way[0] / chord];
+    Ok(std::array::from_fn(|i| {
+        0.5 * (start[i] + end[i]) + side * height * normal[i]
+    }))
+}
+
+const NO_POLE: &str = "polar coordinates without a pole (CC) whose place is known: name X and Y before a CC that is relative to them";

@@ -5,8 +5,10 @@ const POWERS: [f64; 19] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18,
 ];
+
 /// Below this a whole number is exact in an `f64`.
 const EXACT: u64 = 1 << 53;
+
 /// More decimals than this are not written.
 pub(crate) const MOST_DECIMALS: u8 = 9;
 
@@ -116,7 +118,6 @@ impl Digits {
         Some(if self.negative { -size } else { size })
     }
 
-    /// Digits behind the decimal point.
     pub(crate) fn decimals(self) -> u8 {
         self.decimals
     }
@@ -170,7 +171,7 @@ const PAIRS: [[u8; 2]; 100] = {
 
 /// Appends so many steps of the last decimal as a number: without an exponent, with a point where there are decimals.
 #[expect(clippy::cast_possible_truncation, reason = "remainders below 100")]
-pub(crate) fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
+fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
     let decimals = decimals.min(MOST_DECIMALS);
     // 19 digits, the point and the sign.
     let mut digits = [0; 21];
@@ -208,6 +209,131 @@ pub(crate) fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
         digits[at] = b'-';
     }
     to.extend_from_slice(&digits[at..]);
+}
+
+/// How coordinates are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Decimals {
+    /// Decimals of lengths in mm.
+    pub mm: u8,
+    /// Decimals of lengths in inch.
+    pub inch: u8,
+    /// Decimals of angles in deg.
+    pub deg: u8,
+}
+
+impl Default for Decimals {
+    /// What most controls take: 1 µm, 0.0001 inch and 0.001 deg.
+    fn default() -> Self {
+        Self {
+            mm: 3,
+            inch: 4,
+            deg: 3,
+        }
+    }
+}
+
+impl Decimals {
+    #[inline]
+    pub(crate) fn of(self, axis: usize, unit_mm: f64) -> u8 {
+        match axis {
+            3..6 => self.deg,
+            _ if unit_mm == 1.0 => self.mm,
+            _ => self.inch,
+        }
+    }
+}
+
+/// A number as it is written: so many steps of the last decimal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Number {
+    steps: i64,
+    decimals: u8,
+    form: Form,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Form {
+    /// With a point where it has decimals.
+    Plain,
+    /// With a point in any case.
+    Point,
+    /// As the number of its steps, which are least increments.
+    Increments,
+}
+
+impl Number {
+    /// The nearest number with so many decimals; `None` where it is too large to be exact.
+    #[inline]
+    pub(crate) fn nearest(value: f64, decimals: u8) -> Option<Self> {
+        Some(Self {
+            steps: steps(value, decimals)?,
+            decimals,
+            form: Form::Plain,
+        })
+    }
+
+    /// The nearest number with so many decimals at the most, without zeros at its end.
+    pub(crate) fn shortest(value: f64, most: u8) -> Option<Self> {
+        Self::shortest_of(value, 0, most)
+    }
+
+    /// The same with so many decimals at least.
+    pub(crate) fn shortest_of(value: f64, least: u8, most: u8) -> Option<Self> {
+        let mut number = Self::nearest(value, most)?;
+        while number.decimals > least && number.steps % 10 == 0 {
+            number.steps /= 10;
+            number.decimals -= 1;
+        }
+        Some(number)
+    }
+
+    pub(crate) fn form(self, form: Form) -> Self {
+        Self { form, ..self }
+    }
+
+    /// The same place of an axis that turns, from 0 to less than 360.
+    pub(crate) fn in_one_turn(self) -> Option<Self> {
+        let turn = steps(360.0, self.decimals)?;
+        Some(Self {
+            steps: self.steps.rem_euclid(turn),
+            ..self
+        })
+    }
+
+    pub(crate) fn is_negative(self) -> bool {
+        self.steps < 0
+    }
+
+    pub(crate) fn value(self) -> f64 {
+        of_steps(self.steps, self.decimals)
+    }
+
+    pub(crate) fn write(self, to: &mut Vec<u8>) {
+        let decimals = match self.form {
+            Form::Increments => 0,
+            Form::Plain | Form::Point => self.decimals,
+        };
+        write_steps(to, self.steps, decimals);
+        if self.form == Form::Point && decimals == 0 {
+            to.push(b'.');
+        }
+    }
+}
+
+/// How the coordinates of a word are written.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Numerals {
+    pub(crate) decimals: u8,
+    pub(crate) form: Form,
+}
+
+impl Numerals {
+    /// The nearest number, with so many decimals at least; `None` where it is too large to be exact.
+    #[inline]
+    pub(crate) fn nearest(self, value: f64, least: u8) -> Option<Number> {
+        Some(Number::nearest(value, self.decimals.max(least))?.form(self.form))
+    }
 }
 
 #[cfg(test)]

@@ -1,17 +1,19 @@
-//! What a block sets without moving: tool lengths, work offsets, a rotation, the zero of the coordinates, the places of G28
-//! and G30.
+//! What a block sets without moving: tools and their lengths, work offsets, rotations, the zero of the coordinates, the places of G28
+//! and G30, and what other languages say in words for which RS-274 has no code.
 
 use crate::{
     NcError,
-    codes::Codes,
+    block::{Command, Cycle, Manner},
+    codes::{Codes, Given, whole},
     control::Control,
-    coordinates::LETTERS,
-    given::Given,
-    interpret::{Interpreter, Outcome},
-    modal::{Code, MOST_NUMBERED, Plane, RS274_SYSTEMS, numbered},
+    coordinates::{LETTERS, each, turned},
+    interpreter::{Interpreter, Outcome},
+    modal::{
+        CentrePoint, Code, MOST_NUMBERED, NUMBERED, Plane, Programmed, RS274_SYSTEMS, WORK_OFFSETS,
+        code_text, numbered,
+    },
     motion::{Move, Path},
     notes::Note,
-    words::each,
 };
 
 impl Interpreter {
@@ -69,7 +71,6 @@ impl Interpreter {
         }
     }
 
-    /// G68.
     pub(crate) fn rotation(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let angle = given.letter(b'R')?;
         let angle = angle.ok_or_else(|| given.refused("G68 without an angle R"))?;
@@ -103,7 +104,7 @@ impl Interpreter {
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<bool, NcError> {
-        match codes.not_modal() {
+        match codes.not_modal {
             Some(100) => self.set_table(given, outcome)?,
             Some(code @ (280 | 300)) => {
                 self.go_home(usize::from(code == 300), given, outcome)?;
@@ -150,12 +151,12 @@ impl Interpreter {
                 self.modal.shifted = true;
             }
             _ => {
-                let are_taken = codes.tool_length() == Some(431) || codes.rotation() == Some(680);
+                let are_taken = codes.tool_length == Some(431) || codes.rotation == Some(680);
                 return Ok(are_taken);
             }
         }
         self.update_frame();
-        Ok(codes.not_modal() != Some(40))
+        Ok(codes.not_modal != Some(40))
     }
 
     /// Starts a shift of some axes by G52 (`local`) or G92: those that G92.2 has switched off do not come back.
@@ -202,7 +203,6 @@ impl Interpreter {
         }
     }
 
-    /// G10.
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
@@ -266,7 +266,7 @@ impl Interpreter {
                     let mut way = [0.0; 9];
                     way[axis] = frame.to_program(&self.position)[axis] - value;
                     let offset = &mut self.modal.offsets[system].offset;
-                    for (offset, way) in offset.iter_mut().zip(frame.way_of_offset(&way)) {
+                    for (offset, way) in offset.iter_mut().zip(turned(&way, frame.rotation_deg)) {
                         *offset += way;
                     }
                 }
@@ -340,5 +340,317 @@ impl Interpreter {
             wraps: [0.0; 9],
         });
         Ok(())
+    }
+
+    /// The work offset that a code of a block chooses.
+    pub(crate) fn system_of(
+        &self,
+        code: Code,
+        codes: &Codes,
+        given: &Given<'_>,
+    ) -> Result<usize, NcError> {
+        let control = self.control;
+        let is_numbered = control.is_some_and(|control| control.has_numbered_offset(code));
+        // FANUC controls read G54 P2 as G54.1 P2.
+        let with_p = code == 540
+            && given.has(b'P')
+            && matches!(control, Some(Control::Fanuc | Control::Mazak));
+        if !is_numbered && !with_p {
+            let found = WORK_OFFSETS.iter().position(|of| *of == code);
+            return Ok(found.unwrap_or(self.modal.system));
+        }
+        if (1100..=1290).contains(&code) {
+            return Ok(NUMBERED + usize::from(code / 10 - 110));
+        }
+        let is_elsewhere = codes.not_modal.is_some()
+            || codes
+                .motion
+                .or(self.modal.motion)
+                .is_some_and(|code| code > 30 && given.names_axes());
+        let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
+        match given.whole(b'P')? {
+            Some(number) if (1..=most).contains(&number) && !is_elsewhere => Ok(numbered(number)),
+            _ => Err(given.refused(&format!(
+                "{} without a P from 1 to {most} of its own, the number of the work offset",
+                code_text(code)
+            ))),
+        }
+    }
+
+    /// Whether a dwell has its time in X or U: seconds, on FANUC and Mazak controls.
+    pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &Given<'_>) -> bool {
+        let has_time = given.has(b'X') || given.has(b'U');
+        let others = (0..9).any(|axis| given.word(axis).is_some() && !matches!(axis, 0 | 6));
+        codes.not_modal == Some(40)
+            && codes.motion.is_none()
+            && has_time
+            && !others
+            && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
+    }
+
+    /// # Errors
+    /// U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
+    pub(crate) fn check_incremental_letters(
+        &self,
+        codes: &Codes,
+        given: &Given<'_>,
+    ) -> Result<(), NcError> {
+        let is_lacked = |axis: &usize| given.word(*axis).is_some() && !self.machine_has(*axis);
+        let axis = (6..9).find(is_lacked).filter(|_| {
+            codes.not_modal != Some(40)
+                && codes.with_arguments().is_none()
+                && self.control.is_some_and(Control::is_fanuc_like)
+        });
+        let Some(axis) = axis else {
+            return Ok(());
+        };
+        let [letter, of] = [axis, axis - 6].map(|axis| char::from(LETTERS[axis]));
+        Err(given.refused(&format!(
+            "{letter} without such an axis in the machine file: lathes with this control read it as an incremental {of}; program the position of {of}, or add the axis {letter} to the machine file"
+        )))
+    }
+
+    /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
+    pub(crate) fn repeats_by(&self) -> (u8, bool) {
+        match self.control {
+            Some(Control::Fanuc) => (b'K', true),
+            Some(Control::Haas) => (b'L', true),
+            _ => (b'L', false),
+        }
+    }
+
+    /// Executes the commands of a block before its motion. Whether its axis words are theirs.
+    pub(crate) fn commands(
+        &mut self,
+        given: &Given<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<bool, NcError> {
+        let mut takes_words = false;
+        self.modal.goes_on = false;
+        for command in &given.block.commands {
+            match command {
+                Command::Shift { adds } => {
+                    takes_words = true;
+                    if !adds {
+                        self.modal.programmed = Programmed::default();
+                    }
+                    let mut by = [0.0; 9];
+                    for (axis, value) in given.axes()? {
+                        by[axis] = value * self.modal.scale(axis);
+                    }
+                    self.modal.programmed.shift(&by);
+                }
+                Command::Turn { adds, angle_deg } => {
+                    takes_words = true;
+                    if !adds {
+                        self.modal.programmed = Programmed::default();
+                    }
+                    let angle_deg = angle_deg.ok_or_else(|| {
+                        given.refused("a rotation by an angle that only the machine knows")
+                    })?;
+                    self.modal.programmed.angle_deg += angle_deg;
+                }
+                Command::CentrePoint(true) => {
+                    self.switch_centre_point(CentrePoint::Switched, given)?;
+                }
+                Command::CentrePoint(false) => self.modal.centre_point = CentrePoint::Off,
+                Command::WorkOffset(system) => self.modal.system = *system,
+                Command::AwaitsPreset => self.modal.awaits_preset = true,
+                Command::Preset(number) => {
+                    if self.modal.programmed.by != [0.0; 9] {
+                        return Err(given.refused("a preset (cycle 247) while the datum is shifted: whether the control keeps the shift is not known here; end it before, with TRANS DATUM RESET or with cycle 7 and zeros"));
+                    }
+                    let number = number.and_then(|number| whole(number, MOST_NUMBERED));
+                    let number = number.filter(|number| *number > 0).ok_or_else(|| {
+                        given.refused(
+                            "a preset other than 1 to 300, whose place the set-up file could state",
+                        )
+                    })?;
+                    self.modal.system = numbered(number);
+                    (self.modal.pole, self.modal.awaits_preset) = (None, false);
+                }
+                Command::InMachine => outcome.in_machine = true,
+                Command::ChangeTool
+                | Command::NamedTool
+                | Command::Edge(_)
+                | Command::CallsTool { .. }
+                | Command::DefinesTool { .. } => self.tool_command(command, given)?,
+                Command::Cycle(cycle) => outcome.cycle = Some(cycle.clone()),
+                Command::EachMotion(cycle) => self.modal.each_motion.clone_from(cycle),
+                Command::Ends => outcome.ends = true,
+                Command::MayMove(name) => {
+                    self.forget_positions();
+                    self.extruder.at = None;
+                    self.notes.add(Note::MayMove(name.clone()), given.line);
+                }
+                Command::Homes { all } => {
+                    if !all && self.modal.shifted && self.modal.shift != [0.0; 9] {
+                        return Err(given.refused("G28 of some axes while a shift (G92) is in force, which it ends for these axes: write G28 alone"));
+                    }
+                    self.modal.shift = [0.0; 9];
+                    self.rests.shift_is_zero();
+                }
+                Command::Extrudes { relative } => self.extruder.switch(*relative),
+                Command::Pole => {
+                    takes_words = true;
+                    outcome.pole = Some(self.take_pole(given)?);
+                }
+                Command::Datum => {
+                    takes_words = true;
+                    for (axis, value) in given.axes()? {
+                        let value = value * self.modal.scale(axis);
+                        let by = &mut self.modal.programmed.by[axis];
+                        *by = match given.word(axis).map(|word| word.manner) {
+                            Some(Manner::Incremental) => *by + value,
+                            _ => value,
+                        };
+                    }
+                    // Which place the pole has from now on, is not known here.
+                    self.modal.pole = None;
+                }
+                Command::Shorter(on) => self.modal.shorter = *on,
+                Command::GoesOn => self.modal.goes_on = true,
+                Command::Defines(cycle) => self.modal.defined = Some(cycle.clone()),
+                Command::CallsDefined => {
+                    outcome.cycle.clone_from(&self.modal.defined);
+                    if outcome.cycle.is_none() {
+                        return Err(given.refused("a call of a cycle that is not defined before"));
+                    }
+                }
+            }
+        }
+        if !given.block.commands.is_empty() {
+            self.update_frame();
+        }
+        Ok(takes_words)
+    }
+
+    /// Another tool, or another length of it.
+    fn tool_command(&mut self, command: &Command, given: &Given<'_>) -> Result<(), NcError> {
+        if matches!(
+            command,
+            Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }
+        ) {
+            self.forget_positions();
+        }
+        match command {
+            Command::ChangeTool => {
+                self.in_spindle = self.modal.tool;
+                self.changes_tools = true;
+                self.take_length(given)?;
+            }
+            Command::NamedTool => self.modal.tool = None,
+            Command::Edge(edge) => {
+                let edge = edge.and_then(|edge| whole(edge, 99));
+                match edge {
+                    Some(0) => {
+                        self.modal.tool_offset = [0.0; 9];
+                        self.rests.takes_tool(None);
+                        self.update_tool()?;
+                    }
+                    Some(1) => self.take_length(given)?,
+                    _ => {
+                        return Err(given.refused(
+                            "a cutting edge other than D0 and D1, whose length the set-up does not state",
+                        ));
+                    }
+                }
+            }
+            Command::CallsTool { tool, longer } => {
+                self.modal.tool = tool.and_then(|tool| whole(tool, 99_999));
+                let longer = longer
+                    .ok_or_else(|| given.refused("an allowance DL that only the machine knows"))?;
+                if self.modal.tool == Some(0) {
+                    self.modal.tool_offset = [0.0; 9];
+                    self.rests.takes_tool(None);
+                    self.update_tool()?;
+                } else {
+                    self.take_length(given)?;
+                    self.modal.tool_offset[2] += longer * self.modal.unit_mm;
+                    self.update_tool()?;
+                }
+            }
+            Command::DefinesTool { tool, length } => {
+                let tool = tool.and_then(|tool| whole(tool, 99_999));
+                let (Some(tool), Some(length)) = (tool, length) else {
+                    return Err(given.refused("a tool that only the machine knows"));
+                };
+                let mut offset = [0.0; 9];
+                offset[2] = length * self.modal.unit_mm;
+                self.tools.insert(tool, offset);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// CC: along which axes the pole is relative to where the tool is.
+    fn take_pole(&mut self, given: &Given<'_>) -> Result<[bool; 2], NcError> {
+        let at = self.program_position();
+        let (mut pole, mut relative) = ([0.0; 2], [true; 2]);
+        let named = [0, 1].map(|axis| given.word(axis).is_some());
+        if named[0] != named[1] {
+            return Err(given.refused("a pole CC with one coordinate"));
+        }
+        let mut is_known = true;
+        for axis in 0..2 {
+            pole[axis] = at[axis];
+            if let (Some(word), Some(value)) = (given.word(axis), given.axis(axis)?) {
+                relative[axis] = word.manner == Manner::Incremental;
+                pole[axis] = value * self.modal.scale(axis);
+                if relative[axis] {
+                    pole[axis] += at[axis];
+                }
+            }
+            is_known &= !relative[axis] || self.says_place(axis);
+        }
+        self.modal.pole = is_known.then_some(pole);
+        Ok(relative)
+    }
+
+    /// The length of the tool in the spindle holds from now on.
+    fn take_length(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+        let tool = self.tool_in_spindle();
+        let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
+        let unstated = tool.unwrap_or(u32::MAX >> 2);
+        self.rests.takes_tool(offset.is_none().then_some(unstated));
+        if offset.is_none() {
+            self.notes
+                .add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);
+        }
+        self.modal.tool_offset = offset.unwrap_or([0.0; 9]);
+        self.update_tool()
+    }
+
+    /// What a cycle that passes on leaves behind it: where the axes are.
+    pub(crate) fn after_cycle(&mut self, cycle: &Cycle, line: usize) -> [bool; 9] {
+        self.notes.add(Note::PassedOn(cycle.name.clone()), line);
+        let [_, _, depth] = self.modal.plane.axes();
+        let mut moved = [false; 9];
+        let Some(ends) = cycle.drills_to else {
+            // It may end anywhere.
+            for axis in 0..3 {
+                moved[axis] = true;
+                self.known[axis] = false;
+            }
+            return moved;
+        };
+        moved[depth] = true;
+        let mut at = self.program_position();
+        match ends {
+            Some(_) => self.is_named(depth),
+            None => self.known[depth] = false,
+        }
+        if let Some(ends) = ends {
+            at[depth] = ends * self.modal.scale(depth);
+            let at = self.frame.to_machine(&at);
+            let takes_along = self.frame.tip.is_some();
+            for axis in 0..3 {
+                if axis == depth || takes_along {
+                    self.position[axis] = at[axis];
+                }
+            }
+        }
+        moved
     }
 }

@@ -8,16 +8,18 @@ pub(crate) type Value = Option<f64>;
 
 /// The first numbered parameters are a subroutine's own.
 const LOCAL: u32 = 30;
+
 /// So many numbered parameters there are.
 pub(crate) const MOST: u32 = 100_000;
+
 /// Parameters that the control sets from what only it knows: probed positions, and what an input was.
 const AT_MACHINE: [std::ops::RangeInclusive<u32>; 3] = [3000..=3999, 5061..=5070, 5399..=5399];
 
 /// What a subroutine returned, and whether it did.
 pub(crate) const RETURNED: &str = "_value";
+
 pub(crate) const HAS_RETURNED: &str = "_value_returned";
 
-/// Parameters of one kind.
 #[derive(Clone, Debug, Default)]
 struct Values {
     numbered: HashMap<u32, Value>,
@@ -35,7 +37,6 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    /// Whether a subroutine is being executed.
     pub(crate) fn in_sub(&self) -> bool {
         !self.subs.is_empty()
     }
@@ -106,7 +107,6 @@ impl Parameters {
         });
     }
 
-    /// A subroutine ends.
     pub(crate) fn leave(&mut self) {
         self.subs.pop();
     }

@@ -2,15 +2,19 @@
 
 use std::fmt::Write as _;
 
-use crate::{deviation::Place, verify::Verification};
+use crate::verify::{Place, Verification};
 
 /// How much larger deviations are drawn than the path.
 const ENLARGED: f64 = 1000.0;
+
 /// The larger side of the drawing, and its margin, in units of the picture.
 const SIZE: f64 = 720.0;
+
 const MARGIN: f64 = 60.0;
+
 /// The radius by which a hole is drawn.
 const HOLE: f64 = 3.0;
+
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// A line of the picture: its colour, its name, and which deviation of a place it shows, µm.
@@ -107,7 +111,6 @@ pub fn picture(of: &Verification) -> String {
     svg
 }
 
-/// What the colours mean, and the numbers.
 fn legend(svg: &mut String, of: &Verification, kinds: &[(&str, &str); 3]) {
     let numbers = [None, Some(&of.before), Some(&of.after)];
     for (i, ((colour, name), deviation)) in kinds.iter().zip(numbers).enumerate() {

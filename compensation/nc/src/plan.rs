@@ -7,8 +7,8 @@
 //! that of the control, whose own places are the candidates of the last round.
 
 use crate::{
+    coordinates::{cross, dot},
     shortest::through,
-    vector::{cross, dot},
 };
 
 /// A place in space, mm.
@@ -59,11 +59,15 @@ pub struct Plan {
 
 /// Places on each side of the middle, on each normal.
 const AROUND: i32 = 2;
+
 /// The grid of the next round is so much finer.
 const FINER: f64 = 0.5;
+
 /// Rounds with one step of the grid at the most, and in all.
 const MOST_AT_ONE_STEP: usize = 16;
+
 const MOST_ROUNDS: usize = 400;
+
 /// No finer grid than this, mm, where any command can be given.
 const FINEST_MM: f64 = 1e-7;
 

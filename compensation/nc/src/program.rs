@@ -1,28 +1,29 @@
 //! A whole program, line by line: constant memory, whatever its length.
 
-use std::io::{BufRead, Read, Write};
+use std::{
+    io::{self, BufRead, Read, Write},
+    sync::mpsc::{Receiver, sync_channel},
+    thread,
+};
 
-use memchr::{memchr, memchr2};
-use volcomp_model::vocabulary::CorrectionLimit;
+use memchr::memchr2;
+use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
 
 use crate::{
     Counts, Decimals, NcError, Notes,
+    control::Dialect,
     correction::Corrector,
-    dialect::Dialect,
-    fault::Fault,
-    flow::{OLine, o_line, program_line},
-    line_ends::{Ends, goes_on, is_trailer, leader_of, length_of, lines_of, split_lines},
-    rewrite::Rewriter,
-    rounding::Strategy,
+    error::Fault,
+    flow::{Listing, OLine, load, o_line, program_line},
+    line_ends::{
+        Ends, MOST_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of, length_of,
+        lines_of, split_lines,
+    },
+    motion::Made,
+    rewrite::{Rewriter, Strategy},
     run::run,
     setup::SetUp,
-    subroutines::{Listing, load},
 };
-
-/// A longer line is refused.
-pub const LONGEST_LINE: usize = 1 << 20;
-/// What follows the first O-word is held in memory, so many bytes at the most.
-pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
 
 /// Bytes that are written at a time.
 const PIECE: usize = 64 << 10;
@@ -188,7 +189,6 @@ enum Next {
     Followed,
 }
 
-/// State: a program that is streamed.
 struct Stream {
     rewriter: Rewriter,
     /// Bytes before the program in the line that was read last, and whether the program has begun.
@@ -204,7 +204,6 @@ struct Stream {
 }
 
 impl Stream {
-    /// Takes a line with its end.
     fn line(&mut self, text: &[u8]) -> Result<Next, NcError> {
         let (line, end) = text.split_at(length_of(text));
         self.number += 1;
@@ -228,7 +227,9 @@ impl Stream {
             return Ok(Next::Line);
         }
         self.ends.check(line, end, self.number)?;
-        if rewriter.dialect() == Dialect::Heidenhain && !matches!(end, b"" | b"\n" | b"\r\n") {
+        if rewriter.interpreter.dialect == Dialect::Heidenhain
+            && !matches!(end, b"" | b"\n" | b"\r\n")
+        {
             // The blocks of such lines are not numbered anew.
             return Err(NcError::Block {
                 line: self.number,
@@ -248,7 +249,7 @@ impl Stream {
             return Ok(Next::Line);
         }
         check_line(line, self.number)?;
-        if rewriter.dialect() == Dialect::Rs274 && !rewriter.interpreter.is_printer() {
+        if rewriter.interpreter.dialect == Dialect::Rs274 && !rewriter.interpreter.is_printer() {
             match o_line(line) {
                 Some(OLine::Program(_)) => {
                     rewriter.counts.lines += 1;
@@ -294,13 +295,11 @@ fn read_rest(
     let left = u64::try_from(MOST_IN_MEMORY).unwrap_or(u64::MAX);
     input.take(left + 1).read_to_end(&mut text)?;
     if text.len() > MOST_IN_MEMORY {
-        return Err(NcError::Flow {
-            line: number,
-            what: format!(
-                "a program with O-words is held in memory, up to {} MiB; this one is longer",
-                MOST_IN_MEMORY >> 20
-            ),
-        });
+        let what = format!(
+            "a program with O-words is held in memory, up to {} MiB; this one is longer",
+            MOST_IN_MEMORY >> 20
+        );
+        return Err(NcError::not_compensated(number, what));
     }
     Ok(text)
 }
@@ -347,25 +346,51 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
     }
 }
 
-/// Refuses what no program has: a line of a megabyte, a zero byte.
-pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
-    check_length(line, number)?;
-    match memchr(0, line) {
-        Some(column) => Err(NcError::Binary {
-            line: number,
-            column: column + 1,
-            byte: 0,
-        }),
-        None => Ok(()),
-    }
-}
+/// Motions that wait between two threads.
+const WAITING: usize = 1024;
 
-fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
-    if line.len() > LONGEST_LINE {
-        return Err(NcError::LongLine {
-            line: number,
-            most: LONGEST_LINE,
-        });
-    }
-    Ok(())
+/// Runs programs beside each other, each with its set-up, on a machine without errors, so that no line is changed. `take` receives their
+/// motions. Its result, and what the first run that failed says.
+pub(crate) fn run_beside<T>(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    (dialect, most_blocks): (Dialect, u64),
+    programs: Vec<(&mut (dyn BufRead + Send), &SetUp)>,
+    take: impl FnOnce(&[Receiver<Made>]) -> T,
+) -> Result<(T, Option<NcError>), NcError> {
+    let mut ideal = machine.clone();
+    ideal.clear_errors();
+    ideal.set_thermal(Thermal::default())?;
+    let ideal = Corrector::new(&ideal, temperatures, 1.0)?;
+    thread::scope(|scope| {
+        let (mut runs, mut motions) = (Vec::new(), Vec::new());
+        for (mut program, setup) in programs {
+            let (to, from) = sync_channel(WAITING);
+            motions.push(from);
+            let (decimals, limit) = (Decimals::default(), CorrectionLimit::default());
+            let rewriter = Rewriter::new(setup, ideal.clone(), decimals, dialect, limit);
+            runs.push(scope.spawn(move || {
+                let mut rewriter = rewriter?;
+                rewriter.tells = Some(to);
+                // The programs have been read by now.
+                rewriter.interpreter.points.may_mix = true;
+                execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {
+                    Ok(())
+                })
+            }));
+        }
+        let taken = take(&motions);
+        // A sender that goes on gets an error.
+        drop(motions);
+        let is_end = |error: &NcError| matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe);
+        let mut failed = None;
+        for run in runs {
+            match run.join() {
+                Ok(Err(error)) if failed.is_none() && !is_end(&error) => failed = Some(error),
+                Ok(_) => {}
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        Ok((taken, failed))
+    })
 }

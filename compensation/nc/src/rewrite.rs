@@ -2,6 +2,7 @@
 
 use std::{
     io,
+    mem::swap,
     path::PathBuf,
     sync::{Arc, mpsc::SyncSender},
 };
@@ -10,31 +11,25 @@ use volcomp_model::vocabulary::CorrectionLimit;
 
 use crate::{
     NcError,
-    block::{Begins, Block},
-    bounds::Bounds,
-    carried::Settled,
-    contour::Contour,
-    coordinates::{Axes, LETTERS},
-    correction::{Corrector, Seen},
-    dialect::Dialect,
-    edits::Edits,
-    extruder::Extrusion,
-    heidenhain::{block_number, renumber},
-    hole::InRow,
-    interpret::{Interpreter, Outcome},
-    line::Line,
+    block::{Begins, Block, Parameter, Word},
+    control::{Dialect, INCREMENTS},
+    coordinates::{Axes, Frame, LETTERS, dot, each},
+    correction::{Bounds, Corrector, Seen},
+    error::BoundViolation,
+    expression::{Expressions, Reads},
+    heidenhain::{block_number, read_heidenhain, renumber},
+    interpreter::{Extrusion, Interpreter, Outcome},
+    line::{Edits, Line, Script},
     line_ends::end_of_added,
-    made::Made,
-    meaning::Meaning,
-    modal::SYSTEMS,
-    motion::{Move, Path},
+    modal::{FeedMode, Modal, SYSTEMS},
+    motion::{Made, Move, Path},
     notes::Note,
-    rounding::Strategy,
-    script::Script,
+    number::{Decimals, Form, Number, Numerals, half_step},
+    parameters::Parameters,
+    reversal::Turns,
+    rs274::{corner, hint, read_control_line, read_increments},
     setup::SetUp,
-    turns::Turns,
-    values::Computed,
-    words::Decimals,
+    siemens::read_siemens,
 };
 
 /// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
@@ -80,7 +75,7 @@ pub(crate) struct Rewriter {
     /// What of it was in the axis of its depth where the first hole of a row began, mm.
     pub(crate) carried_at_initial: Option<f64>,
     /// What of it is in the places of G28 and G30.
-    pub(crate) carried_at_home: [Axes; 2],
+    carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
     /// Compensating the radius of the tool has been switched, and no motion in the plane has begun or ended it yet.
     pub(crate) switches_radius: bool,
@@ -90,10 +85,8 @@ pub(crate) struct Rewriter {
     pub(crate) pole: Option<[f64; 2]>,
     /// The result has switched to X and Y as places (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
-    /// Numbers have decimal commas.
     comma: bool,
     pub(crate) computed: Computed,
-    /// Where files with subroutines are.
     pub(crate) folders: Arc<[PathBuf]>,
     /// The end of lines that are added.
     more: &'static [u8],
@@ -109,6 +102,106 @@ pub(crate) struct Rewriter {
     parts: Vec<f64>,
 }
 
+/// What coordinates and F mean.
+#[derive(Clone, Debug)]
+pub(crate) struct Meaning {
+    frame: Frame,
+    unit_mm: f64,
+    diameter: bool,
+    absolute: bool,
+    polar: Option<[Option<f64>; 2]>,
+    feed_mode: FeedMode,
+    pub(crate) feed: Option<f64>,
+    known: Axes<bool>,
+}
+
+impl Meaning {
+    /// What holds before a block that may be an arc.
+    pub(crate) fn before(interpreter: &Interpreter, block: &Block) -> Option<Self> {
+        let modal = &interpreter.modal;
+        let says_arc = (block.words.iter())
+            .any(|word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0)));
+        let is_arc = matches!(modal.motion, Some(20 | 30)) || says_arc;
+        is_arc.then(|| Self {
+            frame: interpreter.frame.clone(),
+            unit_mm: modal.unit_mm,
+            diameter: modal.diameter,
+            absolute: modal.absolute,
+            polar: modal.polar,
+            feed_mode: modal.feed_mode,
+            feed: modal.feed,
+            known: interpreter.known,
+        })
+    }
+
+    /// Whether a straight motion can be written before a block with what holds behind its codes: the control reads coordinates in the plane
+    /// in the same way then, and has a feed, or gets that of the block.
+    pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
+        let has_other_feed = match (self.feed_mode, self.feed) {
+            (FeedMode::InverseTime, None) => true,
+            (mode, None) => has_feed && mode != after.feed_mode,
+            (_, Some(_)) => false,
+        };
+        self.polar.is_some() == after.polar.is_some() && !has_other_feed
+    }
+
+    /// Puts this meaning in the place of the one that holds, which it gets.
+    pub(crate) fn swap(&mut self, interpreter: &mut Interpreter) {
+        let modal = &mut interpreter.modal;
+        swap(&mut self.frame, &mut interpreter.frame);
+        swap(&mut self.unit_mm, &mut modal.unit_mm);
+        swap(&mut self.diameter, &mut modal.diameter);
+        swap(&mut self.absolute, &mut modal.absolute);
+        swap(&mut self.polar, &mut modal.polar);
+        swap(&mut self.feed_mode, &mut modal.feed_mode);
+        swap(&mut self.feed, &mut modal.feed);
+        swap(&mut self.known, &mut interpreter.known);
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Contour {
+    None,
+    /// It begins or ends to do so with this motion, which must stay one.
+    Switches,
+    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
+    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
+    Follows,
+}
+
+/// Whether the correction that the axes carry is the one that belongs to where they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Settled {
+    Yes,
+    No,
+    /// It is not, since an axis has turned.
+    Turned,
+}
+
+/// Words that say where the axes stand have so many further decimals where they need them.
+const FINER: u8 = 3;
+
+/// Which values that the program computes are written as numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Computed {
+    Kept,
+    /// Those with what a subroutine returned: its call is written out.
+    ReturnedWritten,
+    /// All: the lines that compute them are not executed in this order.
+    Written,
+}
+
+/// How the numbers of the parts of a line are rounded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Strategy {
+    /// Each to the nearest.
+    #[default]
+    Plain,
+    /// Together, so that the motion is nearest to the line: along it a part may end a little sooner or later, since the next one
+    /// goes on from there. The shortest way through the graph of the numbers that are next to the exact ones.
+    Floyd,
+}
+
 impl Rewriter {
     pub(crate) fn new(
         setup: &SetUp,
@@ -117,7 +210,7 @@ impl Rewriter {
         dialect: Dialect,
         limit: CorrectionLimit,
     ) -> Result<Self, NcError> {
-        let interpreter = Interpreter::new(setup, Arc::clone(corrector.machine()), dialect)?;
+        let interpreter = Interpreter::new(setup, Arc::clone(&corrector.machine), dialect)?;
         let mut corrector = corrector;
         corrector.begins(&interpreter.position);
         Ok(Self {
@@ -144,7 +237,7 @@ impl Rewriter {
             polar_is_off: false,
             comma: false,
             computed: Computed::Kept,
-            folders: setup.folders().into(),
+            folders: setup.folders.as_slice().into(),
             more: b"\n",
             counts: Counts::default(),
             shares: None,
@@ -153,11 +246,6 @@ impl Rewriter {
             edits: Edits::default(),
             parts: Vec::new(),
         })
-    }
-
-    /// The language of the program.
-    pub(crate) fn dialect(&self) -> Dialect {
-        self.interpreter.dialect
     }
 
     /// Whether the line that was read last is a percent sign.
@@ -180,9 +268,9 @@ impl Rewriter {
         if !end.is_empty() {
             self.more = end_of_added(end).unwrap_or(self.more);
         }
-        let dialect = self.dialect();
+        let dialect = self.interpreter.dialect;
         let (begins, added) = (out.len(), self.counts.added);
-        let ends = match dialect.read(&mut block, text, number, &self.interpreter) {
+        let ends = match read_block(dialect, &mut block, text, number, &self.interpreter) {
             Ok(reads) => {
                 let reads_correction =
                     self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
@@ -217,7 +305,7 @@ impl Rewriter {
     pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
         let begins = out.len();
         out.extend_from_slice(text);
-        if self.dialect() == Dialect::Heidenhain
+        if self.interpreter.dialect == Dialect::Heidenhain
             && self.counts.added > 0
             && let Some((place, number)) = block_number(text)
         {
@@ -236,10 +324,10 @@ impl Rewriter {
         self.interpreter
             .execute(line.block, line.number, &mut outcome)?;
         if outcome.calls.is_some() {
-            return Err(NcError::NotCompensated {
-                line: line.number,
-                what: "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99".to_owned(),
-            });
+            return Err(NcError::not_compensated(
+                line.number,
+                "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99",
+            ));
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
         if other_tool {
@@ -289,7 +377,7 @@ impl Rewriter {
             self.switches_radius &= !self.moves_in_plane(motion);
         }
         self.after_cycles(&outcome, line)?;
-        if let Some(violation) = self.bounds.take_violation() {
+        if let Some(violation) = self.bounds.violated.take() {
             return Err(NcError::OutOfBounds {
                 line: line.number,
                 violation,
@@ -365,14 +453,7 @@ impl Rewriter {
                 self.parts = parts;
             }
             Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
-            Path::Hole {
-                bottom,
-                clearance,
-                depth,
-            } => {
-                let places = [bottom, clearance];
-                self.hole(motion, depth, places, InRow::ALONE, line, out);
-            }
+            Path::Hole { .. } => self.hole(motion, (0, true), line, out),
         }
         self.notes_unstated(line.number);
         if motion.cuts() {
@@ -443,5 +524,261 @@ impl Rewriter {
     pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
         self.corrector
             .bulge_in_frame_mm(&self.interpreter.frame, from, to)
+    }
+
+    /// Whether a motion leads elsewhere in the plane of arcs and of the tool's radius.
+    fn moves_in_plane(&self, motion: &Move) -> bool {
+        let [from, to] = self.ends_of(motion);
+        let [first, second, _] = self.interpreter.modal.plane.axes();
+        // A turned or tilted frame brings back what stands still to some 1e-12 mm.
+        let moves = |axis: usize| (to[axis] - from[axis]).abs() > 1e-9;
+        moves(first) || moves(second)
+    }
+
+    /// Axes that keep the correction that they have: while the control compensates the radius of the tool, it takes each motion in the plane, of
+    /// however few µm, for an element of the contour, and so turns the tool about its corner. A motion without a way in the plane gets none.
+    pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
+        let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
+        if !compensates || self.moves_in_plane(motion) {
+            return [false; 9];
+        }
+        let [first, second, _] = self.interpreter.modal.plane.axes();
+        each(|axis| axis == first || axis == second)
+    }
+
+    /// Whether any of these axes carries a correction, so that the control has another place for it.
+    pub(crate) fn carries(&self, axes: &Axes<bool>) -> bool {
+        if *axes == [false; 9] {
+            return false;
+        }
+        let interpreter = &self.interpreter;
+        let frame = &interpreter.frame;
+        let carried = frame.moved_in_program(&interpreter.position, &self.carried);
+        (0..9).any(|axis| axes[axis] && carried[axis].abs() > 1e-9)
+    }
+
+    /// A motion has been written: the axes have done what they do on it.
+    pub(crate) fn has_moved(&mut self, motion: &Move) {
+        let turns = std::mem::take(&mut self.turns);
+        if self.corrector.bidirectional {
+            self.corrector.reaches(&turns.furthest);
+        }
+        self.settled = if self.corrector.goes(&motion.to) {
+            Settled::Turned
+        } else {
+            Settled::Yes
+        };
+    }
+
+    /// The correction that the axes carry may be that of another place, or of another tool.
+    pub(crate) fn unsettles(&mut self) {
+        if self.settled == Settled::Yes {
+            self.settled = Settled::No;
+        }
+    }
+
+    /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
+    pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
+        self.corrector.goes(&motion.to);
+        self.settled = Settled::No;
+        let frame = &self.interpreter.frame;
+        let mut carried = if motion.in_machine {
+            self.carried
+        } else {
+            frame.moved_in_program(&motion.from, &self.carried)
+        };
+        for axis in 0..9 {
+            if motion.words[axis].is_some() && !motion.incremental[axis] {
+                carried[axis] = match motion.path {
+                    Path::Home(which) => self.carried_at_home[which][axis],
+                    _ => 0.0,
+                };
+            }
+        }
+        self.carried = if motion.in_machine {
+            carried
+        } else {
+            frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
+        };
+    }
+
+    /// Every computed value as the number that it is here.
+    fn write_values(&mut self, block: &Block, also_set: bool) {
+        for (place, word) in block.words.iter().enumerate() {
+            let value = word.value.filter(|_| word.decimals.is_none());
+            let number = value.and_then(|value| Number::shortest(value, 6));
+            let is_coordinate = b"XYZABCUVWIJKR".contains(&word.letter);
+            let needs_point = is_coordinate && self.interpreter.points.means_increments;
+            let number = number.map(|number| {
+                if needs_point {
+                    number.form(Form::Point)
+                } else {
+                    number
+                }
+            });
+            self.edits
+                .replaced
+                .extend(number.map(|number| (place, number)));
+        }
+        let in_sub = self.computed == Computed::Written && self.interpreter.parameters.in_sub();
+        if !in_sub && !also_set {
+            return;
+        }
+        // What a subroutine sets for itself must not be set for the program.
+        for assignment in &block.assignments {
+            let is_local = match &assignment.parameter {
+                Parameter::Numbered(number) => Parameters::is_local(*number),
+                Parameter::Named(name) => Parameters::is_local_name(name),
+            };
+            let value = assignment
+                .value
+                .and_then(|value| Number::shortest(value, 6));
+            if is_local && in_sub {
+                self.edits.ranges.push((assignment.all.clone(), None));
+            } else if value.is_some() {
+                self.edits.ranges.push((assignment.text.clone(), value));
+            }
+        }
+    }
+
+    /// Words that say where the axes stand: there is a correction in the axes.
+    pub(crate) fn presets(
+        &mut self,
+        words: &Axes<Option<usize>>,
+        system: Option<usize>,
+        line: Line<'_>,
+    ) {
+        let interpreter = &self.interpreter;
+        let modal = &interpreter.modal;
+        // A work offset that is not in force may be turned otherwise.
+        let frame = interpreter.frame_with(system.unwrap_or(modal.system));
+        let carried = frame.moved_in_program(&interpreter.position, &self.carried);
+        for axis in 0..9 {
+            let Some(word) = line.word(words[axis]) else {
+                continue;
+            };
+            // The control keeps what is rounded here for all motions behind it.
+            let numerals = self.numerals(axis, Some(word));
+            let decimals = numerals.decimals;
+            let finest = if numerals.form == Form::Increments {
+                decimals
+            } else {
+                (decimals + FINER).max(word.decimals.unwrap_or(0))
+            };
+            let carried = carried[axis] / modal.scale(axis);
+            let Some(value) = word.value.filter(|_| carried.abs() >= half_step(finest)) else {
+                continue;
+            };
+            let number = Number::shortest_of(value + carried, decimals, finest);
+            if let Some(number) = number {
+                (self.edits).set(LETTERS[axis], words[axis], number.form(numerals.form));
+            }
+        }
+    }
+
+    /// Why the axes may not have this correction at a place, both in the coordinates of the program.
+    pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
+        let frame = &self.interpreter.frame;
+        let by = frame.moved_in_machine(at, carried);
+        self.violation_in_machine(&frame.to_machine(at), &by)
+    }
+
+    /// The same in the coordinates of the machine.
+    pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
+        let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
+        of_axes.or_else(|| {
+            self.bounds.violation_at_tool(|| {
+                let moved = each(|axis| at[axis] + by[axis]);
+                let [from, to] = [at, &moved].map(|at| self.corrector.ideal_tip_mm(at));
+                let way: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);
+                dot(way, way).sqrt()
+            })
+        })
+    }
+
+    /// Checks the correction that the axes get at a place, both in the coordinates of the program: the line is refused where
+    /// it is beyond the bounds.
+    pub(crate) fn check_bounds(&mut self, at: &Axes, carried: &Axes) {
+        if self.bounds.violated.is_none() {
+            self.bounds.violated = self.bound_violation(at, carried);
+        }
+    }
+
+    /// How the number of an axis is written: in the place of a word that the block has, or as a further one.
+    #[inline]
+    pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
+        let points = &self.interpreter.points;
+        let increments = word.map_or(points.last_in_increments == Some(true), |word| {
+            word.in_increments
+        });
+        let decimals = if increments {
+            INCREMENTS
+        } else {
+            self.decimals
+        };
+        let form = match (increments, points.means_increments) {
+            (true, _) => Form::Increments,
+            (false, true) => Form::Point,
+            (false, false) => Form::Plain,
+        };
+        Numerals {
+            decimals: decimals.of(axis, self.interpreter.modal.unit_mm),
+            form,
+        }
+    }
+
+    /// # Errors
+    /// A motion that is split has an E that cannot be shared over its parts.
+    pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
+        match self.extrusion.and_then(|extrusion| extrusion.unknown) {
+            None => Ok(()),
+            Some(why) => Err(NcError::not_compensated(
+                line.number,
+                format!("a motion that is split: {why}"),
+            )),
+        }
+    }
+
+    /// The E word of a part that ends at a share of its motion, where the block has one and the part is not all of it.
+    pub(crate) fn extrusion_up_to(&mut self, share: f64) -> Option<Number> {
+        let from = std::mem::replace(&mut self.extruded, share);
+        self.extrusion?.of_part([from, share])
+    }
+}
+
+/// Reads a line without its end.
+fn read_block(
+    dialect: Dialect,
+    block: &mut Block,
+    text: &[u8],
+    number: usize,
+    interpreter: &Interpreter,
+) -> Result<Reads, NcError> {
+    let fault = |fault| NcError::Block {
+        line: number,
+        fault,
+    };
+    match dialect {
+        Dialect::Rs274 => {
+            if let Some(control) = interpreter.control
+                && read_control_line(control, block, text).map_err(fault)?
+            {
+                return Ok(Reads::default());
+            }
+            let expressions = Expressions::new(interpreter);
+            block
+                .read(text, &expressions)
+                .map_err(|of| fault(corner(text, &of).or_else(|| hint(text)).unwrap_or(of)))?;
+            read_increments(block, text, interpreter).map_err(fault)?;
+            Ok(expressions.reads.get())
+        }
+        Dialect::Siemens => {
+            read_siemens(block, text, interpreter).map_err(fault)?;
+            Ok(Reads::default())
+        }
+        Dialect::Heidenhain => {
+            read_heidenhain(block, text, interpreter).map_err(fault)?;
+            Ok(Reads::default())
+        }
     }
 }

@@ -1,25 +1,21 @@
-//! A program with O-words, executed: each of its lines as often as it comes. Where a line is corrected differently from time to time, what calls
-//! or repeats it is written out, pass by pass.
+//! A program with O-words, executed: each of its lines as often as it comes. Where a line is corrected differently from time to time, what
+//! calls or repeats it is written out, pass by pass.
 
 use std::io::Write;
 
 use crate::{
     NcError,
+    block::Scanner,
     expression::Expressions,
-    flow::{Flow, Keyword, Statement},
-    loops::{Loops, Next},
+    flow::{Flow, Keyword, Listing, Loops, Next, Statement, o_line, program_line},
+    line::{end_of_more, write_comment},
     parameters::{HAS_RETURNED, RETURNED, Value},
-    rewrite::Rewriter,
-    scan::Scanner,
-    subroutines::Listing,
-    values::Computed,
-    written_out::{Recorded, Sink, Unrolled},
+    rewrite::{Computed, Rewriter},
 };
 
 /// Subroutines that call one another, so many at the most.
 const DEEPEST: usize = 100;
 
-/// State of the execution.
 struct Run<'r, 't> {
     lines: &'r Listing<'t>,
     flow: &'r Flow,
@@ -29,7 +25,6 @@ struct Run<'r, 't> {
     loops: Loops,
 }
 
-/// A subroutine that is being executed.
 #[derive(Clone, Copy, Debug)]
 struct Call {
     /// The line after it.
@@ -52,7 +47,7 @@ pub(crate) fn run(
     let mut before = rewriter.clone();
     let mut recorded = Recorded::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
-    if recorded.has_conflicts() {
+    if recorded.conflicts.contains(&true) {
         // A call that is written out returns nothing to the control.
         before.computed = Computed::ReturnedWritten;
         recorded = Recorded::new(lines);
@@ -91,14 +86,16 @@ impl<'r, 't> Run<'r, 't> {
             if let Some(call) = self.calls.last()
                 && (at >= self.lines.lines.len() || self.lines.file_of(at).0 != call.file)
             {
-                return Err(self.wrong(at - 1, "the subprogram ends here without M99".to_owned()));
+                return Err(self
+                    .lines
+                    .wrong(at - 1, "the subprogram ends here without M99"));
             }
             let Some((line, end)) = self.lines.lines.get(at) else {
                 break;
             };
             executed += 1;
             if executed > self.most {
-                return Err(self.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
+                return Err(self.lines.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
             }
             if self.calls.is_empty() {
                 if at >= self.lines.own {
@@ -111,7 +108,7 @@ impl<'r, 't> Run<'r, 't> {
                 at = self.follow(at, statement, line)?;
                 continue;
             }
-            if crate::flow::o_line(line).is_some() {
+            if o_line(line).is_some() {
                 // The number of the program.
                 at += 1;
                 continue;
@@ -140,10 +137,6 @@ impl<'r, 't> Run<'r, 't> {
             at += 1;
         }
         Ok((self.rewriter, false))
-    }
-
-    fn wrong(&self, at: usize, what: String) -> NcError {
-        self.lines.at(at, NcError::Flow { line: 0, what })
     }
 
     /// The line after one with an O-word.
@@ -210,18 +203,18 @@ impl<'r, 't> Run<'r, 't> {
             }
             Keyword::Break | Keyword::Continue => {
                 let Some(begin) = flow.loop_around(at, &statement.name) else {
-                    return Err(self.wrong(
+                    return Err(self.lines.wrong(
                         at,
                         format!("there is no loop o{} around this line", statement.name),
                     ));
                 };
                 if flow.keyword(begin) == Some(Keyword::Repeat) {
                     let what = "break and continue of a loop with a count (repeat), which LinuxCNC refuses: write it as while … endwhile";
-                    return Err(self.wrong(at, what.to_owned()));
+                    return Err(self.lines.wrong(at, what));
                 }
                 if statement.keyword == Keyword::Break {
                     let breaks = self.loops.breaks(flow, at, begin);
-                    breaks.map_err(|what| self.wrong(at, what))?;
+                    breaks.map_err(|what| self.lines.wrong(at, what))?;
                     return Ok(flow.partner(begin) + 1);
                 }
                 self.loops.continues(flow, at, begin);
@@ -239,7 +232,7 @@ impl<'r, 't> Run<'r, 't> {
         end: usize,
         next: Result<Next, String>,
     ) -> Result<usize, NcError> {
-        match next.map_err(|what| self.wrong(at, what))? {
+        match next.map_err(|what| self.lines.wrong(at, what))? {
             Next::Again => Ok(begin + 1),
             Next::Passed => Ok(end + 1),
         }
@@ -247,7 +240,7 @@ impl<'r, 't> Run<'r, 't> {
 
     fn call_program(&mut self, at: usize, number: u32, times: u64) -> Result<usize, NcError> {
         let Some(begin) = self.flow.program(number, self.lines.file_of(at).0) else {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!("the program O{number} is neither in this file nor in a file such as O{number:04} or {number}.nc in a folder of --subroutines"),
             ));
@@ -273,7 +266,7 @@ impl<'r, 't> Run<'r, 't> {
             ..
         }) = self.calls.pop()
         else {
-            return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
+            return Err(self.lines.wrong(at, "a return outside a subroutine"));
         };
         let parameters = &mut self.rewriter.interpreter.parameters;
         parameters.leave();
@@ -302,14 +295,13 @@ impl<'r, 't> Run<'r, 't> {
                 self.calls.pop();
                 Ok(back)
             }
-            _ => Err(self.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called".to_owned())),
+            _ => Err(self.lines.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called")),
         }
     }
 
-    /// Whether one more subroutine may be called.
     fn deeper(&self, at: usize) -> Result<(), NcError> {
         if self.calls.len() >= DEEPEST {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!("more than {DEEPEST} subroutines call one another"),
             ));
@@ -319,7 +311,7 @@ impl<'r, 't> Run<'r, 't> {
 
     fn call(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let Some(begin) = self.flow.sub(&statement.name, self.lines.file_of(at).0) else {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!(
                     "the subroutine o<{name}> is neither in this program nor as {name}.ngc in a folder of --subroutines",
@@ -338,7 +330,6 @@ impl<'r, 't> Run<'r, 't> {
         Ok(begin + 1)
     }
 
-    /// The values behind an O-word.
     fn values(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
         let values = self.values_of(statement, line);
         values.map_err(|error| self.lines.at(at, error))
@@ -354,19 +345,20 @@ impl<'r, 't> Run<'r, 't> {
             let read = expressions
                 .read(&mut scanner)
                 .map_err(|fault| NcError::Block { line: 0, fault })?;
-            values.extend(read.map(|read| read.value));
+            values.extend(read.map(|(value, _)| value));
         }
-        if self.rewriter.computed != Computed::Kept && expressions.has_read_returned() {
-            return Err(NcError::NotCompensated {
-                line: 0,
-                what: "#<_value> is read here, which a call returned that is corrected differently from time to time".to_owned(),
-            });
+        let reads = expressions.reads.get();
+        if self.rewriter.computed != Computed::Kept && reads.returned {
+            return Err(NcError::not_compensated(
+                0,
+                "#<_value> is read here, which a call returned that is corrected differently from time to time",
+            ));
         }
-        if self.rewriter.carries(&expressions.axes_read()) {
-            return Err(NcError::NotCompensated {
-                line: 0,
-                what: "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control".to_owned(),
-            });
+        if self.rewriter.carries(&reads.axes) {
+            return Err(NcError::not_compensated(
+                0,
+                "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control",
+            ));
         }
         Ok(values)
     }
@@ -374,15 +366,180 @@ impl<'r, 't> Run<'r, 't> {
     fn number(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<f64, NcError> {
         match self.values(at, statement, line)?.first() {
             Some(Some(value)) => Ok(*value),
-            Some(None) => Err(self.wrong(
+            Some(None) => Err(self.lines.wrong(
                 at,
-                "which lines are executed after this one is only known at the machine".to_owned(),
+                "which lines are executed after this one is only known at the machine",
             )),
-            None => Err(self.wrong(at, "expected a value in [ ] here".to_owned())),
+            None => Err(self.lines.wrong(at, "expected a value in [ ] here")),
         }
     }
 
     fn holds(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<bool, NcError> {
         Ok(self.number(at, statement, line)? != 0.0)
+    }
+}
+
+/// What is done with lines as they are executed.
+trait Sink {
+    /// A line is executed, and this is written instead of it.
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
+    /// The main program is at this line.
+    fn at(&mut self, place: usize) -> Result<(), NcError>;
+}
+
+/// What each line becomes, and which become different things from time to time.
+struct Recorded<'r, 't> {
+    lines: &'r Listing<'t>,
+    texts: Vec<Option<Vec<u8>>>,
+    conflicts: Vec<bool>,
+}
+
+impl<'r, 't> Recorded<'r, 't> {
+    pub(crate) fn new(lines: &'r Listing<'t>) -> Self {
+        Self {
+            lines,
+            texts: vec![None; lines.lines.len()],
+            conflicts: vec![false; lines.lines.len()],
+        }
+    }
+
+    /// Writes the program with what each line always becomes.
+    pub(crate) fn write(&self, output: &mut impl Write) -> Result<(), NcError> {
+        for (place, (line, end)) in self.lines.lines[..self.lines.own].iter().enumerate() {
+            let text = self.texts[place].as_deref();
+            output.write_all(text.unwrap_or(line))?;
+            output.write_all(end)?;
+        }
+        Ok(())
+    }
+}
+
+impl Sink for Recorded<'_, '_> {
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
+        match &self.texts[place] {
+            Some(before) if before != text => self.conflicts[place] = true,
+            Some(_) => {}
+            None => {
+                // A line of another file stays as it is: other programs call it, too.
+                let may_change = place < self.lines.own;
+                self.conflicts[place] |= !may_change && text != self.lines.lines[place].0;
+                self.texts[place] = Some(text.to_vec());
+            }
+        }
+        Ok(())
+    }
+
+    fn at(&mut self, _: usize) -> Result<(), NcError> {
+        Ok(())
+    }
+}
+
+/// Writes the program; what the main program calls or repeats is held until it is known whether a line with a conflict is in it.
+struct Unrolled<'a, W> {
+    lines: &'a Listing<'a>,
+    flow: &'a Flow,
+    recorded: &'a Recorded<'a, 'a>,
+    output: &'a mut W,
+    /// The next line of the text that is to be written.
+    next: usize,
+    /// Where what is executed now begins and ends in the main program.
+    open: Option<[usize; 2]>,
+    pending: Vec<u8>,
+    conflicts: bool,
+}
+
+impl<'a, W: Write> Unrolled<'a, W> {
+    pub(crate) fn new(flow: &'a Flow, recorded: &'a Recorded<'a, 'a>, output: &'a mut W) -> Self {
+        Self {
+            lines: recorded.lines,
+            flow,
+            recorded,
+            output,
+            next: 0,
+            open: None,
+            pending: Vec::new(),
+            conflicts: false,
+        }
+    }
+
+    /// The lines of the text up to this one, as they are, or with what they always become.
+    fn write_to(&mut self, end: usize) -> Result<(), NcError> {
+        while self.next < end.min(self.lines.own) {
+            let (line, end_of_line) = self.lines.lines[self.next];
+            let always = self.recorded.texts[self.next].as_deref();
+            let text = always.filter(|_| !self.recorded.conflicts[self.next]);
+            self.output.write_all(text.unwrap_or(line))?;
+            self.output.write_all(end_of_line)?;
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    /// What was executed has ended: it stays as it is, or is written out with the original as comments.
+    fn close(&mut self) -> Result<(), NcError> {
+        let Some([begin, end]) = self.open.take() else {
+            return Ok(());
+        };
+        self.write_to(begin)?;
+        if self.conflicts {
+            for (line, end_of_line) in &self.lines.lines[begin..=end.min(self.lines.own - 1)] {
+                // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
+                let of_program = program_line(line).is_some();
+                if of_program {
+                    let mut comment = Vec::new();
+                    write_comment(line, &mut comment);
+                    self.output.write_all(&comment)?;
+                } else {
+                    self.output.write_all(b";")?;
+                    self.output.write_all(line)?;
+                }
+                self.output.write_all(end_of_more(end_of_line))?;
+            }
+            self.output.write_all(&self.pending)?;
+            self.next = end + 1;
+        } else {
+            self.write_to(end + 1)?;
+        }
+        self.pending.clear();
+        self.conflicts = false;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), NcError> {
+        self.close()?;
+        self.write_to(self.lines.own)
+    }
+}
+
+impl<W: Write> Sink for Unrolled<'_, W> {
+    fn at(&mut self, place: usize) -> Result<(), NcError> {
+        if self
+            .open
+            .is_some_and(|[begin, end]| (begin..=end).contains(&place))
+        {
+            return Ok(());
+        }
+        self.close()?;
+        let Some(statement) = self.flow.statements.get(&place) else {
+            return Ok(());
+        };
+        let end = match statement.keyword {
+            Keyword::Call | Keyword::CallProgram { .. } => Some(place),
+            Keyword::If => Some(self.flow.end_of_if(place)),
+            Keyword::While | Keyword::Do | Keyword::Repeat => Some(self.flow.partner(place)),
+            _ => None,
+        };
+        self.open = end.map(|end| [place, end]);
+        Ok(())
+    }
+
+    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
+        if self.open.is_some() {
+            let end = self.lines.lines[place].1;
+            self.pending.extend_from_slice(text);
+            self.pending.extend_from_slice(end_of_more(end));
+            self.conflicts |= self.recorded.conflicts[place];
+        }
+        Ok(())
     }
 }

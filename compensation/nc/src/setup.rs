@@ -1,43 +1,27 @@
 //! The set-up of a machine that a program relies on: work offsets, tool lengths, and where the axes stand at its beginning.
 
-use std::{
-    collections::{BTreeMap, HashMap},
-    path::PathBuf,
-};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
-    codes::text,
     control::{CONTROLS, Control, DecimalPoints},
     coordinates::{Axes, axis_of},
-    modal::{CentrePoint, G500, G505, Modal, NUMBERED, SYSTEMS, WORK_OFFSETS, WorkOffset},
+    modal::{CentrePoint, Modal, SYSTEMS, name_of_offset},
 };
-
-/// The name of a work offset.
-pub(crate) fn name_of_offset(system: usize) -> String {
-    match WORK_OFFSETS.get(system) {
-        Some(code) => text(*code),
-        None if system == G500 => "G500".to_owned(),
-        None if system >= NUMBERED => format!("P{}", system - NUMBERED + 1),
-        None => format!("G{}", 505 + system - G505),
-    }
-}
 
 /// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
-    offsets: Vec<WorkOffset>,
-    /// Which of them it states.
+    /// What holds at the beginning of a program.
+    pub(crate) modal: Modal,
+    /// Which of the work offsets it states.
     stated: [bool; SYSTEMS],
-    tools: BTreeMap<u32, Axes>,
-    homes: [Axes; 2],
-    /// Which of their axes it states.
-    states_homes: [Axes<bool>; 2],
+    pub(crate) tools: BTreeMap<u32, Axes>,
+    /// Of which axes it states the places of G28 and G30.
+    pub(crate) states_homes: [Axes<bool>; 2],
     start: Option<(Axes, Axes<bool>)>,
-    inch: bool,
-    centre_point: bool,
-    folders: Vec<PathBuf>,
+    pub(crate) folders: Vec<PathBuf>,
     control: Option<Control>,
     /// Whether X60 is 60 least increments instead of 60 mm, inch or degrees.
     without_point: Option<bool>,
@@ -46,14 +30,11 @@ pub struct SetUp {
 impl Default for SetUp {
     fn default() -> Self {
         Self {
-            offsets: vec![WorkOffset::default(); SYSTEMS],
+            modal: Modal::default(),
             stated: [false; SYSTEMS],
             tools: BTreeMap::new(),
-            homes: [[0.0; 9]; 2],
             states_homes: [[false; 9]; 2],
             start: None,
-            inch: false,
-            centre_point: false,
             folders: Vec::new(),
             control: None,
             without_point: None,
@@ -93,10 +74,12 @@ impl SetUp {
                     Some(without_point.one_of(&[("unit", false), ("increment", true)])?);
             }
             if let Some(units) = root.get("units") {
-                setup.inch = units.one_of(&[("mm", false), ("inch", true)])?;
+                setup.modal.unit_mm = units.one_of(&[("mm", 1.0), ("inch", 25.4)])?;
             }
-            if let Some(on) = root.get("tool_centre_point") {
-                setup.centre_point = on.truth()?;
+            if let Some(on) = root.get("tool_centre_point")
+                && on.truth()?
+            {
+                setup.modal.centre_point = CentrePoint::Switched;
             }
             if let Some(offsets) = root.section("work_offset")? {
                 let names: Vec<String> = (0..SYSTEMS).map(name_of_offset).collect();
@@ -114,10 +97,10 @@ impl SetUp {
                         continue;
                     };
                     let (at, _) = axes_of(&offset, &["rotation_deg"])?;
-                    setup.offsets[place].offset = at;
+                    setup.modal.offsets[place].offset = at;
                     setup.stated[place] = true;
                     if let Some(angle) = offset.get("rotation_deg") {
-                        setup.offsets[place].rotation_deg = angle.number()?;
+                        setup.modal.offsets[place].rotation_deg = angle.number()?;
                     }
                 }
             }
@@ -140,7 +123,7 @@ impl SetUp {
                 homes.allow(&["G28", "G30"])?;
                 for (place, name) in ["G28", "G30"].into_iter().enumerate() {
                     if let Some(home) = homes.section(name)? {
-                        (setup.homes[place], setup.states_homes[place]) = axes_of(&home, &[])?;
+                        (setup.modal.homes[place], setup.states_homes[place]) = axes_of(&home, &[])?;
                     }
                 }
             }
@@ -159,17 +142,12 @@ impl SetUp {
         self
     }
 
-    pub(crate) fn folders(&self) -> &[PathBuf] {
-        &self.folders
-    }
-
     /// The control that runs the program, if it is stated.
     #[must_use]
     pub fn control(&self) -> Option<Control> {
         self.control
     }
 
-    /// What a decimal point means.
     pub(crate) fn points(&self) -> DecimalPoints {
         let by_control = self.control.is_some_and(Control::is_fanuc_like);
         DecimalPoints {
@@ -179,44 +157,20 @@ impl SetUp {
         }
     }
 
-    pub(crate) fn modal(&self) -> Modal {
-        Modal {
-            unit_mm: if self.inch { 25.4 } else { 1.0 },
-            offsets: self.offsets.clone(),
-            homes: self.homes,
-            centre_point: if self.centre_point {
-                CentrePoint::Switched
-            } else {
-                CentrePoint::Off
-            },
-            ..Modal::default()
-        }
-    }
-
-    /// A work offset, if it is stated.
     pub(crate) fn offset(&self, system: usize) -> Option<Axes> {
         let is_stated = *self.stated.get(system)?;
-        is_stated.then(|| self.offsets[system].offset)
+        is_stated.then(|| self.modal.offsets[system].offset)
     }
 
     /// The same with these sums added to X, Y and Z of its work offsets, mm.
     pub(crate) fn with_offsets_moved(&self, by: &[[f64; 3]]) -> Self {
         let mut moved = self.clone();
-        for (offset, by) in moved.offsets.iter_mut().zip(by) {
+        for (offset, by) in moved.modal.offsets.iter_mut().zip(by) {
             for (offset, by) in offset.offset.iter_mut().zip(by) {
                 *offset += by;
             }
         }
         moved
-    }
-
-    /// Of which axes it states the places of G28 and G30.
-    pub(crate) fn states_homes(&self) -> [Axes<bool>; 2] {
-        self.states_homes
-    }
-
-    pub(crate) fn tools(&self) -> HashMap<u32, Axes> {
-        self.tools.iter().map(|(tool, at)| (*tool, *at)).collect()
     }
 
     /// Where the axes stand at the beginning, and of which it is known.

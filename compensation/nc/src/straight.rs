@@ -1,35 +1,159 @@
-//! Straight motions with their correction, in as many parts as it needs.
+//! Straight motions with their correction, in as many parts as it needs: the words that lead each part to its end.
+
+use std::ops::Range;
 
 use crate::{
     NcError,
-    carried::Settled,
-    contour::Contour,
-    coordinates::{Axes, is_rotary},
-    legs::{Leg, Writes},
-    line::Line,
+    block::{Begins, LAST, Manner, Word},
+    coordinates::{Axes, LETTERS, between, each, is_rotary},
+    line::{Line, NewWord, Shape},
+    modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
-    parts::Part,
-    polar::polar_writes,
-    rewrite::Rewriter,
-    script::Shape,
-    turns::{Turns, steps_of},
-    words::{between, each},
+    number::{Number, Numerals, half_step, of_steps},
+    reversal::{Turns, steps_of},
+    rewrite::{Contour, Rewriter, Settled, Strategy},
+    shortest::through,
 };
 
 /// A motion is split into so many parts at the most.
 pub(crate) const MOST_PARTS: usize = 4096;
+
 /// After each so many mm or deg a motion is looked at for axes that turn, so often at the most.
 const LOOKED_AT_EACH: f64 = 5.0;
+
 const MOST_LOOKED_AT: f64 = 64.0;
 
-/// Why a motion is not split any further.
-pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
-    NcError::NotCompensated {
-        line: line.number,
-        what: format!(
-            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
-        ),
+/// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part<'a> {
+    pub(crate) place: usize,
+    pub(crate) share: f64,
+    pub(crate) motion: &'a Move,
+    pub(crate) numbers: &'a Axes<Option<Number>>,
+    /// Words behind these in a line of its own: the circle of an arc.
+    pub(crate) others: &'a [(u8, Number)],
+    /// G2 or G3 before them, where another code has come in between.
+    pub(crate) code: Option<Number>,
+    pub(crate) feed: Option<Number>,
+    pub(crate) shape: Shape,
+    /// A line that must stand before it, without its end: the centre of an arc.
+    pub(crate) before: &'a [u8],
+}
+
+impl<'a> Part<'a> {
+    /// A motion that is not split.
+    pub(crate) fn whole(motion: &'a Move, numbers: &'a Axes<Option<Number>>, shape: Shape) -> Self {
+        Self {
+            place: 0,
+            share: 1.0,
+            motion,
+            numbers,
+            others: &[],
+            code: None,
+            feed: None,
+            shape,
+            before: &[],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leg<'a> {
+    pub(crate) motion: &'a Move,
+    pub(crate) line: Line<'a>,
+    /// Where it begins and ends, in the coordinates of the program.
+    pub(crate) from: Axes,
+    pub(crate) to: Axes,
+    /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
+    pub(crate) at: Axes,
+    pub(crate) writes: Axes<Writes>,
+    /// Axes that end with the correction that they have, whatever belongs to the end.
+    pub(crate) keeps: Axes<bool>,
+    /// The correction with which the numbers come out as they were rounded together; `None`: each is the nearest.
+    pub(crate) rounded: Option<Axes>,
+}
+
+/// When the word of an axis is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Writes {
+    /// It is no coordinate of the end: the depth of a cycle.
+    Never,
+    /// Where its number changes.
+    IfChanged,
+    /// Where it is to leave the place where it stands: in a line of its own, which has no word yet.
+    IfMoves,
+    /// Whatever its number is, if the block has it: the motion is in parts.
+    Anew,
+    /// Also if the block does not have it.
+    Always,
+}
+
+/// One axis on a motion or a part of it, in the coordinates of the program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisWay {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The correction that belongs to its end, and the one that it has before.
+    pub(crate) delta: f64,
+    pub(crate) carried: f64,
+    pub(crate) incremental: bool,
+    pub(crate) manner: Manner,
+    /// It ends with the correction that it has, whatever belongs to the end.
+    pub(crate) keeps: bool,
+    /// `None`: no word stands there.
+    pub(crate) written: Option<Written>,
+    pub(crate) numerals: Numerals,
+}
+
+/// A word as it stands in the program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Written {
+    /// The decimals of a plain number.
+    pub(crate) decimals: u8,
+    /// It must be written anew even where nothing changes: the motion is split.
+    pub(crate) anew: bool,
+}
+
+impl AxisWay {
+    /// The number to be written, if any, and the correction that is in the axis then. `scale` is mm or deg for each unit of a word.
+    #[inline]
+    fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
+        let nominal = if self.incremental {
+            self.to - self.from
+        } else {
+            self.to
+        };
+        let base = if self.incremental {
+            self.from + self.carried
+        } else {
+            0.0
+        };
+        let wanted = self.to + self.delta - base;
+        let half = half_step(self.numerals.decimals);
+        let carried_by = |value: f64| base + value * scale - self.to;
+        let Some(written) = self.written else {
+            // The axis stays where it is, with what is in it.
+            let needed = (self.to + self.delta) - (self.from + self.carried);
+            if !may_be_added || (needed / scale).abs() < half {
+                return (None, self.carried + self.from - self.to);
+            }
+            let number = self.numerals.nearest(wanted / scale, 0);
+            let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+            return (number, carried);
+        };
+        let changes = ((wanted - nominal) / scale).abs() >= half;
+        if !changes && !written.anew {
+            let kept = if self.incremental { self.carried } else { 0.0 };
+            return (None, kept);
+        }
+        let number = (self.numerals).nearest(wanted / scale, written.decimals);
+        let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+        let number = match number {
+            Some(number) if self.manner == Manner::Shortest => number.in_one_turn(),
+            _ => number,
+        };
+        (number, carried)
     }
 }
 
@@ -97,15 +221,14 @@ impl Rewriter {
         *next > first
     }
 
-    /// Where axes turn on a straight motion.
     pub(crate) fn turns_of(&self, motion: &Move) -> Turns {
-        if !self.corrector.is_bidirectional() {
+        if !self.corrector.bidirectional {
             return Turns::default();
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         // What is added to an axis that stands may turn on the way, too.
-        let least = if self.corrector.has_play() {
+        let least = if self.corrector.play.any {
             let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
             (ways.fold(0.0, f64::max) / LOOKED_AT_EACH).min(MOST_LOOKED_AT)
         } else {
@@ -142,7 +265,6 @@ impl Rewriter {
             .turns(steps, self.corrector.carriages(steps, nominal))
     }
 
-    /// The axes at a share of a straight motion.
     pub(crate) fn place_of(&self, motion: &Move, share: f64) -> Axes {
         if share == 0.0 || share == 1.0 {
             return if share == 0.0 { motion.from } else { motion.to };
@@ -217,11 +339,11 @@ impl Rewriter {
                 !is_rotary(axis) && missing >= 0.5 * self.step_mm()
             });
         }
-        let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects(*axis));
+        let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects[*axis]);
         let squared: f64 = linear
             .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
             .sum();
-        squared.sqrt() > self.corrector.split_beyond_mm() + self.step_mm()
+        squared.sqrt() > self.corrector.split_beyond_mm + self.step_mm()
     }
 
     /// A spline, or a control point of one: its end goes by the correction that the axes have where it begins, as its other points do, which
@@ -241,19 +363,7 @@ impl Rewriter {
             rounded: None,
         };
         let words = self.words_to(&leg, &mut carried);
-        let part = Part {
-            place: 0,
-            share: 1.0,
-            numbers: &words,
-            words: &motion.words,
-            others: &[],
-            code: None,
-            feed: None,
-            shape: Shape::AsItIs,
-            polar: None,
-            before: &[],
-        };
-        self.write_part(&part, line, out);
+        self.write_part(&Part::whole(motion, &words, Shape::AsItIs), line, out);
         self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
         self.corrector.goes(&motion.to);
         self.settled = Settled::No;
@@ -332,14 +442,8 @@ impl Rewriter {
             let part = Part {
                 place,
                 share,
-                numbers: &words,
-                words: &motion.words,
-                others: &[],
-                code: None,
                 feed,
-                shape,
-                polar: motion.polar,
-                before: &[],
+                ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
@@ -350,4 +454,458 @@ impl Rewriter {
             self.unsettles();
         }
     }
+
+    /// # Errors
+    /// The F of the parts of a motion (G93) is not known, or their E.
+    pub(crate) fn check_shares(&self, line: Line<'_>) -> Result<(), NcError> {
+        self.check_extrusion(line)?;
+        let modal = &self.interpreter.modal;
+        if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
+            return Err(NcError::not_compensated(
+                line.number,
+                "a motion that is split, with an F of inverse time (G93) that only the machine knows: its parts cannot get their F",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Where F is one over the time of a motion, the F of a part of it.
+    pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
+        let modal = &self.interpreter.modal;
+        let feed = modal
+            .feed
+            .filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
+        // Taking up the play of an axis takes a little time, too.
+        let share = if share == 0.0 { 1e-3 } else { share };
+        Number::nearest(feed / share, 4)
+    }
+
+    /// The first part goes into the line itself, each other one into a line of its own.
+    pub(crate) fn write_part(&mut self, part: &Part<'_>, line: Line<'_>, out: &mut Vec<u8>) {
+        if part.share < 1.0 {
+            self.ends_part(part.share);
+        }
+        let script = line.script;
+        let stops = |word: &&Word| {
+            word.letter == LAST || word.letter == b'M' && word.value.is_some_and(is_stop)
+        };
+        if part.place == 0 {
+            for (axis, number) in part.numbers.iter().enumerate() {
+                if let Some(number) = number {
+                    self.edits
+                        .set(LETTERS[axis], part.motion.words[axis], *number);
+                }
+            }
+            if let Some(feed) = part.feed {
+                self.edits.set(b'F', line.place_of(b'F'), feed);
+            }
+            if part.share < 1.0 {
+                let extruded = self.extrusion_up_to(part.share);
+                let place = line.place_of(b'E');
+                match extruded {
+                    Some(number) => self.edits.set(b'E', place, number),
+                    None => self.edits.removed.extend(place),
+                }
+                let words = line.block.words.iter().enumerate();
+                let stops = words.filter(|(_, word)| stops(word));
+                self.edits.removed.extend(stops.map(|(place, _)| place));
+            }
+            if !part.before.is_empty() {
+                self.counts.added += 1;
+                out.extend_from_slice(part.before);
+                out.extend_from_slice(line.more);
+            }
+            self.goes_as(part.shape, part.motion.polar, line);
+            self.edits.write(line, out);
+            return;
+        }
+        out.extend_from_slice(line.more);
+        if !part.before.is_empty() {
+            self.counts.added += 1;
+            out.extend_from_slice(part.before);
+            out.extend_from_slice(line.more);
+        }
+        self.begin_line(line, out);
+        out.extend_from_slice(script.keyword(part.shape));
+        // Where each motion says how it goes, its keyword has said it.
+        let code = if script.says_each {
+            line.motion_code()
+        } else {
+            part.code
+        };
+        if let Some(code) = code.filter(|_| !script.is_heidenhain()) {
+            script.write_word(&NewWord::plain((b'G', code)), out);
+        }
+        let manners = part.motion.words.map(|place| line.manner(place));
+        for word in words_of(part.numbers, &manners, part.feed) {
+            script.write_word(&word, out);
+        }
+        for &(letter, number) in part.others {
+            let manner = line.manner(line.place_of(letter));
+            let word = NewWord {
+                letter,
+                manner,
+                number,
+            };
+            script.write_word(&word, out);
+        }
+        if let Some(number) = self.extrusion_up_to(part.share) {
+            script.write_word(&NewWord::plain((b'E', number)), out);
+        }
+        if part.shape != Shape::Straight {
+            out.extend_from_slice(line.direction());
+        }
+        if part.share == 1.0 {
+            for word in line.block.words.iter().filter(stops) {
+                out.push(b' ');
+                out.extend_from_slice(&line.text[word.at..word.text.end]);
+            }
+        }
+    }
+
+    pub(crate) fn begin_line(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
+        if line.block.begins == Begins::Slash {
+            out.extend_from_slice(&line.text[line.block.skip.clone()]);
+        }
+        self.counts.added += 1;
+    }
+
+    /// A part of a motion, or all of it, ends at this share.
+    pub(crate) fn ends_part(&mut self, share: f64) {
+        if let Some(shares) = &mut self.shares {
+            shares.push(share);
+        }
+    }
+
+    /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
+    /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
+    /// ones follow, so that the tip is where it belongs.
+    pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Axes<Option<Number>> {
+        let mut numbers = [None; 9];
+        self.words_at(
+            &leg.at,
+            leg.rounded,
+            carried,
+            |this, axes, delta, carried| {
+                this.numbers(leg, axes, delta, carried, &mut numbers);
+            },
+        );
+        self.check_bounds(&leg.to, carried);
+        numbers
+    }
+
+    /// The same for the correction of a place, `rounded` or as it is: `numbers` makes the words of some axes with the correction that belongs
+    /// to them. The correction of the linear axes at the end.
+    #[inline]
+    pub(crate) fn words_at(
+        &mut self,
+        at: &Axes,
+        rounded: Option<Axes>,
+        carried: &mut Axes,
+        mut numbers: impl FnMut(&mut Self, Range<usize>, &Axes, &mut Axes),
+    ) -> Axes {
+        let frame = &self.interpreter.frame;
+        let correction = self.seen.at(&self.corrector, at);
+        if correction.follow.is_some() {
+            let delta = frame.others_moved_in_program(at, &correction.delta);
+            numbers(self, 3..6, &delta, carried);
+            let correction = self.seen.at(&self.corrector, at).with_rotary(carried);
+            let delta = self.interpreter.frame.moved_in_program(at, &correction);
+            numbers(self, 0..3, &delta, carried);
+            numbers(self, 6..9, &delta, carried);
+            return delta;
+        }
+        let delta = &correction.delta;
+        let delta = rounded.unwrap_or_else(|| frame.moved_in_program(at, delta));
+        numbers(self, 0..9, &delta, carried);
+        delta
+    }
+
+    /// The numbers of some axes, for this correction.
+    fn numbers(
+        &mut self,
+        leg: &Leg<'_>,
+        axes: Range<usize>,
+        delta: &Axes,
+        carried: &mut Axes,
+        numbers: &mut Axes<Option<Number>>,
+    ) {
+        for axis in axes {
+            let word = leg.line.word(leg.motion.words[axis]);
+            let writes = leg.writes[axis];
+            if writes == Writes::Never || word.is_none() && !self.corrector.has(axis) {
+                continue;
+            }
+            let written = match word {
+                _ if writes == Writes::IfMoves => None,
+                Some(word) => Some(Written {
+                    decimals: word.decimals.unwrap_or(0),
+                    anew: writes != Writes::IfChanged,
+                }),
+                None => (writes == Writes::Always).then_some(Written {
+                    decimals: 0,
+                    anew: true,
+                }),
+            };
+            let way = AxisWay {
+                from: leg.from[axis],
+                to: leg.to[axis],
+                delta: delta[axis],
+                carried: carried[axis],
+                incremental: leg.motion.incremental[axis],
+                manner: leg.line.manner(leg.motion.words[axis]),
+                keeps: leg.keeps[axis],
+                written,
+                numerals: self.numerals(axis, word),
+            };
+            (numbers[axis], carried[axis]) = self.axis_word(axis, &way, leg.line.number);
+        }
+    }
+
+    /// The number to be written for an axis, if any, and the correction that is in it then.
+    #[inline]
+    pub(crate) fn axis_word(
+        &mut self,
+        axis: usize,
+        way: &AxisWay,
+        line: usize,
+    ) -> (Option<Number>, f64) {
+        let known = self.interpreter.known[axis];
+        let corrects = self.corrects(axis);
+        let mut delta = match corrects {
+            true if way.keeps => way.carried,
+            true => way.delta,
+            false => 0.0,
+        };
+        if !known || !self.corrector.has(axis) {
+            if self.corrector.has(axis)
+                && !way.keeps
+                && delta.abs() >= half_step(way.numerals.decimals)
+            {
+                let note = Note::LeftOut(char::from(LETTERS[axis]));
+                self.interpreter.notes.add(note, line);
+            }
+            delta = if way.keeps || way.incremental || way.written.is_none() {
+                way.carried
+            } else {
+                0.0
+            };
+        }
+        let may_be_added = known && corrects && self.may_add(axis, way, line);
+        let scale = self.interpreter.modal.scale(axis);
+        AxisWay { delta, ..*way }.word(scale, may_be_added)
+    }
+
+    /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
+    #[inline]
+    fn corrects(&self, axis: usize) -> bool {
+        if axis < 3 && self.interpreter.frame.tip.is_some() {
+            return (0..3).any(|axis| self.corrector.corrects[axis]);
+        }
+        self.corrector.corrects[axis]
+    }
+
+    /// By how much the axes are to differ from the line at the end of each part, in the coordinates of the program, so that the
+    /// numbers are those of the shortest way; `None` where each number is the nearest: lines of one part, rotary axes that correct,
+    /// coordinates that are ways, lines whose play is taken up on the way, and beside contours.
+    fn rounded_together(
+        &mut self,
+        motion: &Move,
+        parts: &[f64],
+        line: Line<'_>,
+    ) -> Option<Vec<Axes>> {
+        let frame = &self.interpreter.frame;
+        let is_plain = self.strategy == Strategy::Plain
+            || parts.len() < 2
+            || parts.windows(2).any(|pair| pair[0] == pair[1])
+            || parts[0] == 0.0
+            || frame.tip.is_some()
+            || self.contour != Contour::None
+            || (0..9).any(|axis| {
+                motion.incremental[axis] || is_rotary(axis) && self.corrector.corrects[axis]
+            });
+        if is_plain {
+            return None;
+        }
+        let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        // The step of each axis whose words are free; of the others the nearest number is taken.
+        let step: Axes<Option<f64>> = each(|axis| {
+            let word = line.word(motion.words[axis])?;
+            let decimals = self.numerals(axis, Some(word)).decimals;
+            let decimals = decimals.max(word.decimals.unwrap_or(0));
+            let is_free = self.corrector.corrects[axis] && end[axis] != from[axis];
+            is_free.then(|| self.interpreter.modal.scale(axis) * of_steps(1, decimals))
+        });
+        let free: Vec<usize> = (0..9).filter(|axis| step[*axis].is_some()).collect();
+        if free.len() < 2 {
+            return None;
+        }
+        let way: Axes = each(|axis| end[axis] - from[axis]);
+        let square: f64 = free.iter().map(|axis| way[*axis] * way[*axis]).sum();
+        // What a number is off by across the line.
+        let across = |off: &Axes| -> Axes {
+            let along: f64 = free.iter().map(|axis| off[*axis] * way[*axis]).sum();
+            each(|axis| off[axis] - along / square * way[axis])
+        };
+        let mut layers: Vec<Vec<(Axes, Axes)>> = Vec::with_capacity(parts.len() + 1);
+        let delta = self.delta_in_program(&from);
+        let carried = self
+            .interpreter
+            .frame
+            .moved_in_program(&motion.from, &self.carried);
+        let off = each(|axis| {
+            if step[axis].is_some() {
+                carried[axis] - delta[axis]
+            } else {
+                0.0
+            }
+        });
+        layers.push(vec![(carried, across(&off))]);
+        for &share in parts {
+            let to = if share == 1.0 {
+                end
+            } else {
+                between(&from, &end, share)
+            };
+            let delta = self.delta_in_program(&to);
+            let mut candidates = vec![(delta, [0.0; 9])];
+            for axis in 0..9 {
+                let Some(step) = step[axis] else { continue };
+                let exact = (to[axis] + delta[axis]) / step;
+                let nearest = exact.round();
+                let other = if exact > nearest {
+                    nearest + 1.0
+                } else {
+                    nearest - 1.0
+                };
+                // The next line begins at the end of this one and may go anywhere.
+                let numbers = if share == 1.0 {
+                    vec![nearest]
+                } else {
+                    vec![nearest, other]
+                };
+                candidates = candidates
+                    .iter()
+                    .flat_map(|(delta, off)| {
+                        numbers.iter().map(move |number| {
+                            let (mut delta, mut off) = (*delta, *off);
+                            delta[axis] = number * step - to[axis];
+                            off[axis] = (number - exact) * step;
+                            (delta, off)
+                        })
+                    })
+                    .collect();
+            }
+            let layer = candidates
+                .into_iter()
+                .map(|(delta, off)| (delta, across(&off)));
+            layers.push(layer.collect());
+        }
+        let counts: Vec<usize> = layers.iter().map(Vec::len).collect();
+        let dot = |a: &Axes, b: &Axes| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let lengths = [0.0].iter().chain(parts).zip(parts);
+        let lengths: Vec<f64> = lengths.map(|(from, to)| to - from).collect();
+        // The mean square of a motion that is off by a at its beginning and b at its end, straight between.
+        let found = through(&counts, |layer, from, to| {
+            let (a, b) = (&layers[layer][from].1, &layers[layer + 1][to].1);
+            lengths[layer] * (dot(a, a) + dot(a, b) + dot(b, b)) / 3.0
+        })?;
+        // The first candidate of each layer has the nearest numbers.
+        let differs = found.nodes.iter().skip(1).any(|node| *node != 0);
+        self.rounded_otherwise += u64::from(differs);
+        let nodes = layers.iter().zip(&found.nodes).skip(1);
+        Some(nodes.map(|(layer, node)| layer[*node].0).collect())
+    }
+
+    /// Whether a word may be added for an axis that a block does not name; a note where it is left out.
+    fn may_add(&mut self, axis: usize, way: &AxisWay, line: usize) -> bool {
+        if way.incremental || self.interpreter.says_place(axis) {
+            return true;
+        }
+        let needed = (way.delta - way.carried) / self.interpreter.modal.scale(axis);
+        if way.written.is_none() && needed.abs() >= half_step(way.numerals.decimals) {
+            let note = Note::LeftOut(char::from(LETTERS[axis]));
+            self.interpreter.notes.add(note, line);
+        }
+        false
+    }
+
+    /// Notes a motion that passes on as it is, or in one part, since it is in machine coordinates or begins where nobody knows.
+    pub(crate) fn note_unknown(&mut self, motion: &Move, line: usize) {
+        if motion.in_machine || matches!(motion.path, Path::Home(_)) {
+            self.interpreter.notes.add(Note::InMachine, line);
+            return;
+        }
+        let of_plane = match motion.path {
+            Path::Line => None,
+            Path::Arc(arc) => Some([arc.axes[0], arc.axes[1]]),
+            _ => return,
+        };
+        let is_unknown = |axis: &usize| {
+            of_plane.is_none_or(|of| of.contains(axis))
+                && !(motion.known[*axis] && self.interpreter.known[*axis])
+        };
+        let Some(axis) = self.corrector.axes().find(is_unknown) else {
+            return;
+        };
+        let matters = match motion.path {
+            Path::Line => {
+                let in_program = self.ends_of(motion);
+                let ends = [&motion.from, &motion.to];
+                let frame = &self.interpreter.frame;
+                let [from, to] = &in_program;
+                !(self.corrector).is_straight_in(frame, &mut self.seen, ends, [from, to])
+            }
+            _ => self.corrector.at(&motion.to).delta != [0.0; 9],
+        };
+        if matters {
+            let note = Note::NotSplit(char::from(LETTERS[axis]));
+            self.interpreter.notes.add(note, line);
+        }
+    }
+
+    /// Notes what a correction rests on that nobody has stated, once a motion is written.
+    pub(crate) fn notes_unstated(&mut self, line: usize) {
+        if self.carried != [0.0; 9]
+            && let Some(name) = self.interpreter.unstated_offset()
+        {
+            self.interpreter.notes.add(Note::NoOffset(name), line);
+        }
+    }
+}
+
+pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
+    NcError::not_compensated(
+        line.number,
+        format!(
+            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
+        ),
+    )
+}
+
+/// The words of axes, and F behind them.
+pub(crate) fn words_of(
+    numbers: &Axes<Option<Number>>,
+    manners: &Axes<Manner>,
+    feed: Option<Number>,
+) -> impl Iterator<Item = NewWord> {
+    let words = LETTERS.into_iter().zip(*manners).zip(*numbers);
+    let words = words.filter_map(|((letter, manner), number)| {
+        Some(NewWord {
+            letter,
+            manner,
+            number: number?,
+        })
+    });
+    words.chain(feed.map(|feed| NewWord::plain((b'F', feed))))
+}
+
+/// Whether an M code stops the program once the motion of its block has ended.
+fn is_stop(code: f64) -> bool {
+    [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
+}
+
+/// When X and Y of a motion in polar coordinates are written.
+pub(crate) fn polar_writes(keeps: bool) -> Writes {
+    if keeps { Writes::Never } else { Writes::Always }
 }

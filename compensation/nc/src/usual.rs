@@ -7,18 +7,15 @@ use std::ops::Range;
 
 use crate::{
     block::Manner,
-    carried::Settled,
+    codes::LARGEST,
+    control::Dialect,
     coordinates::{Axes, LETTERS, axis_of},
-    dialect::Dialect,
-    given::LARGEST,
-    interpret::Interpreter,
-    legs::AxisWay,
+    interpreter::Interpreter,
+    line::{NewWord, Script},
     modal::{Code, Modal},
-    number::plain,
-    rewrite::{LONGEST, Rewriter},
-    script::{NewWord, Script},
-    values::Computed,
-    words::{Number, Written},
+    number::{Number, plain},
+    rewrite::{Computed, LONGEST, Rewriter, Settled},
+    straight::{AxisWay, Written},
 };
 
 /// A word of an axis: its value, and where that stands.
@@ -41,12 +38,10 @@ impl AxisWord {
 struct UsualLine {
     code: Option<Code>,
     words: Axes<AxisWord>,
-    /// The axes in the order of their words.
     order: Axes<u8>,
     count: usize,
     /// A bit for each axis that has a word.
     named: u16,
-    /// Behind the last word.
     end: usize,
 }
 
@@ -103,7 +98,6 @@ impl UsualLine {
         self.named & 1 << axis != 0
     }
 
-    /// The axes in the order of their words.
     fn order(&self) -> impl Iterator<Item = usize> {
         self.order[..self.count]
             .iter()
@@ -137,7 +131,6 @@ impl UsualLine {
     }
 }
 
-/// What follows blanks.
 #[inline]
 fn without_blanks(mut text: &[u8]) -> &[u8] {
     while let [b' ' | b'\t', behind @ ..] = text {
@@ -229,7 +222,7 @@ impl Rewriter {
             && !self.switches_radius;
         let is_plain = is_settled
             && self.interpreter.takes_usual()
-            && !self.corrector.is_bidirectional()
+            && !self.corrector.bidirectional
             && self.tells.is_none()
             && (self.corrector.axes()).all(|axis| self.interpreter.says_place(axis));
         if !is_plain {
@@ -295,7 +288,7 @@ impl Rewriter {
                     numerals: this.numerals(axis, None),
                 };
                 // All axes are known, so that there is nothing to be noted of the line.
-                (numbers[axis], carried[axis]) = this.on_its_way(axis, &way, 0).word();
+                (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
             }
         });
         // The way of all lines refuses it.
@@ -303,12 +296,7 @@ impl Rewriter {
             return None;
         }
         let begins = out.len();
-        let script = Script {
-            dialect: Dialect::Rs274,
-            comma: false,
-            says_each: false,
-        };
-        line.write(text, &numbers, script, out);
+        line.write(text, &numbers, Script::default(), out);
         if out.len() - begins > LONGEST {
             out.truncate(begins);
             return None;

@@ -1,29 +1,24 @@
 //! How far the tool of a virtual machine is from where a program wants it, with the program as it is and with its result.
+//!
+//! Both are compared at the same shares of each motion of the program. Where these places are is a matter of the program alone, so that what
+//! is found before is the same whatever the result is and whatever else is asked for.
 
-use std::{
-    io::{self, BufRead},
-    sync::mpsc::{SyncSender, sync_channel},
-    thread,
-};
+use std::{io::BufRead, sync::mpsc::Receiver};
 
-use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
+use volcomp_model::{Lengths, Machine, RigidSums, Temperatures, kinematics::nalgebra::Vector3};
 
 use crate::{
-    Average, Decimals, NcError,
-    comparison::Comparison,
+    Average, NcError,
+    control::Dialect,
+    coordinates::{Axes, between, dot, each, is_rotary},
     correction::Corrector,
-    deviation::{Deviation, Place},
-    dialect::Dialect,
-    inspect::Inspected,
-    made::Made,
-    part_file::Part,
-    program::execute,
-    rewrite::Rewriter,
+    inspect::{Collector, Inspected, Part},
+    modal::{SYSTEMS, name_of_offset},
+    motion::{Made, Move, Path, at_height},
+    program::run_beside,
+    reversal::{Carriages, SAME, Turns, steps_of},
     setup::SetUp,
 };
-
-/// Motions that wait between two threads.
-pub(crate) const WAITING: usize = 1024;
 
 /// A program and its result on a virtual machine.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -112,87 +107,617 @@ pub fn verify_average(
 }
 
 fn compare(
-    original: &mut (impl BufRead + Send),
-    result: &mut (impl BufRead + Send),
+    original: &mut (dyn BufRead + Send),
+    result: &mut (dyn BufRead + Send),
     shares: &mut dyn Iterator<Item = f64>,
     of: Virtual<'_>,
     averages: Option<&[Average]>,
 ) -> Result<Verification, NcError> {
-    // Executed on a machine without errors: no line is changed.
-    let mut ideal = of.truth.clone();
-    ideal.clear_errors();
-    ideal.set_thermal(Thermal::default())?;
-    let ideal = Corrector::new(&ideal, of.temperatures, 1.0)?;
     let truth = Corrector::new(of.truth, of.temperatures, 1.0)?;
-    thread::scope(|scope| {
-        let (to_original, originals) = sync_channel(WAITING);
-        let (to_result, results) = sync_channel(WAITING);
-        let ideal = &ideal;
-        let runs = [
-            scope.spawn(move || {
-                motions(
-                    original,
-                    ideal,
-                    of.setup,
-                    (of.dialect, of.most_blocks),
-                    to_original,
-                )
-            }),
-            scope.spawn(move || {
-                motions(
-                    result,
-                    ideal,
-                    of.setup,
-                    (of.dialect, of.most_blocks),
-                    to_result,
-                )
-            }),
-        ];
-        let compared = Comparison::new(truth, &of, averages).all(&originals, &results, shares);
-        // A sender that goes on gets an error.
-        drop((originals, results));
-        for run in runs {
-            match run.join() {
-                Ok(Err(error)) if !is_end(&error) => return Err(error),
-                Ok(_) => {}
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        compared
-    })
-}
-
-/// A run that was stopped since nobody listens any more.
-pub(crate) fn is_end(error: &NcError) -> bool {
-    matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe)
-}
-
-/// Sends the motions of a program, one after the other.
-pub(crate) fn motions(
-    program: &mut impl BufRead,
-    ideal: &Corrector,
-    setup: &SetUp,
-    (dialect, most_blocks): (Dialect, u64),
-    to: SyncSender<Made>,
-) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(
-        setup,
-        ideal.clone(),
-        Decimals::default(),
-        dialect,
-        CorrectionLimit::default(),
+    let comparison = Comparison::new(truth, &of, averages);
+    let (compared, failed) = run_beside(
+        of.truth,
+        of.temperatures,
+        (of.dialect, of.most_blocks),
+        vec![(original, of.setup), (result, of.setup)],
+        |motions| comparison.all(&motions[0], &motions[1], shares),
     )?;
-    rewriter.tells = Some(to);
-    // Both programs have been read by now.
-    rewriter.interpreter.points.may_mix = true;
-    execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
-    Ok(())
+    failed.map_or(compared, Err)
 }
 
 /// The result has other motions than the program, at a line of it.
-pub(crate) fn other_motions(line: usize) -> NcError {
-    NcError::Flow {
+fn other_motions(line: usize) -> NcError {
+    NcError::not_compensated(
         line,
-        what: "the result does not make the motions of the program: this is a defect of the program that made it, please report it".to_owned(),
+        "the result does not make the motions of the program: this is a defect of the program that made it, please report it",
+    )
+}
+
+/// Places of a path that are kept at the most.
+const MOST_PLACES: usize = 20_000;
+
+/// On a line or an arc so many places are looked at for each of these lengths that it begins, the last one at its end.
+const PLACES: u32 = 8;
+
+const LENGTH_MM: f64 = 100.0;
+
+/// As if no motion were longer than so many lengths.
+const MOST_LENGTHS: f64 = 64.0;
+
+/// Between two places of an arc the machine is followed in so many steps, and a circle that is to be inspected is cut in each of them.
+const STEPS_OF_ARC: u32 = 9;
+
+/// The places of a hole besides its plane R: half-way down and at its bottom.
+const PLACES_OF_HOLE: u32 = 2;
+
+/// The share of a motion over which its direction is taken.
+const NEAR: f64 = 1e-6;
+
+/// A tip that goes less far, mm, within twice that share stands still but for the rounding of numbers.
+const STANDS_STILL_MM: f64 = 1e-11;
+
+/// Motions that are further off than before by less are not: µm.
+const SEEN_UM: f64 = 0.01;
+
+/// Where a motion is followed: at equal shares of it.
+#[derive(Clone, Copy, Debug)]
+struct Stations {
+    /// Which is the first one: share 0 is followed by holes only.
+    first: u32,
+    last: u32,
+    /// At each so many one is looked at.
+    stride: u32,
+}
+
+impl Stations {
+    fn of(original: &Made) -> Self {
+        let is_arc = matches!(original.motion.path, Path::Arc(_));
+        match original.motion.path {
+            Path::Hole { .. } => Self {
+                first: 0,
+                last: PLACES_OF_HOLE,
+                stride: 1,
+            },
+            Path::Rapid => Self {
+                first: 1,
+                last: 1,
+                stride: 1,
+            },
+            _ => {
+                let lengths = (length_mm(original) / LENGTH_MM).clamp(1.0, MOST_LENGTHS);
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "1 to 64"
+                )]
+                let lengths = (lengths - SAME).ceil().max(1.0) as u32;
+                let stride = if is_arc { STEPS_OF_ARC } else { 1 };
+                Self {
+                    first: 1,
+                    last: lengths * PLACES * stride,
+                    stride,
+                }
+            }
+        }
     }
+
+    fn share(self, station: u32) -> f64 {
+        f64::from(station) / f64::from(self.last)
+    }
+
+    fn is_looked_at(self, station: u32) -> bool {
+        station.is_multiple_of(self.stride)
+    }
+}
+
+/// How long a line or an arc is in the coordinates of the program; rotary axes do not count.
+fn length_mm(original: &Made) -> f64 {
+    let Made { motion, frame, .. } = original;
+    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    let squared = |axis: usize| (to[axis] - from[axis]).powi(2);
+    match motion.path {
+        Path::Arc(arc) => {
+            let (radius, _) = arc.start(&from);
+            (radius * arc.turns_by).hypot(squared(arc.axes[2]).sqrt())
+        }
+        _ => (0..3).map(squared).sum::<f64>().sqrt(),
+    }
+}
+
+/// A motion of the result, which is the part of a motion of the program from one share of it to another.
+#[derive(Debug)]
+struct PartOfMotion {
+    made: Made,
+    from: f64,
+    to: f64,
+}
+
+/// State: the virtual machine, and what was found.
+struct Comparison {
+    truth: Corrector,
+    /// With the original program, and the result.
+    before: Carriages,
+    after: Carriages,
+    /// Where axes turn on the rest of the motion that is looked at.
+    turns: Turns,
+    /// The parts of the motion, in which of them the result is, and how far in it.
+    parts: Vec<PartOfMotion>,
+    at_part: usize,
+    of_part: f64,
+    found: Verification,
+    cut: Option<Collector>,
+    /// The correction of the result, and the work offsets that the set-up states.
+    corrector: Option<Corrector>,
+    /// The mean corrections, where the result has these in its work offsets.
+    averages: Option<Vec<Average>>,
+    stated: [bool; SYSTEMS],
+    /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
+    /// whose work offset the error there was added; mm in workpiece axes.
+    zeros: Vec<Option<[[f64; 3]; 2]>>,
+    /// Of so many places one is kept.
+    stride: u64,
+    /// With the original and with the compensated program: all places, and those of the motion.
+    sums: [Sums; 2],
+    of_motion: [Lengths; 2],
+}
+
+impl Comparison {
+    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>, averages: Option<&[Average]>) -> Self {
+        Self {
+            truth,
+            averages: averages.map(<[_]>::to_vec),
+            corrector: of.part.map(|(_, corrector)| corrector.clone()),
+            stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
+            zeros: vec![None; SYSTEMS],
+            before: Carriages::default(),
+            after: Carriages::default(),
+            turns: Turns::default(),
+            parts: Vec::new(),
+            at_part: 0,
+            of_part: 0.0,
+            found: Verification::default(),
+            cut: of.part.map(|(part, _)| Collector::new(part.clone())),
+            stride: 1,
+            sums: Default::default(),
+            of_motion: Default::default(),
+        }
+    }
+
+    pub(crate) fn all(
+        mut self,
+        originals: &Receiver<Made>,
+        results: &Receiver<Made>,
+        shares: &mut dyn Iterator<Item = f64>,
+    ) -> Result<Verification, NcError> {
+        let mut is_first = true;
+        while let Ok(original) = originals.recv() {
+            if std::mem::take(&mut is_first) {
+                // Before a rotary axis gets another number.
+                let Move { from, wraps, .. } = &original.motion;
+                let begins = each(|axis| from[axis] - wraps[axis]);
+                self.truth.begins(&begins);
+                self.before = Carriages::at(&begins);
+                self.after = self.before.clone();
+            }
+            self.truth.take_tool(&original.tool)?;
+            self.truth.wraps(&original.motion.wraps);
+            self.before.wraps(&original.motion.wraps);
+            self.take_parts(original.line, results, shares)?;
+            self.take_zero(&original)?;
+            self.motion(&original);
+        }
+        if results.recv().is_ok() {
+            return Err(other_motions(0));
+        }
+        let found = &mut self.found;
+        let [before, after] = [0, 1].map(|of| {
+            let sums: &Sums = &self.sums[of];
+            sums.deviation(&found.path, BEFORE_AND_AFTER[of])
+        });
+        (found.before, found.after) = (before, after);
+        found.features = (self.cut.as_mut())
+            .map(Collector::inspected)
+            .unwrap_or_default();
+        Ok(self.found)
+    }
+
+    /// The motions of the result that are parts of the next motion of the program.
+    fn take_parts(
+        &mut self,
+        line: usize,
+        results: &Receiver<Made>,
+        shares: &mut dyn Iterator<Item = f64>,
+    ) -> Result<(), NcError> {
+        self.parts.clear();
+        let mut from = 0.0;
+        while from < 1.0 {
+            let (Ok(made), Some(to)) = (results.recv(), shares.next()) else {
+                return Err(other_motions(line));
+            };
+            self.parts.push(PartOfMotion { made, from, to });
+            from = to;
+        }
+        (self.at_part, self.of_part) = (0, 0.0);
+        if let Some(part) = self.parts.first() {
+            self.after.wraps(&part.made.motion.wraps);
+        }
+        Ok(())
+    }
+
+    /// Probes the zero of the work offset with which a motion cuts, if it was not yet.
+    fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
+        let system = original.system;
+        let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
+        let cuts = original.known && original.cuts_from_stated_zero;
+        if !is_stated || !cuts || self.zeros[system].is_some() {
+            return Ok(());
+        }
+        let Some(corrector) = &mut self.corrector else {
+            return Ok(());
+        };
+        corrector.take_tool(&original.tool)?;
+        let of_offset = original.frame.of_offset();
+        let off_mm = match &self.averages {
+            None => corrector.off_at_zero_mm(&of_offset),
+            Some(averages) => {
+                let name = name_of_offset(system);
+                let of = averages.iter().find(|of| of.system == name);
+                of.map_or([0.0; 3], |of| of.off_at_zero_mm)
+            }
+        };
+        // What is added to the work offset moves the part by as much.
+        let off = each(|axis| off_mm.get(axis).copied().unwrap_or(0.0));
+        let [zero, added] = [[0.0; 9], off].map(|at| of_offset.to_machine(&at));
+        let probed = self.truth.tip_error_mm(&zero);
+        let [from, to] = [&zero, &added].map(|at| self.truth.ideal_tip_mm(at));
+        let left = std::array::from_fn(|i| probed[i] - (to[i] - from[i]));
+        self.zeros[system] = Some([probed, left]);
+        Ok(())
+    }
+
+    fn motion(&mut self, original: &Made) {
+        let path = original.motion.path;
+        if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
+            self.truth.goes(&original.motion.to);
+            self.before.go(&self.truth, &original.motion.to);
+            if let Some(part) = self.parts.last() {
+                self.after.go(&self.truth, &part.made.motion.to);
+            }
+            return;
+        }
+        self.found.motions += 1;
+        self.found.in_inches |= original.in_inches;
+        self.of_motion = Default::default();
+        let is_hole = matches!(path, Path::Hole { .. });
+        let only_end = is_hole || path == Path::Rapid;
+        if is_hole {
+            self.truth.goes(&place_of(original, 0.0));
+        }
+        let steps = steps(&self.truth, original, 1.0);
+        self.turns = self.truth.turns(steps, |share| place_of(original, share));
+        let begins = self.result_goes(0.0);
+        if !only_end {
+            self.cut(original, &place_of(original, 0.0), &begins);
+        }
+        let stations = Stations::of(original);
+        let mut passed = 0.0;
+        for station in stations.first..=stations.last {
+            let share = stations.share(station);
+            // The side from which an axis comes is that of the programmed motion; a carriage that lags is where its drive left it.
+            let turned = self.turns.turns.iter();
+            let turned = turned.take_while(|turn| only_end || turn.share < share - SAME);
+            let count = turned.map(|turn| self.truth.turn(turn)).count();
+            self.turns.turns.drain(..count);
+            for place in places(&self.truth, original, [passed, share]) {
+                self.before.go(&self.truth, &place);
+            }
+            passed = share;
+            let (wanted, commanded) = (place_of(original, share), self.result_goes(share));
+            if stations.is_looked_at(station) {
+                let begins = only_end && station == stations.first;
+                self.look(original, share, [&wanted, &commanded], begins);
+            }
+            // A hole is measured half-way down.
+            if !is_hole || 2 * station == stations.last {
+                self.cut(original, &wanted, &commanded);
+            }
+        }
+        self.truth.reaches(&self.turns.furthest);
+        self.truth.goes(&original.motion.to);
+        self.judge(original.line);
+    }
+
+    /// The result goes on to a share of the motion of the program; where its axes are commanded to there.
+    fn result_goes(&mut self, share: f64) -> Axes {
+        while let Some(part) = self.parts.get(self.at_part) {
+            let is_last = self.at_part + 1 == self.parts.len();
+            // A part that ends where an axis turns ends before it does, however the two shares are rounded. One that begins where it ends
+            // takes up the play of an axis.
+            let is_behind = share > part.to + SAME && !is_last || part.to == part.from;
+            let of_part = if is_behind || share >= part.to {
+                1.0
+            } else {
+                (share - part.from) / (part.to - part.from)
+            };
+            for place in places(&self.truth, &part.made, [self.of_part, of_part]) {
+                self.after.go(&self.truth, &place);
+            }
+            self.of_part = of_part;
+            if !is_behind {
+                return place_of(&part.made, of_part);
+            }
+            (self.at_part, self.of_part) = (self.at_part + 1, 0.0);
+            if let Some(next) = self.parts.get(self.at_part) {
+                self.after.wraps(&next.made.motion.wraps);
+            }
+        }
+        // There is a last part, which ends behind every share.
+        [0.0; 9]
+    }
+
+    fn look(&mut self, original: &Made, share: f64, [wanted, commanded]: [&Axes; 2], begins: bool) {
+        let tip = self.truth.ideal_tip_mm(wanted);
+        let um = |at: &Axes, off: &Axes| -> [f64; 3] {
+            let actual = self.truth.actual_tip_mm(at, off);
+            std::array::from_fn(|i| 1e3 * (actual[i] - tip[i]))
+        };
+        let place = Place {
+            line: original.line,
+            tip_mm: tip,
+            before_um: um(wanted, &self.before.off),
+            after_um: um(commanded, &self.after.off),
+            begins,
+        };
+        let along = self.direction(original, share);
+        let sums = self.sums.iter_mut().zip(&mut self.of_motion);
+        for ((sums, of_motion), of) in sums.zip(BEFORE_AND_AFTER) {
+            sums.take(&place, of, along);
+            of_motion.take(&of(&place).into());
+        }
+        self.keep(place);
+    }
+
+    /// The direction of the path of the tip at a share of a motion, in workpiece axes; zero where there is none.
+    fn direction(&self, original: &Made, share: f64) -> [f64; 3] {
+        if original.motion.path == Path::Rapid {
+            return [0.0; 3];
+        }
+        let [before, behind] = [(share - NEAR).max(0.0), (share + NEAR).min(1.0)]
+            .map(|share| self.truth.ideal_tip_mm(&place_of(original, share)));
+        let way: [f64; 3] = std::array::from_fn(|i| behind[i] - before[i]);
+        let length = dot(way, way).sqrt();
+        // What rounding makes of a tip that stands still is no direction.
+        if length < STANDS_STILL_MM {
+            return [0.0; 3];
+        }
+        way.map(|way| way / length)
+    }
+
+    /// Whether the tool is further off with the result on the motion that has ended.
+    fn judge(&mut self, line: usize) {
+        let [before, after] = &self.of_motion;
+        let by_um = (after.rms() - before.rms()).max(after.max() - before.max());
+        if by_um <= SEEN_UM {
+            return;
+        }
+        let further = &mut self.found.further;
+        further.motions += 1;
+        if by_um > further.by_um {
+            (further.by_um, further.line) = (by_um, Some(line));
+        }
+    }
+
+    fn cut(&mut self, original: &Made, wanted: &Axes, commanded: &Axes) {
+        let path = original.motion.path;
+        let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) else {
+            return;
+        };
+        let truth = &self.truth;
+        let zero = self.zeros.get(original.system).copied().flatten();
+        let zero = zero.filter(|_| original.cuts_from_stated_zero);
+        let [before, after] = zero.unwrap_or_default();
+        let from_zero = |at: [f64; 3], zero: [f64; 3]| std::array::from_fn(|i| at[i] - zero[i]);
+        cut.take(
+            original.line,
+            matches!(path, Path::Hole { .. }),
+            |above_mm| {
+                [
+                    truth.ideal_on_tool_mm(wanted, above_mm),
+                    from_zero(truth.on_tool_mm(wanted, &self.before.off, above_mm), before),
+                    from_zero(
+                        truth.on_tool_mm(commanded, &self.after.off, above_mm),
+                        after,
+                    ),
+                ]
+            },
+        );
+    }
+
+    fn keep(&mut self, place: Place) {
+        let found = &mut self.found;
+        if found.places.is_multiple_of(self.stride) || place.begins {
+            found.path.push(place);
+        }
+        found.places += 1;
+        if found.path.len() >= MOST_PLACES {
+            self.stride *= 2;
+            let mut keeps = false;
+            found.path.retain(|_| {
+                keeps = !keeps;
+                keeps
+            });
+        }
+    }
+}
+
+/// A place of the path, in workpiece axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Place {
+    /// The line of the original program.
+    pub line: usize,
+    /// Where the program wants the tip of the tool, mm from the workpiece origin.
+    pub tip_mm: [f64; 3],
+    /// How far from there the tip is with the original program, µm.
+    pub before_um: [f64; 3],
+    /// How far from there the tip is with the compensated program, µm.
+    pub after_um: [f64; 3],
+    /// It is the end of a rapid motion, or the plane R of a hole: no path leads to it from the place before.
+    pub begins: bool,
+}
+
+/// The deviation of a whole program.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
+#[non_exhaustive]
+pub struct Deviation {
+    /// The largest distance of the tip from where it belongs, µm.
+    pub max_um: f64,
+    /// The root of the mean of its squares over all places that were looked at, µm.
+    pub rms_um: f64,
+    /// The largest distance across the path, µm. What is along the path does not count here: it changes when the tip passes, not where.
+    /// At the ends of rapid motions, and where the tip stands still, there is no path, and the whole distance counts.
+    pub across_max_um: f64,
+    /// The root of the mean of its squares, µm.
+    pub across_rms_um: f64,
+    /// Where the whole distance is largest: the line of the original program.
+    pub line: usize,
+    /// Where the tip is to be there, mm from the workpiece origin in workpiece axes.
+    pub tip_mm: [f64; 3],
+    /// The root of the mean square after alignment of the part, µm: how the part lies on the table is no error of it.
+    pub form_rms_um: f64,
+    /// The largest distance beside that motion, µm, over the places that are kept (see [`Verification::path`](crate::Verification::path))
+    /// and those where the deviation along an axis is largest.
+    pub form_max_um: f64,
+}
+
+/// State: the deviations of all places, summed up.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sums {
+    whole: Lengths,
+    across: Lengths,
+    line: usize,
+    tip_mm: [f64; 3],
+    form: RigidSums,
+    /// The places where the deviation towards plus and minus X, Y and Z is largest.
+    farthest: [Option<Place>; 6],
+}
+
+impl Sums {
+    /// Takes a place; `along` is the direction of the path there, of length 1 or, where there is none, 0.
+    pub(crate) fn take(&mut self, place: &Place, of: DeviationOf, along: [f64; 3]) {
+        let deviation_um = of(place);
+        let largest = self.whole.max();
+        self.whole.take(&deviation_um.into());
+        if self.line == 0 || self.whole.max() > largest {
+            (self.line, self.tip_mm) = (place.line, place.tip_mm);
+        }
+        let by = dot(deviation_um, along);
+        let across: [f64; 3] = std::array::from_fn(|i| deviation_um[i] - by * along[i]);
+        self.across.take(&across.into());
+        let [tip_mm, error_mm] = in_mm(place, of);
+        self.form.take(&tip_mm, &error_mm);
+        for (side, kept) in self.farthest.iter_mut().enumerate() {
+            let towards = |um: [f64; 3]| if side < 3 { um[side] } else { -um[side - 3] };
+            if kept.is_none_or(|kept| towards(deviation_um) > towards(of(&kept))) {
+                *kept = Some(*place);
+            }
+        }
+    }
+
+    /// What they are; `path` are the places that were kept.
+    pub(crate) fn deviation(&self, path: &[Place], of: DeviationOf) -> Deviation {
+        let motion = self.form.motion();
+        let mut left = Lengths::default();
+        for place in path.iter().chain(self.farthest.iter().flatten()) {
+            let [tip_mm, error_mm] = in_mm(place, of);
+            left.take(&motion.left_mm(&tip_mm, &error_mm));
+        }
+        Deviation {
+            max_um: self.whole.max(),
+            rms_um: self.whole.rms(),
+            across_max_um: self.across.max(),
+            across_rms_um: self.across.rms(),
+            line: self.line,
+            tip_mm: self.tip_mm,
+            form_rms_um: 1e3 * self.form.rms_left_mm(),
+            form_max_um: 1e3 * left.max(),
+        }
+    }
+}
+
+/// Which deviation of a place, µm.
+type DeviationOf = fn(&Place) -> [f64; 3];
+
+/// With the original and with the compensated program.
+const BEFORE_AND_AFTER: [DeviationOf; 2] = [|place| place.before_um, |place| place.after_um];
+
+fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
+    [place.tip_mm, of(place).map(|um| 1e-3 * um)].map(Vector3::from)
+}
+
+/// The axes at a share of a motion; of a hole, on its way down from its plane R.
+pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
+    let Made { motion, frame, .. } = made;
+    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+    match motion.path {
+        Path::Arc(arc) => frame.to_machine(&arc.place(&from, &to, share)),
+        Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        } => {
+            let height = clearance + share * (bottom - clearance);
+            frame.to_machine(&at_height(&to, depth, height))
+        }
+        _ if share == 1.0 => motion.to,
+        _ => frame.to_machine(&between(&from, &to, share)),
+    }
+}
+
+/// The places of a motion from one share of it to another that show every turning point, the last one at the end.
+pub(crate) fn places<'a>(
+    truth: &Corrector,
+    made: &'a Made,
+    [from, to]: [f64; 2],
+) -> impl Iterator<Item = Axes> + use<'a> {
+    let steps = if truth.bidirectional {
+        steps(truth, made, to - from)
+    } else {
+        1
+    };
+    (1..=steps).map(move |step| {
+        let share = from + (to - from) * f64::from(step) / f64::from(steps);
+        place_of(made, if step == steps { to } else { share })
+    })
+}
+
+/// In how many steps a motion is followed so that no turning point of an axis is missed.
+pub(crate) fn steps(truth: &Corrector, made: &Made, share: f64) -> u32 {
+    let Made { motion, frame, .. } = made;
+    let from = frame.to_program(&motion.from);
+    let mut steps = 1.0_f64;
+    if let Path::Arc(arc) = motion.path {
+        let (radius, _) = arc.start(&from);
+        // The sagitta of the whole of it, as if it were a parabola.
+        let turns = arc.turns_by.abs() * share;
+        steps = steps_of(0.125 * radius * turns * turns);
+    }
+    if frame.tip.is_some() {
+        let turned: f64 = (3..6)
+            .filter(|axis| is_rotary(*axis))
+            .map(|axis| (motion.to[axis] - motion.from[axis]).abs().to_radians())
+            .sum();
+        let to = frame.to_program(&motion.to);
+        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
+        let bulge = truth.bulge_mm(share * turned, share * way.sqrt());
+        steps = steps.max(steps_of(bulge));
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "1 to 1024"
+    )]
+    let whole = steps.ceil() as u32;
+    whole
 }

@@ -1,0 +1,1037 @@
+//! The conversational language of HEIDENHAIN controls: its lines as blocks.
+//!
+//! Words that mean the same as in RS-274 have its letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. What is not known to
+//! move nothing is refused with its column.
+
+use std::ops::Range;
+
+use crate::{
+    block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
+    codes::whole,
+    coordinates::axis_of,
+    error::{FLOW, Fault, OWN_RULE, UNKNOWN, malformed, not_followed},
+    expression::{Formulas, Operator, finite, operate, plain_number, takes_name},
+    interpreter::Interpreter,
+    parameters::Value,
+};
+
+const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
+
+/// Reads a line without its end.
+pub(crate) fn read_heidenhain(
+    block: &mut Block,
+    text: &[u8],
+    interpreter: &Interpreter,
+) -> Result<(), Fault> {
+    block.clear();
+    let mut reader = Reader {
+        block,
+        scanner: Scanner::new(text),
+        values: Values { interpreter },
+    };
+    reader.line()
+}
+
+struct Reader<'a, 'b> {
+    block: &'b mut Block,
+    scanner: Scanner<'a>,
+    values: Values<'b>,
+}
+
+impl Reader<'_, '_> {
+    fn line(&mut self) -> Result<(), Fault> {
+        let text = self.scanner.bytes();
+        if self.values.interpreter.modal.goes_on {
+            // Parameters of a cycle.
+            self.goes_on();
+            if self.values.interpreter.modal.awaits_preset {
+                return self.preset();
+            }
+            return Ok(());
+        }
+        self.block.number = block_number(text);
+        if let Some((place, _)) = &self.block.number {
+            self.scanner.go_to(place.end);
+        }
+        let column = {
+            self.scanner.peek();
+            self.scanner.column()
+        };
+        match self.scanner.peek() {
+            None | Some(b';' | b'*') => return Ok(()),
+            Some(b'0'..=b'9') if self.block.number.is_none() => {
+                return Err(malformed(column, "the number of a block above 1000000000"));
+            }
+            Some(b'/') => {
+                return Err(not_followed(
+                    column,
+                    "/",
+                    "whether a block is skipped, only the control knows",
+                ));
+            }
+            _ => {}
+        }
+        if self.takes("BEGIN PGM") {
+            return self.begins(column);
+        }
+        if self.takes("END PGM") {
+            self.block.commands.push(Command::Ends);
+            return Ok(());
+        }
+        for name in ["BLK FORM", "LBL", "FUNCTION MODE MILL", "QS"] {
+            if self.takes(name) {
+                self.goes_on();
+                return Ok(());
+            }
+        }
+        if self.motion()? || self.cycle()? || self.tool()? || self.parameter()? {
+            return self.ends();
+        }
+        if self.takes("STOP") {
+            self.m_words()?;
+            return self.ends();
+        }
+        if self.takes("FUNCTION TCPM") {
+            return self.tcpm(column);
+        }
+        if self.takes("FUNCTION RESET TCPM") {
+            self.block.commands.push(Command::CentrePoint(false));
+            return self.ends();
+        }
+        if self.scanner.peek() == Some(b'M') {
+            self.m_words()?;
+            return self.ends();
+        }
+        self.refuses(column)
+    }
+
+    /// Passes these words where they are next; blanks between may be more than one.
+    fn takes(&mut self, words: &str) -> bool {
+        let before = self.scanner.at();
+        let all = words
+            .split(' ')
+            .all(|word| takes_name(&mut self.scanner, word) || self.takes_prefix(word));
+        if !all {
+            self.scanner.go_to(before);
+        }
+        all
+    }
+
+    /// `LBL5`, `QS3`, `FN0`: a name that goes on with a number.
+    fn takes_prefix(&mut self, word: &str) -> bool {
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
+        let is_next = self.scanner.is_next(word);
+        let then_digit = rest.get(word.len()).is_some_and(u8::is_ascii_digit);
+        let is_taken = matches!(word, "LBL" | "QS" | "FN") && is_next && then_digit;
+        if is_taken {
+            self.scanner.go_to(at + word.len());
+        }
+        is_taken
+    }
+
+    /// `NAME MM`, behind BEGIN PGM.
+    fn begins(&mut self, column: usize) -> Result<(), Fault> {
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
+        let rest = rest.split(|byte| *byte == b';').next().unwrap_or_default();
+        let mut words = rest.split(|byte| matches!(byte, b' ' | b'\t'));
+        let unit = words.rfind(|word| !word.is_empty()).unwrap_or_default();
+        let code = match unit.to_ascii_uppercase().as_slice() {
+            b"MM" => 21.0,
+            b"INCH" => 20.0,
+            _ => {
+                return Err(not_followed(
+                    column,
+                    "BEGIN PGM",
+                    "expected MM or INCH at its end",
+                ));
+            }
+        };
+        self.word(b'G', at, at..at, Some(code), Manner::Modal, None);
+        Ok(())
+    }
+
+    /// A line of a block that began before.
+    fn goes_on(&mut self) {
+        if self.has_tilde() {
+            self.block.commands.push(Command::GoesOn);
+        }
+    }
+
+    /// `Q339=+1`, the number of the preset that cycle 247 chooses.
+    fn preset(&mut self) -> Result<(), Fault> {
+        let column = self.scanner.column();
+        if q_parameter(&mut self.scanner) == Some(Parameter::Numbered(339))
+            && self.scanner.takes(b'=')
+        {
+            let value = self.value("expected the number of a preset here")?;
+            self.block.commands.push(Command::Preset(value));
+            return Ok(());
+        }
+        if self.has_tilde() {
+            return Ok(());
+        }
+        Err(not_followed(
+            column,
+            "CYCL DEF 247",
+            "expected the number of its preset, Q339",
+        ))
+    }
+
+    /// Whether the line ends with a tilde before its comment.
+    fn has_tilde(&self) -> bool {
+        let text = self.scanner.bytes();
+        let before = text.split(|byte| *byte == b';').next().unwrap_or_default();
+        // The tilde stands behind a comment in the files of controls.
+        before.trim_ascii_end().ends_with(b"~") || text.trim_ascii_end().ends_with(b"~")
+    }
+
+    /// Nothing but a comment is left.
+    fn ends(&mut self) -> Result<(), Fault> {
+        match self.scanner.peek() {
+            None | Some(b';') => Ok(()),
+            Some(found) => Err(Fault::Character {
+                column: self.scanner.column(),
+                found: char::from(found),
+            }),
+        }
+    }
+
+    /// `FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS`, whose beginning is passed.
+    fn tcpm(&mut self, column: usize) -> Result<(), Fault> {
+        for words in ["F TCP", "AXIS POS", "PATHCTRL AXIS"] {
+            if !self.takes(words) {
+                return Err(not_followed(
+                    column,
+                    "FUNCTION TCPM",
+                    "only F TCP AXIS POS PATHCTRL AXIS is followed",
+                ));
+            }
+        }
+        self.block.commands.push(Command::CentrePoint(true));
+        self.ends()
+    }
+
+    /// `Q1 = ...`, `FN 1: Q1 = +Q2 + +3`.
+    fn parameter(&mut self) -> Result<bool, Fault> {
+        let (at, column) = (self.scanner.at(), self.scanner.column());
+        let mut function = None;
+        if self.takes("FN") {
+            let number = plain_number(&mut self.scanner, b"");
+            let number = number.map(|(number, _)| number);
+            function = number.filter(|number| *number <= 5.0);
+            if function.is_none() || !self.scanner.takes(b':') {
+                return Err(not_followed(column, "FN", FLOW));
+            }
+        }
+        let Some(parameter) = q_parameter(&mut self.scanner) else {
+            self.scanner.go_to(at);
+            return Ok(false);
+        };
+        if !self.scanner.takes(b'=') {
+            return Err(malformed(
+                self.scanner.column(),
+                "expected = after a parameter that begins a block",
+            ));
+        }
+        self.scanner.peek();
+        let (from, column) = (self.scanner.at(), self.scanner.column());
+        let value = if let Some(function) = function {
+            self.function(function)?
+        } else {
+            let value = self.values.operation(&mut self.scanner, 0, 0)?;
+            value.ok_or(malformed(
+                column,
+                "expected the value of the parameter after =",
+            ))?
+        };
+        let to = self.scanner.at();
+        self.block.assignments.push(Assignment {
+            parameter,
+            value,
+            all: at..to,
+            text: from..to,
+        });
+        Ok(true)
+    }
+
+    /// FN 0 to FN 5: a value, a sum, a difference, a product, `A DIV B`, `SQRT A`.
+    fn function(&mut self, number: f64) -> Result<Value, Fault> {
+        const WHAT: &str = "expected a number or a Q parameter here";
+        let column = self.scanner.column();
+        if number == 5.0 {
+            takes_name(&mut self.scanner, "SQRT");
+            let value = self.value(WHAT)?;
+            return value.map(|x| finite(x.sqrt(), column)).transpose();
+        }
+        let first = self.value(WHAT)?;
+        let operators = [
+            ("+", Operator::Plus),
+            ("-", Operator::Minus),
+            ("*", Operator::Times),
+            ("DIV", Operator::Over),
+        ];
+        let wanted = operators
+            .iter()
+            .zip(1..)
+            .find(|(_, of)| f64::from(*of) == number);
+        let Some(((name, operator), _)) = wanted else {
+            return Ok(first);
+        };
+        let is_there = takes_name(&mut self.scanner, name)
+            || *operator == Operator::Over && self.scanner.takes(b'/');
+        if !is_there {
+            return Err(malformed(
+                self.scanner.column(),
+                "expected the operator of this function: + - * DIV",
+            ));
+        }
+        let second = self.value(WHAT)?;
+        match (first, second) {
+            (Some(a), Some(b)) => Ok(Some(operate(*operator, a, b, column)?)),
+            _ => Ok(None),
+        }
+    }
+
+    /// What is refused, with the reason.
+    fn refuses(&mut self, column: usize) -> Result<(), Fault> {
+        const REASONS: [(&str, &[&str]); 11] = [
+            (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
+            (TILTED, &["PLANE"]),
+            (OWN_RULE, &["TCH PROBE", "PATTERN DEF"]),
+            ("a rounded corner is a motion of its own", &["RND"]),
+            ("a bevelled corner is a motion of its own", &["CHF"]),
+            (
+                "approach and departure make motions of their own",
+                &["APPR", "DEP"],
+            ),
+            ("an arc by its tangent", &["CT", "CTP"]),
+            (
+                "directions of the tool are followed as angles of the rotary axes only",
+                &["LN"],
+            ),
+            ("a spline", &["SPL"]),
+            (
+                "free contours are not followed",
+                &["FL", "FLT", "FC", "FCT", "FPOL"],
+            ),
+            (UNKNOWN, &["FUNCTION"]),
+        ];
+        for (why, names) in REASONS {
+            if let Some(name) = names.iter().find(|name| self.takes(name)) {
+                return Err(not_followed(column, name, why));
+            }
+        }
+        Err(not_followed(
+            column,
+            &self.found(self.scanner.at()),
+            UNKNOWN,
+        ))
+    }
+
+    /// A motion or a pole; false: the line is none.
+    pub(crate) fn motion(&mut self) -> Result<bool, Fault> {
+        if self.takes_keyword("CC") {
+            self.block.commands.push(Command::Pole);
+            while self.axis_word()? {}
+            let others = |letter: u8| !matches!(letter, b'X' | b'Y');
+            if self.block.words.iter().any(|word| others(word.letter)) {
+                let column = self.scanner.column();
+                return Err(not_followed(
+                    column,
+                    "CC",
+                    "a pole outside the plane of X and Y",
+                ));
+            }
+            return Ok(true);
+        }
+        self.scanner.peek();
+        let at = self.scanner.at();
+        let found = KINDS.into_iter().find(|(name, _)| self.takes_keyword(name));
+        let Some((name, kind)) = found else {
+            return Ok(false);
+        };
+        self.block.keyword = at..at + name.len();
+        self.block.end = self.scanner.at();
+        let place = self.block.words.len();
+        self.word(
+            b'G',
+            at,
+            at..at + name.len(),
+            Some(1.0),
+            Manner::Modal,
+            None,
+        );
+        let (mut rapid, mut clockwise) = (false, None);
+        loop {
+            let column = self.column();
+            if self.axis_word()? || self.polar_word(kind)? {
+                self.block.end = self.scanner.at();
+                continue;
+            }
+            match self.scanner.peek() {
+                Some(b'R') => self.radius(kind, column)?,
+                Some(b'D') => {
+                    let at = self.scanner.at();
+                    let is_minus = takes_name(&mut self.scanner, "DR-");
+                    if !is_minus && !takes_name(&mut self.scanner, "DR+") {
+                        return Err(not_followed(column, &self.found(at), UNKNOWN));
+                    }
+                    clockwise = Some(is_minus);
+                }
+                Some(b'F') => rapid |= self.feed(column)?,
+                Some(b'M') => self.m_word()?,
+                Some(b'~') => {
+                    return Err(not_followed(column, "~", "a motion in several lines"));
+                }
+                _ => break,
+            }
+        }
+        let is_arc = matches!(kind, Kind::Arc | Kind::ArcByRadius | Kind::PolarArc);
+        let column = self.column();
+        let code = match (is_arc, clockwise) {
+            (true, Some(true)) => 2.0,
+            (true, Some(false)) => 3.0,
+            (true, None) => {
+                return Err(malformed(column, "expected DR+ or DR- in an arc"));
+            }
+            (false, Some(_)) => {
+                return Err(malformed(column, "DR+ or DR- in a straight motion"));
+            }
+            (false, None) => f64::from(u8::from(!rapid)),
+        };
+        self.block.words[place].value = Some(code);
+        self.turns(kind, clockwise)?;
+        Ok(true)
+    }
+
+    fn column(&mut self) -> usize {
+        self.scanner.peek();
+        self.scanner.column()
+    }
+
+    fn found(&self, at: usize) -> String {
+        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
+        let word = rest.split(u8::is_ascii_whitespace).next();
+        String::from_utf8_lossy(word.unwrap_or_default()).into_owned()
+    }
+
+    /// A keyword, behind which coordinates may stand without a blank: `LX+10` is `L X+10`, but `LBL` is none.
+    fn takes_keyword(&mut self, name: &str) -> bool {
+        if takes_name(&mut self.scanner, name) {
+            return true;
+        }
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
+        let is_next = self.scanner.is_next(name);
+        let [axis, value] = [0, 1].map(|i| rest.get(name.len() + i).copied().unwrap_or_default());
+        let is_value = value.is_ascii_digit() || matches!(value, b'+' | b'-');
+        let is_axis = matches!(axis.to_ascii_uppercase(), b'X' | b'Y' | b'Z');
+        if is_next && is_axis && is_value {
+            self.scanner.go_to(at + name.len());
+            return true;
+        }
+        false
+    }
+
+    /// `PR+10`, `IPA+30`.
+    fn polar_word(&mut self, kind: Kind) -> Result<bool, Fault> {
+        self.scanner.peek();
+        let at = self.scanner.at();
+        let is_way = self.scanner.takes(b'I');
+        if self.scanner.peek() != Some(b'P') {
+            self.scanner.go_to(at);
+            return Ok(false);
+        }
+        self.scanner.next();
+        let column = self.column();
+        let letter = match self.scanner.next() {
+            Some(b'R') if kind == Kind::PolarLine => POLAR[0],
+            Some(b'A') if matches!(kind, Kind::PolarLine | Kind::PolarArc) => POLAR[1],
+            _ => return Err(not_followed(column, &self.found(at), UNKNOWN)),
+        };
+        let manner = if is_way {
+            Manner::Incremental
+        } else {
+            Manner::Absolute
+        };
+        self.value_word(letter, at, manner)?;
+        Ok(true)
+    }
+
+    /// `R0`, `RL`, `RR`, or the radius of an arc.
+    fn radius(&mut self, kind: Kind, column: usize) -> Result<(), Fault> {
+        let at = self.scanner.at();
+        for (name, code) in [("R0", 40.0), ("RL", 41.0), ("RR", 42.0)] {
+            if takes_name(&mut self.scanner, name) {
+                let is_off = code == 40.0;
+                // What holds already is not switched.
+                let holds = match self.values.interpreter.modal.radius {
+                    None => is_off,
+                    Some(radius) => f64::from(radius) == 10.0 * code,
+                };
+                if !holds {
+                    let text = at..self.scanner.at();
+                    self.word(b'G', at, text, Some(code), Manner::Modal, None);
+                }
+                return Ok(());
+            }
+        }
+        self.scanner.next();
+        let next = self.scanner.peek();
+        let is_axis = matches!(next, Some(b'+' | b'-'));
+        if kind != Kind::ArcByRadius {
+            let why = if is_axis {
+                "the radius of the tool along one axis"
+            } else {
+                UNKNOWN
+            };
+            return Err(not_followed(column, &self.found(at), why));
+        }
+        self.value_word(b'R', at, Manner::Modal)?;
+        self.block.end = self.scanner.at();
+        Ok(())
+    }
+
+    /// A feed; whether it is FMAX.
+    fn feed(&mut self, column: usize) -> Result<bool, Fault> {
+        let at = self.scanner.at();
+        if takes_name(&mut self.scanner, "FMAX") {
+            return Ok(true);
+        }
+        if takes_name(&mut self.scanner, "FAUTO") {
+            return Ok(false);
+        }
+        self.scanner.next();
+        match self.scanner.peek() {
+            // For each revolution or tooth.
+            Some(b'U' | b'Z') => {
+                self.scanner.next();
+            }
+            Some(b'T') => {
+                return Err(not_followed(
+                    column,
+                    &self.found(at),
+                    "a time for the motion",
+                ));
+            }
+            Some(b'M') if takes_name(&mut self.scanner, "MAX") => return Ok(true),
+            Some(b'A') if takes_name(&mut self.scanner, "AUTO") => return Ok(false),
+            _ => {}
+        }
+        self.value_word(b'F', at, Manner::Modal)?;
+        Ok(false)
+    }
+
+    /// Arcs of more than a turn are refused, and those whose angle goes against their direction.
+    fn turns(&mut self, kind: Kind, clockwise: Option<bool>) -> Result<(), Fault> {
+        let column = self.column();
+        let is_polar = |letter: u8| self.block.word(letter).is_some();
+        if kind == Kind::PolarLine && !POLAR.into_iter().any(is_polar) {
+            return Err(malformed(
+                column,
+                "expected the distance PR or the angle PA",
+            ));
+        }
+        if kind != Kind::PolarArc {
+            return Ok(());
+        }
+        let Some(angle) = self.block.word(POLAR[1]) else {
+            return Err(malformed(column, "expected the angle PA or IPA of the arc"));
+        };
+        if angle.manner != Manner::Incremental {
+            return Ok(());
+        }
+        let Some(by) = angle.value else { return Ok(()) };
+        if by.abs() > 360.0 || by == 0.0 {
+            return Err(not_followed(column, "CP", "a helix of more than one turn"));
+        }
+        if (by < 0.0) != clockwise.unwrap_or_default() {
+            return Err(not_followed(column, "CP", OWN_RULE));
+        }
+        Ok(())
+    }
+
+    /// `CYCL DEF`, `CYCL CALL`, `TRANS DATUM`; false: the line is none of these.
+    pub(crate) fn cycle(&mut self) -> Result<bool, Fault> {
+        let column = self.scanner.column();
+        if self.takes("CYCL DEF") {
+            self.defines_cycle(column)?;
+            return Ok(true);
+        }
+        if self.takes("CYCL CALL") {
+            for name in ["PAT", "POS"] {
+                if takes_name(&mut self.scanner, name) {
+                    return Err(not_followed(
+                        column,
+                        "CYCL CALL",
+                        "holes at places of their own",
+                    ));
+                }
+            }
+            self.block.commands.push(Command::CallsDefined);
+            self.m_words()?;
+            return Ok(true);
+        }
+        if self.takes("TRANS DATUM") {
+            if takes_name(&mut self.scanner, "RESET") {
+                self.block.commands.push(Command::Shift { adds: false });
+            } else if takes_name(&mut self.scanner, "AXIS") {
+                self.block.commands.push(Command::Datum);
+                while self.axis_word()? {}
+            } else {
+                return Err(not_followed(
+                    column,
+                    "TRANS DATUM",
+                    "a datum that only the control knows",
+                ));
+            }
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// The number of a cycle, and what stands behind it.
+    fn defines_cycle(&mut self, column: usize) -> Result<(), Fault> {
+        let number = plain_number(&mut self.scanner, b"");
+        let number = number.and_then(|(number, _)| whole(number, 9999));
+        let Some(number) = number else {
+            return Err(malformed(
+                column,
+                "expected the number of a cycle behind CYCL DEF",
+            ));
+        };
+        let part = if self.scanner.takes(b'.') {
+            let part = plain_number(&mut self.scanner, b"");
+            part.and_then(|(part, _)| whole(part, 99))
+        } else {
+            None
+        };
+        let found = format!("CYCL DEF {number}");
+        match number {
+            7 => match part {
+                Some(0) => self.skips(),
+                Some(_) => {
+                    self.block.commands.push(Command::Datum);
+                    while self.axis_word()? {}
+                    if self.block.words.is_empty() {
+                        let why = "a datum that only the control knows";
+                        return Err(not_followed(column, &found, why));
+                    }
+                }
+                None => return Err(not_followed(column, &found, TILTED)),
+            },
+            247 if self.has_tilde() => {
+                self.block.commands.push(Command::AwaitsPreset);
+                self.skips();
+            }
+            8 | 10 | 11 | 19 | 26 | 247 => return Err(not_followed(column, &found, TILTED)),
+            12 => return Err(not_followed(column, &found, FLOW)),
+            // A dwell, the angle of the spindle, the tolerance of contours; data of contours.
+            9 | 13 | 14 | 20 | 32 | 270 => self.skips(),
+            // Patterns are drilled where they stand.
+            220 | 221 => {
+                let cycle = Cycle {
+                    name: found,
+                    drills_to: None,
+                };
+                self.block.commands.push(Command::Cycle(cycle));
+                self.skips();
+            }
+            1..=5
+            | 17
+            | 18
+            | 21..=25
+            | 200..=209
+            | 225
+            | 230..=233
+            | 240
+            | 241
+            | 251..=258
+            | 262..=267
+            | 271..=276 => {
+                let only_drills = matches!(number, 1 | 2 | 17 | 200..=209 | 240 | 241);
+                let cycle = Cycle {
+                    name: format!("cycle {number}"),
+                    drills_to: only_drills.then_some(None),
+                };
+                self.block.commands.push(Command::Defines(cycle));
+                self.skips();
+            }
+            _ => return Err(not_followed(column, &found, OWN_RULE)),
+        }
+        Ok(())
+    }
+
+    /// Passes the rest of the line, which may go on in the next one.
+    fn skips(&mut self) {
+        self.goes_on();
+        self.scanner.go_to(usize::MAX);
+    }
+
+    /// `TOOL CALL`, `TOOL DEF`; false: the line is neither.
+    pub(crate) fn tool(&mut self) -> Result<bool, Fault> {
+        let column = self.scanner.column();
+        if self.takes("TOOL DEF") {
+            if self.scanner.takes_text()? {
+                self.skips();
+                return Ok(true);
+            }
+            let tool = self.value("expected the number of a tool here")?;
+            while let Some(letter @ (b'L' | b'R')) = self.scanner.peek() {
+                self.scanner.next();
+                let length = self.value("expected a length or a radius here")?;
+                if letter == b'L' {
+                    let command = Command::DefinesTool { tool, length };
+                    self.block.commands.push(command);
+                }
+            }
+            return Ok(true);
+        }
+        if !self.takes("TOOL CALL") {
+            return Ok(false);
+        }
+        let tool = if self.scanner.takes_text()? {
+            Some(None)
+        } else {
+            let value = self.values.of_word(&mut self.scanner)?;
+            value.map(|(value, _)| value)
+        };
+        let mut longer: Value = Some(0.0);
+        loop {
+            match self.scanner.peek() {
+                Some(b'Z') => {
+                    self.scanner.next();
+                }
+                Some(b'X' | b'Y') => {
+                    return Err(not_followed(
+                        column,
+                        "TOOL CALL",
+                        "another axis of the tool than Z",
+                    ));
+                }
+                Some(b'S' | b'F') => {
+                    self.scanner.next();
+                    self.value("expected a speed or a feed here")?;
+                }
+                Some(b'D') => {
+                    let is_length = takes_prefix(&mut self.scanner, "DL");
+                    let is_radius = takes_prefix(&mut self.scanner, "DR2")
+                        || takes_prefix(&mut self.scanner, "DR");
+                    if !is_length && !is_radius {
+                        break;
+                    }
+                    self.scanner.takes(b':');
+                    let value = self.value("expected an allowance here")?;
+                    if is_length {
+                        longer = value;
+                    }
+                }
+                _ => break,
+            }
+        }
+        if let Some(tool) = tool {
+            self.block
+                .commands
+                .push(Command::CallsTool { tool, longer });
+        }
+        Ok(true)
+    }
+
+    pub(crate) fn word(
+        &mut self,
+        letter: u8,
+        at: usize,
+        text: Range<usize>,
+        value: Value,
+        manner: Manner,
+        decimals: Option<u8>,
+    ) {
+        let is_comma = |range: &Range<usize>| self.scanner.bytes()[range.clone()].contains(&b',');
+        if decimals.is_some_and(|decimals| decimals > 0) {
+            self.block.comma = Some(is_comma(&text));
+        }
+        self.block.push(letter, at, text, value, manner, decimals);
+    }
+
+    /// The value behind the letter of a word, as a word of this letter.
+    fn value_word(&mut self, letter: u8, at: usize, manner: Manner) -> Result<(), Fault> {
+        self.scanner.peek();
+        let (column, from) = (self.scanner.column(), self.scanner.at());
+        let Some((value, decimals)) = self.values.of_word(&mut self.scanner)? else {
+            return Err(Fault::NoNumber {
+                column,
+                letter: char::from(letter),
+            });
+        };
+        let text = from..self.scanner.at();
+        self.has_one_sign()?;
+        self.word(letter, at, text, value, manner, decimals);
+        Ok(())
+    }
+
+    /// Controls write decimal commas or points, as they are set; a number with both, or with two of them, has groups of digits or a slip
+    /// of the pen in it.
+    fn has_one_sign(&self) -> Result<(), Fault> {
+        let next = self.scanner.bytes().get(self.scanner.at());
+        match next {
+            Some(b'.' | b',') => Err(malformed(
+                self.scanner.column(),
+                "found a second decimal comma or point, expected one in a number",
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    pub(crate) fn value(&mut self, what: &'static str) -> Result<Value, Fault> {
+        self.scanner.peek();
+        let column = self.scanner.column();
+        let value = self.values.of_word(&mut self.scanner)?;
+        let (value, _) = value.ok_or(malformed(column, what))?;
+        self.has_one_sign()?;
+        Ok(value)
+    }
+
+    /// Words of axes, with an I before them where they are ways.
+    fn axis_word(&mut self) -> Result<bool, Fault> {
+        self.scanner.peek();
+        let at = self.scanner.at();
+        let is_way = self.scanner.takes(b'I');
+        let letter = self.scanner.peek();
+        let Some(letter) = letter.filter(|letter| axis_of(*letter).is_some()) else {
+            self.scanner.go_to(at);
+            return Ok(false);
+        };
+        self.scanner.next();
+        let manner = if is_way {
+            Manner::Incremental
+        } else {
+            Manner::Modal
+        };
+        self.value_word(letter, at, manner)?;
+        Ok(true)
+    }
+
+    /// M codes up to the end of the line.
+    fn m_words(&mut self) -> Result<(), Fault> {
+        while self.scanner.peek() == Some(b'M') {
+            self.m_word()?;
+        }
+        Ok(())
+    }
+
+    /// An M code, which is next.
+    fn m_word(&mut self) -> Result<(), Fault> {
+        let (at, column) = (self.scanner.at(), self.scanner.column());
+        self.scanner.next();
+        let from = self.scanner.at();
+        let number = plain_number(&mut self.scanner, b"");
+        let code = number.and_then(|(number, _)| whole(number, 9999));
+        let Some(code) = code else {
+            return Err(Fault::NoNumber {
+                column,
+                letter: 'M',
+            });
+        };
+        let refused = |why| Err(not_followed(column, &format!("M{code}"), why));
+        let command = match code {
+            2 | 30 => Some(Command::Ends),
+            91 => Some(Command::InMachine),
+            99 => Some(Command::CallsDefined),
+            126 => Some(Command::Shorter(true)),
+            127 => Some(Command::Shorter(false)),
+            128 => {
+                // The feed of the motions that make up for the rotary axes.
+                if self.scanner.takes(b'F') && !takes_name(&mut self.scanner, "MAX") {
+                    self.value("expected a feed behind F")?;
+                }
+                Some(Command::CentrePoint(true))
+            }
+            129 => Some(Command::CentrePoint(false)),
+            89 => return refused("a cycle behind each motion is not followed"),
+            92 => return refused("places that count from a point which only the control knows"),
+            94 => return refused("another number for where a rotary axis is"),
+            104 | 114 | 115 | 130 | 138 | 142..=144 => {
+                return refused("it changes what coordinates mean");
+            }
+            140 => return refused(OWN_RULE),
+            _ => None,
+        };
+        self.block.commands.extend(command);
+        // What is done at the end of a block.
+        let is_last = matches!(code, 0..=2 | 5 | 9 | 30 | 60 | 98 | 99);
+        let letter = if is_last { LAST } else { OTHER };
+        let text = from..self.scanner.at();
+        self.word(letter, at, text, Some(0.0), Manner::Modal, None);
+        Ok(())
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Line,
+    PolarLine,
+    Arc,
+    ArcByRadius,
+    PolarArc,
+}
+
+/// The longest first.
+const KINDS: [(&str, Kind); 5] = [
+    ("LP", Kind::PolarLine),
+    ("CP", Kind::PolarArc),
+    ("CR", Kind::ArcByRadius),
+    ("L", Kind::Line),
+    ("C", Kind::Arc),
+];
+
+/// Passes letters whatever follows.
+fn takes_prefix(scanner: &mut Scanner<'_>, letters: &str) -> bool {
+    scanner.peek();
+    let is_next = scanner.is_next(letters);
+    if is_next {
+        scanner.go_to(scanner.at() + letters.len());
+    }
+    is_next
+}
+
+pub(crate) struct Values<'b> {
+    pub(crate) interpreter: &'b Interpreter,
+}
+
+impl Formulas for Values<'_> {
+    const OPERATORS: &'static [&'static [(&'static str, Operator)]] = &[
+        &[("+", Operator::Plus), ("-", Operator::Minus)],
+        &[
+            ("*", Operator::Times),
+            ("/", Operator::Over),
+            ("%", Operator::Rest),
+        ],
+        &[("^", Operator::Power)],
+    ];
+    const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] = &[
+        ("ATAN", |x| x.atan().to_degrees()),
+        ("FRAC", f64::fract),
+        ("INT", f64::trunc),
+        ("LOG", f64::log10),
+        ("NEG", |x| -x),
+        ("SQ", |x| x * x),
+    ];
+    const PAIRS: &'static [(&'static str, fn(f64, f64) -> f64)] = &[];
+
+    fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
+        plain_number(scanner, b".,")
+    }
+
+    fn parameter(&self, scanner: &mut Scanner<'_>, _depth: u32) -> Result<Option<Value>, Fault> {
+        if takes_name(scanner, "PI") {
+            return Ok(Some(Some(std::f64::consts::PI)));
+        }
+        let parameters = &self.interpreter.parameters;
+        Ok(q_parameter(scanner).map(|parameter| match parameter {
+            Parameter::Numbered(number) => parameters.set_number(number).unwrap_or(None),
+            Parameter::Named(name) => parameters.named(&name).unwrap_or(None),
+        }))
+    }
+}
+
+impl Values<'_> {
+    /// A number or a Q parameter with a sign or without, as it stands behind the letter of a word.
+    pub(crate) fn of_word(
+        &self,
+        scanner: &mut Scanner<'_>,
+    ) -> Result<Option<(Value, Option<u8>)>, Fault> {
+        let before = scanner.at();
+        let is_negative = scanner.takes(b'-');
+        if !is_negative {
+            scanner.takes(b'+');
+        }
+        let signed = |value: f64| if is_negative { -value } else { value };
+        if let Some((value, decimals)) = self.number(scanner) {
+            return Ok(Some((Some(signed(value)), Some(decimals))));
+        }
+        let value = self.parameter(scanner, 0)?;
+        if value.is_none() {
+            scanner.go_to(before);
+        }
+        Ok(value.map(|value| (value.map(signed), None)))
+    }
+}
+
+/// `Q5`, `QL5` or `QR5`.
+fn q_parameter(scanner: &mut Scanner<'_>) -> Option<Parameter> {
+    let before = scanner.at();
+    if !scanner.takes(b'Q') {
+        return None;
+    }
+    let kind = match scanner.peek() {
+        Some(kind @ (b'L' | b'R')) => {
+            scanner.next();
+            Some(kind)
+        }
+        _ => None,
+    };
+    let number = plain_number(scanner, b"");
+    let number = number.and_then(|(number, _)| whole(number, 9999));
+    let Some(number) = number else {
+        scanner.go_to(before);
+        return None;
+    };
+    Some(match kind {
+        Some(kind) => Parameter::Named(format!("q{}{number}", char::from(kind))),
+        None => Parameter::Numbered(number),
+    })
+}
+
+/// Larger numbers of blocks are refused.
+const MOST_NUMBER: u64 = 1_000_000_000;
+
+/// The number with which a line begins, and where it stands; none above [`MOST_NUMBER`].
+pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
+    let from = text.iter().position(|byte| !matches!(byte, b' ' | b'\t'))?;
+    let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
+    let place = from..from + digits.count();
+    let number = std::str::from_utf8(&text[place.clone()]).ok()?;
+    let number = number
+        .parse()
+        .ok()
+        .filter(|number| *number <= MOST_NUMBER)?;
+    Some((place, number))
+}
+
+/// Gives the lines behind `begins` the next numbers from `number` on: the number of the line of the program, which stands at `at`,
+/// becomes another one, and added lines get one.
+pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
+    let lines = out.split_off(begins);
+    let lines = lines.split_inclusive(|byte| *byte == b'\n');
+    for (line, number) in lines.zip(number..) {
+        match block_number(line) {
+            Some((place, _)) if place.start == at => {
+                let width = match line[place.start] {
+                    b'0' => place.len(),
+                    _ => 0,
+                };
+                out.extend_from_slice(&line[..place.start]);
+                out.extend_from_slice(format!("{number:0width$}").as_bytes());
+                out.extend_from_slice(&line[place.end..]);
+            }
+            _ => {
+                out.extend_from_slice(format!("{number} ").as_bytes());
+                out.extend_from_slice(line);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::renumber;
+
+    #[test]
+    fn added_lines_get_the_next_numbers() {
+        let mut out = b"kept\nCC X+1 Y+2\r\n 007 C X+1\r\nL X+2".to_vec();
+        renumber(&mut out, 5, 1, 12);
+        assert_eq!(
+            String::from_utf8_lossy(&out),
+            "kept\n12 CC X+1 Y+2\r\n 013 C X+1\r\n14 L X+2"
+        );
+    }
+}

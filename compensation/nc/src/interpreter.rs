@@ -1,0 +1,898 @@
+//! Executes blocks as RS-274 does: in the order of its rules, whatever the order of the words.
+//!
+//! On what the place of an axis rests is followed, too. What the set-up does not state is taken as zero; a place that was named under such an
+//! offset or length is known in the coordinates of the program as long as the same ones are in force, and under no others: a word that is
+//! added there would lead to a made-up place.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use volcomp_model::{Machine, vocabulary::AxisKind};
+
+use crate::{
+    NcError,
+    block::{Begins, Block, Cycle, Parameter},
+    codes::{Codes, Given, whole},
+    control::{Control, DecimalPoints, Dialect},
+    coordinates::{Axes, Frame, Tip, axis_of, each, is_rotary, name_of, with_tool},
+    modal::{
+        CentrePoint, Code, FeedMode, G500, Modal, Plane, SYSTEMS, WORK_OFFSETS, code_text,
+        name_of_offset,
+    },
+    motion::Move,
+    notes::{Note, Notes},
+    number::{MOST_DECIMALS, Number, of_steps, steps},
+    parameters::{Parameters, Value},
+    setup::SetUp,
+};
+
+#[expect(clippy::struct_excessive_bools, reason = "each is an event of its own")]
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Outcome {
+    pub(crate) motion: Option<Move>,
+    /// The further holes of a row that is written by L in G91.
+    pub(crate) row: Vec<Move>,
+    /// Its axis words say where the axes stand (G92, G10 L20): they are the words at these places.
+    pub(crate) presets: Option<Axes<Option<usize>>>,
+    /// The work offset that they set (G10 L20), if another one than that in force: its coordinates are theirs.
+    pub(crate) preset_system: Option<usize>,
+    pub(crate) ends: bool,
+    /// M98 or M99.
+    pub(crate) calls: Option<Code>,
+    /// It stores the place of G28 (0) or G30 (1).
+    pub(crate) stores_home: Option<usize>,
+    /// Compensating the radius of the tool begins or ends here (G40 to G42.1).
+    pub(crate) switches_radius: bool,
+    /// X and Y are a distance and an angle from here on, or places again (G16, G15).
+    pub(crate) switches_polar: bool,
+    /// Its words are machine coordinates (SUPA).
+    pub(crate) in_machine: bool,
+    /// It says the pole: along which of X and Y relative to where the tool is.
+    pub(crate) pole: Option<[bool; 2]>,
+    /// A cycle that passes on as it is.
+    pub(crate) cycle: Option<Cycle>,
+    /// The filament that a printer takes for its motion.
+    pub(crate) extrusion: Option<Extrusion>,
+}
+
+/// State: everything that a program has set, and where its axes are.
+#[derive(Clone, Debug)]
+pub(crate) struct Interpreter {
+    pub(crate) modal: Modal,
+    pub(crate) frame: Frame,
+    /// Where the axes of the machine are, mm and deg, and whether that is known.
+    pub(crate) position: Axes,
+    pub(crate) known: Axes<bool>,
+    pub(crate) rests: Rests,
+    pub(crate) parameters: Parameters,
+    pub(crate) tools: BTreeMap<u32, Axes>,
+    pub(crate) notes: Notes,
+    pub(crate) dialect: Dialect,
+    /// The control that runs the program, if it is stated.
+    pub(crate) control: Option<Control>,
+    pub(crate) points: DecimalPoints,
+    pub(crate) extruder: Extruder,
+    /// The tool that M6 has put into the spindle, and whether the program has an M6.
+    pub(crate) in_spindle: Option<u32>,
+    pub(crate) changes_tools: bool,
+    machine: Arc<Machine>,
+    /// With the tool that is in the spindle; `None` on machines whose control has no centre point to move.
+    tip: Option<Arc<Tip>>,
+}
+
+/// Decimals of E words at least, as slicers write them.
+const DECIMALS: u8 = 5;
+
+/// State: where the extruder is, and how its words are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Extruder {
+    /// M83 is on, whatever G90 and G91 are.
+    says_relative: bool,
+    /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
+    last_relative: bool,
+    /// E at the end of the last motion, mm; `None`: it is not known.
+    pub(crate) at: Option<f64>,
+}
+
+/// The E word of a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Extrusion {
+    /// Its absolute start, in the unit of the program; `None`: the word is relative, or the start is unknown.
+    from: Option<f64>,
+    /// Its value.
+    to: f64,
+    decimals: u8,
+    /// Why it cannot be shared.
+    pub(crate) unknown: Option<&'static str>,
+}
+
+impl Extruder {
+    pub(crate) fn switch(&mut self, relative: bool) {
+        (self.says_relative, self.last_relative) = (relative, relative);
+    }
+}
+
+impl Extrusion {
+    /// The word of the part of its motion between two shares; `None`: the part takes nothing.
+    pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
+        let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
+        let written = self.decimals.min(MOST_DECIMALS);
+        let Some(begins) = self.from else {
+            // Differences of rounded sums, so that the parts add up to the whole word exactly.
+            let all = steps(self.to, decimals)?;
+            let at = |share: f64| steps(of_steps(all, decimals) * share, decimals);
+            let part = at(to)? - at(from)?;
+            return Number::shortest_of(of_steps(part, decimals), written, decimals)
+                .filter(|_| part != 0);
+        };
+        let at = |share: f64| {
+            let place = match share {
+                1.0 => self.to,
+                _ => begins + share * (self.to - begins),
+            };
+            Number::shortest_of(place, written, decimals)
+        };
+        let before = at(from);
+        at(to).filter(|number| Some(*number) != before)
+    }
+}
+
+/// What lies between program and machine along an axis and is not stated: a number for the work offset, the length of the tool and the
+/// shift; 0 where it is stated.
+type Basis = [u32; 3];
+
+/// The place is stated in the coordinates of the machine.
+const OF_MACHINE: Basis = [0; 3];
+
+/// The place rests on something that no work offset, length or shift stands for: a home that is not stated.
+const ASSUMED: Basis = [u32::MAX >> 1; 3];
+
+/// A code that is not known has had the words of the axis, whose place may have been reached, without a correction.
+const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
+
+/// What was set where nobody knew where the axis stood: machine coordinates would be made up.
+const LOST: u32 = 1 << 31;
+
+/// State: on what the places of the axes rest.
+#[derive(Clone, Debug)]
+pub(crate) struct Rests {
+    places: Axes<Basis>,
+    offsets: Vec<Axes<u32>>,
+    /// That of a tool that the set-up does not state, or 0.
+    pub(crate) tool: u32,
+    shift: Axes<u32>,
+    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
+    named: Axes<bool>,
+    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
+    from_elsewhere: Axes<bool>,
+    /// Work offsets that the program has set (G10).
+    set: [bool; SYSTEMS],
+    /// Whether the places of G28 and G30 are known, and on what they rest.
+    homes: [Axes<(bool, Basis)>; 2],
+    /// Numbers that nothing has yet.
+    next: u32,
+}
+
+impl Rests {
+    /// At the beginning of a program.
+    pub(crate) fn new(setup: &SetUp) -> Self {
+        let number = |(system, number): (usize, u32)| match setup.offset(system) {
+            Some(_) => [0; 9],
+            None => [number; 9],
+        };
+        let offsets: Vec<_> = (0..SYSTEMS).zip(1..).map(number).collect();
+        Self {
+            places: [OF_MACHINE; 9],
+            next: offsets.len().try_into().unwrap_or(LOST >> 1),
+            offsets,
+            tool: 0,
+            shift: [0; 9],
+            named: [false; 9],
+            from_elsewhere: [false; 9],
+            set: [false; SYSTEMS],
+            homes: setup.states_homes.map(|stated| {
+                stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
+            }),
+        }
+    }
+
+    /// Another length of the tool holds: that of a tool that the set-up does not state, or one that is known.
+    pub(crate) fn takes_tool(&mut self, unstated: Option<u32>) {
+        self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
+    }
+
+    /// The shift of all axes is stated from now on: it is none.
+    pub(crate) fn shift_is_zero(&mut self) {
+        (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
+    }
+
+    /// The shift of an axis is stated from now on.
+    pub(crate) fn shift_is_stated(&mut self, axis: usize) {
+        (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
+    }
+
+    /// A work offset is stated along an axis from now on.
+    pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
+        if let Some(offset) = self.offsets.get_mut(system) {
+            offset[axis] = 0;
+        }
+        self.is_set(system);
+    }
+
+    /// The program sets a work offset (G10).
+    fn is_set(&mut self, system: usize) {
+        if let Some(set) = self.set.get_mut(system) {
+            *set = true;
+        }
+    }
+
+    fn new_number(&mut self, known: bool) -> u32 {
+        self.next += 1;
+        self.next | if known { 0 } else { LOST }
+    }
+}
+
+impl Interpreter {
+    /// Before the first line of a program for a machine.
+    pub(crate) fn new(
+        setup: &SetUp,
+        machine: Arc<Machine>,
+        dialect: Dialect,
+    ) -> Result<Self, NcError> {
+        if let Some(control) = setup.control()
+            && control.dialect() != dialect
+        {
+            return Err(NcError::OtherLanguage {
+                control: control.name(),
+                expected: control.dialect().name(),
+                found: dialect.name(),
+            });
+        }
+        let (position, known) = setup.start();
+        let mut modal = setup.modal.clone();
+        match dialect {
+            Dialect::Siemens => modal.system = G500,
+            Dialect::Heidenhain => modal.centre_absolute = true,
+            Dialect::Rs274 => {}
+        }
+        let tip = Tip::new(&machine).map(Arc::new);
+        if modal.centre_point != CentrePoint::Off && tip.is_none() {
+            return Err(NcError::NoCentrePoint);
+        }
+        Ok(Self {
+            frame: modal.frame(tip.as_ref()),
+            modal,
+            position,
+            known,
+            rests: Rests::new(setup),
+            parameters: Parameters::default(),
+            tools: setup.tools.clone(),
+            notes: Notes::default(),
+            dialect,
+            control: setup.control(),
+            points: setup.points(),
+            extruder: Extruder::default(),
+            in_spindle: None,
+            changes_tools: false,
+            machine,
+            tip,
+        })
+    }
+
+    /// Where the axes are, in the coordinates of the program.
+    pub(crate) fn program_position(&self) -> Axes {
+        self.frame.to_program(&self.position)
+    }
+
+    /// What lies between program and machine while this is switched on.
+    fn frame_of(&self, modal: &Modal) -> Frame {
+        modal.frame(self.tip.as_ref())
+    }
+
+    /// The coordinates that hold with another work offset.
+    pub(crate) fn frame_with(&self, system: usize) -> Frame {
+        let mut modal = self.modal.clone();
+        modal.system = system;
+        self.frame_of(&modal)
+    }
+
+    /// Takes up what was switched: from now on coordinates mean what it says.
+    pub(crate) fn update_frame(&mut self) {
+        self.frame = self.frame_of(&self.modal);
+    }
+
+    pub(crate) fn is_printer(&self) -> bool {
+        self.control.is_some_and(Control::is_printer)
+    }
+
+    /// Whether the machine has the axis at a place.
+    pub(crate) fn machine_has(&self, axis: usize) -> bool {
+        name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
+    }
+
+    /// Puts the tool of the offset that holds into the spindle.
+    pub(crate) fn update_tool(&mut self) -> Result<(), NcError> {
+        if self.tip.is_some() {
+            let machine = with_tool(&self.machine, &self.modal.tool_offset)?;
+            self.tip = Tip::new(&machine).map(Arc::new);
+        }
+        Ok(())
+    }
+
+    /// Coordinates are those of the centre point of the tool from now on, or of the axes.
+    pub(crate) fn switch_centre_point(
+        &mut self,
+        to: CentrePoint,
+        given: &Given<'_>,
+    ) -> Result<(), NcError> {
+        let on = to != CentrePoint::Off;
+        let mut joints = self.machine.chain().joints().iter();
+        let has_rotary = joints.any(|joint| joint.kind == AxisKind::Rotary);
+        if on && has_rotary && self.tip.is_none() {
+            return Err(given.refused(&NcError::NoCentrePoint.to_string()));
+        }
+        self.modal.centre_point = to;
+        Ok(())
+    }
+
+    /// Executes a block that was read; `line` is counted from 1.
+    /// What it did goes into `outcome`, which is that of no block.
+    pub(crate) fn execute(
+        &mut self,
+        block: &Block,
+        line: usize,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
+        let mut codes = Codes::of(block, self.control, line)?;
+        match codes.polar {
+            Some(160) => self.modal.polar = Some([None; 2]),
+            Some(150) => self.modal.polar = None,
+            _ => {}
+        }
+        let given = Given::new(block, line, self.takes_polar(&codes))?;
+        outcome.ends = codes.ends;
+        outcome.calls = codes.calls;
+        // What is off already is not switched off.
+        outcome.switches_radius =
+            (codes.radius).is_some_and(|code| code != 400 || self.modal.radius.is_some());
+        outcome.switches_polar = codes.polar.is_some();
+        if let Some(code) = codes
+            .not_followed
+            .filter(|_| self.dialect == Dialect::Rs274)
+        {
+            let what = format!(
+                "M{}, which is not followed: behind it other coordinates may hold",
+                code / 10
+            );
+            return Err(given.refused(&what));
+        }
+        let dwells_by_axis = self.dwells_by_axis(&codes, &given);
+        if codes.not_modal == Some(40) && given.names_axes() && !dwells_by_axis {
+            return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
+        }
+        if let Some(code) = codes
+            .harmless
+            .filter(|_| given.names_axes() && codes.motion.is_none())
+        {
+            let what = format!("{} with the word of an axis", code_text(code));
+            return Err(given.refused(&what));
+        }
+        self.check_meaning(&codes, &given)?;
+        codes.ends_smoothing(given.names_axes());
+        self.check_skipped(&codes, &given)?;
+        let length =
+            (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
+        self.switch(&codes, &given)?;
+        let mut uses_words = self.commands(&given, outcome)?;
+        codes.in_machine |= outcome.in_machine;
+        let is_longer = length.is_some_and(|length| length != self.modal.tool_offset);
+        if is_longer && self.modal.centre_point != CentrePoint::Off {
+            self.has_other_centre_point();
+        }
+        uses_words |= self.not_modal(&codes, &given, outcome)? || dwells_by_axis;
+        uses_words |= self.leaves_arguments(&codes, &given);
+        if !uses_words && codes.calls.is_none() {
+            self.motion(&codes, &given, outcome)?;
+        } else if let Some(motion) = codes.motion {
+            self.set_motion(motion);
+        }
+        if self.is_printer() {
+            self.extrude(&codes, &given, outcome)?;
+        }
+        for assignment in &block.assignments {
+            let value = assignment.value;
+            match &assignment.parameter {
+                Parameter::Named(name) => self.parameters.set_named(name, value),
+                Parameter::Numbered(number) => self.parameters.set_numbered(*number, value),
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the words of axes may be the arguments of an M code that is not known: they pass on as they are.
+    fn leaves_arguments(&mut self, codes: &Codes, given: &Given<'_>) -> bool {
+        let names = given.names_axes() || given.polar.is_some();
+        let code = codes
+            .with_arguments()
+            .and_then(|place| given.block.words.get(place))
+            .and_then(|word| word.value)
+            .filter(|_| names && self.dialect == Dialect::Rs274);
+        let Some(code) = code else {
+            return false;
+        };
+        let is_named = |axis: usize| given.word(axis).is_some();
+        let of_polar = |axis: usize| axis < 2 && given.polar.is_some();
+        self.may_have_moved(&each(|axis| is_named(axis) || of_polar(axis)));
+        self.notes
+            .add(Note::MayMove(format!("M{code}")), given.line);
+        true
+    }
+
+    /// # Errors
+    /// Words that controls read in different ways.
+    fn check_meaning(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        if self.dialect != Dialect::Rs274 {
+            return Ok(());
+        }
+        let is_absolute = codes
+            .distance
+            .map_or(self.modal.absolute, |code| code == 900);
+        if codes.in_machine && !is_absolute {
+            return Err(given.refused(
+                "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
+            ));
+        }
+        self.check_incremental_letters(codes, given)?;
+        let has_own_h = given.has(b'H') && codes.tool_length.is_none();
+        if has_own_h && (codes.polar.is_some() || codes.work_offset.is_some()) {
+            return Err(given.refused("H beside G15, G16 or G54 to G59, with which Okuma controls choose a work offset, machine coordinates or the length of a tool: programs of these controls are not followed"));
+        }
+        if has_own_h && matches!(codes.radius, Some(410 | 420)) {
+            return Err(given.refused("H beside G41 or G42, which older FANUC controls take for the number of the radius of the tool: write D"));
+        }
+        if has_own_h
+            // Of G76 it is the angle of a thread.
+            && codes.motion != Some(760)
+            && self.modal.length.is_some()
+            && self.modal.length != given.whole(b'H')?
+        {
+            return Err(given.refused("H without G43 while the length of a tool is in force, which FANUC controls take for another length and LinuxCNC refuses: write G43 before it"));
+        }
+        for assignment in &given.block.assignments {
+            let Parameter::Numbered(number) = assignment.parameter else {
+                continue;
+            };
+            if matches!(number, 5161..=5390 | 5400..=5428) {
+                let what = format!(
+                    "a value for #{number}, which the control uses for its offsets, homes and places, or sets itself, is not followed: write G10 or the set-up"
+                );
+                return Err(given.refused(&what));
+            }
+        }
+        Ok(())
+    }
+
+    /// The tool is of another length while coordinates are those of its centre point. With the rotary axes off zero controls differ in
+    /// what X, Y and Z are then: they are not known until the program names them.
+    fn has_other_centre_point(&mut self) {
+        let is_off = |axis: usize| {
+            self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
+        };
+        if (3..6).any(is_off) {
+            self.known[..3].fill(false);
+        }
+    }
+
+    /// What a block switches, besides its motion.
+    fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        let modal = &mut self.modal;
+        match codes.feed {
+            Some(930) => modal.feed_mode = FeedMode::InverseTime,
+            Some(940) => modal.feed_mode = FeedMode::PerMinute,
+            Some(950) => modal.feed_mode = FeedMode::PerRevolution,
+            _ => {}
+        }
+        if let Some(feed) = given.find(b'F') {
+            modal.feed = feed.value;
+        }
+        if let Some(tool) = given.find(b'T').and_then(|tool| tool.value) {
+            modal.tool = whole(tool, 99_999);
+        }
+        if codes.changes_tool && self.dialect == Dialect::Rs274 {
+            self.in_spindle = modal.tool;
+            self.changes_tools = true;
+            self.forget_positions();
+        }
+        let modal = &mut self.modal;
+        match codes.plane {
+            Some(170) => modal.plane = Plane::Xy,
+            Some(180) => modal.plane = Plane::Zx,
+            Some(190) => modal.plane = Plane::Yz,
+            _ => {}
+        }
+        if let Some(code) = codes.units {
+            modal.unit_mm = if code == 200 { 25.4 } else { 1.0 };
+        }
+        modal.diameter = codes.diameter.map_or(modal.diameter, |code| code == 70);
+        if codes.radius.is_some() {
+            modal.radius = codes.radius.filter(|code| *code != 400);
+        }
+        modal.absolute = codes.distance.map_or(modal.absolute, |code| code == 900);
+        modal.centre_absolute = (codes.centre).map_or(modal.centre_absolute, |code| code == 901);
+        modal.comes_back = codes
+            .comes_back
+            .map_or(modal.comes_back, |code| code == 980);
+        modal.says_return |= codes.comes_back.is_some();
+        if let Some(code) = codes.tool_length {
+            self.tool_length(code, given)?;
+            self.update_tool()?;
+            match self.modal.centre_point {
+                _ if code == 434 => {
+                    self.switch_centre_point(CentrePoint::WithToolLength, given)?;
+                }
+                CentrePoint::WithToolLength => self.modal.centre_point = CentrePoint::Off,
+                CentrePoint::Off | CentrePoint::Switched => {}
+            }
+        }
+        if codes.own_kinematics && self.modal.centre_point == CentrePoint::Switched {
+            return Err(given.refused(
+                "M430 after M428, which switches LinuxCNC to kinematics of its user that are not known here: write M429 before",
+            ));
+        }
+        match codes.centre_point {
+            Some(true) => self.switch_centre_point(CentrePoint::Switched, given)?,
+            Some(false) => self.modal.centre_point = CentrePoint::Off,
+            None => {}
+        }
+        if let Some(code) = codes.work_offset {
+            self.modal.system = self.system_of(code, codes, given)?;
+        }
+        match codes.rotation {
+            Some(680) => self.rotation(given)?,
+            Some(690) => (self.modal.rotation, self.modal.rotation_is_new) = (None, false),
+            _ => {}
+        }
+        if codes.tool_length.is_some()
+            || codes.centre_point.is_some()
+            || codes.work_offset.is_some()
+            || codes.rotation.is_some()
+        {
+            self.update_frame();
+        }
+        Ok(())
+    }
+
+    /// Follows E on the block of a printer, once its other words are executed.
+    fn extrude(
+        &mut self,
+        codes: &Codes,
+        given: &Given<'_>,
+        outcome: &mut Outcome,
+    ) -> Result<(), NcError> {
+        if let Some(code) = codes.distance {
+            self.extruder.last_relative = code == 910;
+        }
+        if codes.not_modal == Some(920) && !given.names_axes() && !given.has(b'E') {
+            return Err(given.refused("G92 without an axis, which sets all axes to zero in Klipper and does nothing in Marlin: name the axes"));
+        }
+        let Some(value) = given.letter(b'E')? else {
+            return Ok(());
+        };
+        let unit = self.modal.unit_mm;
+        if codes.not_modal == Some(920) {
+            self.extruder.at = Some(value * unit);
+            return Ok(());
+        }
+        // Klipper and Marlin 1: by M83 or by G91. Marlin 2: by what was said last.
+        let by_both = self.extruder.says_relative || !self.modal.absolute;
+        let is_unclear =
+            self.control == Some(Control::Marlin) && by_both != self.extruder.last_relative;
+        let from = self.extruder.at.map(|at| at / unit);
+        let unknown = if is_unclear {
+            Some(
+                "versions of Marlin differ in whether its E is absolute or relative after G90 or G91 here: write M82 or M83 after that",
+            )
+        } else if !by_both && from.is_none() {
+            Some("the position of E before it is not known: write G92 E0 before it")
+        } else {
+            None
+        };
+        outcome.extrusion = Some(Extrusion {
+            from: if by_both { None } else { from },
+            to: value,
+            decimals: (given.find(b'E').and_then(|word| word.decimals)).unwrap_or(DECIMALS),
+            unknown,
+        });
+        self.extruder.at = match (is_unclear, by_both) {
+            (true, _) => None,
+            (_, true) => self.extruder.at.map(|at| at + value * unit),
+            (_, false) => Some(value * unit),
+        };
+        Ok(())
+    }
+
+    /// On what a place rests that the program names now.
+    fn basis(&self, axis: usize) -> Basis {
+        let (rests, modal) = (&self.rests, &self.modal);
+        // The length is along Z, or along an axis that only a lathe or another plane knows.
+        let has_length = axis == 2 || axis < 3 && modal.plane != Plane::Xy;
+        [
+            rests.offsets.get(modal.system).map_or(0, |of| of[axis]),
+            if has_length { rests.tool } else { 0 },
+            if modal.shifted { rests.shift[axis] } else { 0 },
+        ]
+    }
+
+    /// Whether the coordinate of an axis in the program is known, so that a word with it leads to where it stands.
+    #[inline]
+    pub(crate) fn says_place(&self, axis: usize) -> bool {
+        self.known[axis] && self.rests.places[axis] == self.basis(axis)
+    }
+
+    /// Whether the active work offset of the set-up file defines the zero of the program: no G10 and no G92 shift from another position replaces it.
+    pub(crate) fn rests_on_stated_zero(&self) -> bool {
+        let is_set = self.rests.set[self.modal.system.min(SYSTEMS - 1)];
+        let is_elsewhere = self.modal.shifted && self.rests.from_elsewhere.contains(&true);
+        !is_set && !is_elsewhere
+    }
+
+    /// The program has named the place of an axis.
+    pub(crate) fn is_named(&mut self, axis: usize) {
+        let basis = self.basis(axis);
+        self.rests.places[axis] = basis;
+        self.rests.named[axis] = self.rests_on_stated_zero();
+        self.known[axis] = basis.iter().all(|number| number & LOST == 0);
+    }
+
+    /// An axis is at a place that was stated in the coordinates of the machine.
+    pub(crate) fn is_at_machine_place(&mut self, axis: usize) {
+        self.rests.places[axis] = OF_MACHINE;
+        self.rests.named[axis] = false;
+        self.known[axis] = true;
+    }
+
+    /// The machine coordinate of an axis is taken as known, but not its coordinate in the program.
+    pub(crate) fn is_assumed(&mut self, axis: usize) {
+        self.rests.places[axis] = ASSUMED;
+        self.rests.named[axis] = false;
+    }
+
+    /// The program coordinates of X, Y and Z are unknown: many machines stay at the place where they change tools.
+    pub(crate) fn forget_positions(&mut self) {
+        for axis in 0..3 {
+            self.is_assumed(axis);
+        }
+    }
+
+    /// A code that is not known has the words of these axes: it may have moved any of them.
+    fn may_have_moved(&mut self, named: &Axes<bool>) {
+        for (axis, named) in named.iter().enumerate() {
+            self.is_assumed(axis);
+            if *named {
+                self.rests.places[axis] = UNCLAIMED;
+                self.known[axis] = false;
+            }
+        }
+    }
+
+    /// Whether a code that is not known has had the words of an axis, which was not named since.
+    pub(crate) fn is_unclaimed(&self, axis: usize) -> bool {
+        self.rests.places[axis] == UNCLAIMED
+    }
+
+    /// The place of G28 or G30 is where the axes are.
+    pub(crate) fn stores_home(&mut self, which: usize) {
+        self.modal.homes[which] = self.position;
+        self.rests.homes[which] =
+            std::array::from_fn(|axis| (self.known[axis], self.rests.places[axis]));
+    }
+
+    /// An axis is at the place of G28 or G30; whether the set-up or G28.1 has said where that is.
+    pub(crate) fn is_at_home(&mut self, which: usize, axis: usize) -> bool {
+        self.position[axis] = self.modal.homes[which][axis];
+        let (known, basis) = self.rests.homes[which][axis];
+        (self.known[axis], self.rests.places[axis]) = (known, basis);
+        self.rests.named[axis] = false;
+        known && basis != ASSUMED
+    }
+
+    /// The axes whose places a coordinate along an axis mixes.
+    fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
+        if axis < 2 && self.frame.rotation_deg != 0.0 {
+            0..2
+        } else {
+            axis..axis + 1
+        }
+    }
+
+    /// G92 has said where axes are: the shift along them rests on what the places do.
+    pub(crate) fn shift_is_from_place(&mut self, axis: usize, line: usize) {
+        let known = self.mixed_with(axis).all(|axis| self.known[axis]);
+        if !(self.mixed_with(axis)).all(|axis| self.rests.named[axis]) && self.machine_has(axis) {
+            self.rests.from_elsewhere[axis] = true;
+        }
+        if !known {
+            self.rests.shift[axis] = self.rests.new_number(false);
+            self.notes.add(Note::NoStart, line);
+        } else if self.rests.places[axis] != self.basis(axis) {
+            self.rests.shift[axis] = self.rests.new_number(true);
+        }
+        self.rests.places[axis] = self.basis(axis);
+    }
+
+    /// G10 L20 has said where axes are under a work offset.
+    pub(crate) fn offset_is_from_place(&mut self, system: usize, axis: usize, line: usize) {
+        let mixed = self.mixed_with(axis);
+        let known = mixed.clone().all(|axis| self.known[axis]);
+        self.rests.is_set(system);
+        if !known {
+            self.notes.add(Note::NoStart, line);
+        }
+        for axis in mixed {
+            let [_, tool, shift] = self.basis(axis);
+            let place = self.rests.places[axis];
+            let is_exact = known && place == OF_MACHINE && [tool, shift] == [0; 2];
+            let stays = known && system == self.modal.system && place == self.basis(axis);
+            if !stays && let Some(offset) = self.rests.offsets.get(system).copied() {
+                let mut offset = offset;
+                offset[axis] = if is_exact {
+                    0
+                } else {
+                    self.rests.new_number(known)
+                };
+                self.rests.offsets[system] = offset;
+            }
+        }
+        if system == self.modal.system {
+            self.rests.places[axis] = self.basis(axis);
+        }
+    }
+
+    /// The work offset that holds, if it is not stated and zero was taken.
+    pub(crate) fn unstated_offset(&self) -> Option<String> {
+        let system = self.modal.system;
+        let offset = self.rests.offsets.get(system)?;
+        let number = u32::try_from(system).ok()? + 1;
+        offset.contains(&number).then(|| name_of_offset(system))
+    }
+
+    pub(crate) fn provided(&self, name: &str) -> Option<Value> {
+        let truth = |truth: bool| Some(Some(f64::from(u8::from(truth))));
+        let modal = &self.modal;
+        if let Some(axis) = axis_of_name(name) {
+            let at = self.program_position()[axis] / modal.scale(axis);
+            return Some(self.says_place(axis).then_some(at));
+        }
+        match name {
+            "_metric" => truth(modal.unit_mm == 1.0),
+            "_imperial" => truth(modal.unit_mm != 1.0),
+            "_absolute" => truth(modal.absolute),
+            "_incremental" => truth(!modal.absolute),
+            "_feed" => Some(modal.feed),
+            "_coord_system" => WORK_OFFSETS
+                .get(modal.system)
+                .map(|code| Some(f64::from(*code))),
+            "_current_tool" => Some(self.tool_in_spindle().map(f64::from)),
+            "_selected_tool" => Some(modal.tool.map(f64::from)),
+            "_motion_mode" => Some(modal.motion.map(f64::from)),
+            // Of the machine, and set by it.
+            _ if name.starts_with("_ini[")
+                || name.starts_with("_hal[")
+                || matches!(
+                    name,
+                    "_vmajor"
+                        | "_vminor"
+                        | "_line"
+                        | "_rpm"
+                        | "_task"
+                        | "_value"
+                        | "_value_returned"
+                        | "_remote_call"
+                ) =>
+            {
+                Some(None)
+            }
+            _ => None,
+        }
+    }
+
+    pub(crate) fn numbered(&self, number: u32) -> Option<Value> {
+        let place = |first: u32| Some((number - first) as usize);
+        let (list, axis): (&Axes, _) = match number {
+            5161..=5169 => (&self.modal.homes[0], place(5161)?),
+            5181..=5189 => (&self.modal.homes[1], place(5181)?),
+            5211..=5219 => (&self.modal.shift, place(5211)?),
+            5220 => return Some(Some(self.modal.system as f64 + 1.0)),
+            5221..=5390 => {
+                let (system, axis) = (place(5221)? / 20, place(5221)? % 20);
+                let offset = self.modal.offsets.get(system)?;
+                if axis == 9 {
+                    return Some(Some(offset.rotation_deg));
+                }
+                let at = *offset.offset.get(axis)?;
+                return Some(Some(at / self.length_unit(axis)));
+            }
+            5400 => return Some(self.tool_in_spindle().map(f64::from)),
+            5401..=5409 => (&self.modal.tool_offset, place(5401)?),
+            5420..=5428 => {
+                let axis = axis_of_place(number)?;
+                let at = self.program_position()[axis] / self.modal.scale(axis);
+                return Some(self.says_place(axis).then_some(at));
+            }
+            _ => return None,
+        };
+        let at = *list.get(axis)?;
+        Some(Some(at / self.length_unit(axis)))
+    }
+
+    fn length_unit(&self, axis: usize) -> f64 {
+        if is_rotary(axis) {
+            1.0
+        } else {
+            self.modal.unit_mm
+        }
+    }
+
+    /// # Errors
+    /// The block may be skipped, and switches what the coordinates behind it mean.
+    fn check_skipped(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        if given.block.begins != Begins::Slash {
+            return Ok(());
+        }
+        let switches = [
+            codes.plane,
+            codes.units,
+            codes.diameter,
+            codes.radius,
+            codes.distance,
+            codes.centre,
+            codes.tool_length,
+            codes.work_offset,
+            codes.rotation,
+            codes.polar,
+            codes.comes_back,
+            codes.feed,
+            // A dwell switches nothing.
+            codes.not_modal.filter(|code| *code != 40),
+        ];
+        let block = given.block;
+        if switches.iter().any(Option::is_some)
+            || codes.centre_point.is_some()
+            || codes.ends
+            || codes.changes_tool
+            || given.has(b'T')
+            || !block.assignments.is_empty()
+            || !block.commands.is_empty()
+        {
+            return Err(given.refused(
+                "a block that may be skipped (/) and switches what follows (offsets, planes, units, G90, G91, G98, G99, the tool and its length, the mode of the feed, a parameter, the end of the program): what follows can be corrected for one of the two only. Take the slash away, or the block",
+            ));
+        }
+        self.notes.add(Note::MayBeSkipped, given.line);
+        Ok(())
+    }
+
+    /// Where the axes of a motion that may be skipped stand behind it is not known.
+    pub(crate) fn may_not_have_moved(&mut self, motion: &Move) {
+        let takes_along = self.frame.tip.is_some();
+        for axis in 0..9 {
+            let in_plane = axis < 2 && motion.polar.is_some();
+            if motion.words[axis].is_some() || in_plane || axis < 3 && takes_along {
+                self.known[axis] = false;
+            }
+        }
+    }
+}
+
+/// The axis whose place the named parameter is: `_x`.
+pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
+    match name.as_bytes() {
+        [b'_', letter] => axis_of(letter.to_ascii_uppercase()),
+        _ => None,
+    }
+}
+
+/// The axis whose place the numbered parameter is.
+pub(crate) fn axis_of_place(number: u32) -> Option<usize> {
+    let axis = number.checked_sub(5420)? as usize;
+    (axis < 9).then_some(axis)
+}

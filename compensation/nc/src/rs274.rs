@@ -1,0 +1,498 @@
+//! Lines of RS-274 as blocks, and what controls and printers have besides its words.
+//!
+//! What Marlin and Klipper make of a line is from their sources: a line is one command, and its arguments are no words of RS-274
+//! (`M117 Z is 5`, `G28 X Y`).
+
+use crate::{
+    block::{Assignment, Begins, Block, Command, Manner, Parameter, Scanner, Word},
+    codes::{Codes, is_cycle},
+    control::{Control, DecimalPoints, INCREMENTS},
+    error::{Fault, malformed, not_followed},
+    expression::Expressions,
+    interpreter::Interpreter,
+    number::plain,
+};
+
+impl Block {
+    /// Reads a line without its end of line. O-words are read elsewhere: none may be in it.
+    pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
+        self.clear();
+        let mut scanner = Scanner::new(line);
+        let mut end = 0;
+        match scanner.peek() {
+            Some(b'/') => {
+                scanner.next();
+                self.begins = Begins::Slash;
+                self.skip = scanner.at() - 1..scanner.at();
+                end = scanner.at();
+            }
+            Some(b'%') => {
+                self.begins = Begins::Percent;
+                self.end = line.len();
+                return Ok(());
+            }
+            _ => {}
+        }
+        self.end = end;
+        while let Some(byte) = scanner.peek() {
+            let (at, column) = (scanner.at(), scanner.column());
+            scanner.next();
+            match byte {
+                b'(' => skip_comment(&mut scanner, column)?,
+                b';' => break,
+                b'#' => {
+                    self.assignment(at, &mut scanner, expressions)?;
+                    self.end = scanner.at();
+                }
+                b'A'..=b'Z' | b'@' | b'^' | b'$' => {
+                    scanner.peek();
+                    let from = scanner.at();
+                    let read = expressions.read(&mut scanner)?;
+                    let Some((value, decimals)) = read else {
+                        return Err(Fault::NoNumber {
+                            column,
+                            letter: char::from(byte),
+                        });
+                    };
+                    self.end = scanner.at();
+                    let text = from..scanner.at();
+                    self.push(byte, at, text, value, Manner::Modal, decimals);
+                }
+                other => {
+                    return Err(Fault::Character {
+                        column,
+                        found: char::from(other),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.words.clear();
+        self.assignments.clear();
+        self.commands.clear();
+        self.begins = Begins::Nothing;
+        self.skip = 0..0;
+        self.number = None;
+        self.keyword = 0..0;
+        self.comma = None;
+        self.last_in_increments = None;
+        self.end = 0;
+    }
+
+    /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.
+    fn assignment(
+        &mut self,
+        at: usize,
+        scanner: &mut Scanner<'_>,
+        expressions: &Expressions<'_>,
+    ) -> Result<(), Fault> {
+        let parameter = if scanner.takes(b'<') {
+            Some(Parameter::Named(scanner.name()?))
+        } else {
+            let number = expressions.parameter_number(scanner, 0)?;
+            number.map(Parameter::Numbered)
+        };
+        let column = scanner.column();
+        if !scanner.takes(b'=') {
+            return Err(malformed(
+                column,
+                "expected = after a parameter that begins a word",
+            ));
+        }
+        scanner.peek();
+        let (column, from) = (scanner.column(), scanner.at());
+        let read = expressions.read(scanner)?.ok_or(malformed(
+            column,
+            "expected the value of the parameter after =",
+        ))?;
+        let parameter = parameter.ok_or(malformed(
+            column,
+            "only the machine knows which parameter is set here",
+        ))?;
+        self.assignments.push(Assignment {
+            parameter,
+            value: read.0,
+            all: at..scanner.at(),
+            text: from..scanner.at(),
+        });
+        Ok(())
+    }
+
+    /// The last word with this letter.
+    pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
+        self.words.iter().rev().find(|word| word.letter == letter)
+    }
+}
+
+fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
+    let rest = &scanner.bytes()[scanner.at()..];
+    let Some(length) = rest.iter().position(|byte| *byte == b')') else {
+        return Err(malformed(
+            column,
+            "the comment that begins here does not end in its line",
+        ));
+    };
+    scanner.go_to(scanner.at() + length + 1);
+    Ok(())
+}
+
+const MACRO: &str =
+    "that is the macro language of FANUC controls; only O-words as LinuxCNC has them are executed";
+
+const SIEMENS: &str = "that is the language of SINUMERIK controls: --dialect siemens";
+
+const HEIDENHAIN: &str =
+    "that is the conversational language of HEIDENHAIN controls: --dialect heidenhain";
+
+/// With what a line of another language begins, behind the number of its block.
+const OTHERS: [(&str, &[&str]); 3] = [
+    (
+        HEIDENHAIN,
+        &[
+            "BEGIN PGM",
+            "END PGM",
+            "BLK FORM",
+            "TOOL CALL",
+            "TOOL DEF",
+            "CYCL",
+            "L X",
+            "L Y",
+            "L Z",
+            "LP",
+            "CC",
+            "CR",
+            "LBL",
+            "FN",
+        ],
+    ),
+    (MACRO, &["IF", "WHILE", "GOTO", "DO", "END"]),
+    (
+        SIEMENS,
+        &[
+            "TRANS", "ATRANS", "ROT", "AROT", "TRAORI", "TRAFOOF", "DEF", "MSG", "MCALL", "CYCLE",
+            "PROC", "R",
+        ],
+    ),
+];
+
+/// What stands only in lines of SINUMERIK.
+const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
+
+/// Why a comma cannot be read, where it is that of a corner.
+pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
+    let Fault::Character { column, found: ',' } = *fault else {
+        return None;
+    };
+    let letter = (text.get(column..)?.iter()).find(|byte| !byte.is_ascii_whitespace())?;
+    let why = match letter.to_ascii_uppercase() {
+        b'R' => "a rounded corner is a motion of its own",
+        b'C' => "a bevelled corner is a motion of its own",
+        b'A' => "a line by its direction",
+        _ => return None,
+    };
+    Some(Fault::NotFollowed {
+        column,
+        found: format!(",{}", char::from(*letter).to_ascii_uppercase()),
+        why,
+    })
+}
+
+/// Why a line that RS-274 does not know cannot be read, where it plainly is of another language.
+pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
+    let text = String::from_utf8_lossy(text).to_ascii_uppercase();
+    let text = text.trim_start().trim_start_matches('/').trim_start();
+    let is_number = |c: char| c.is_ascii_digit() || c == ' ';
+    let rest = text.strip_prefix('N').unwrap_or(text);
+    let rest = rest.trim_start_matches(is_number);
+    let begins = |word: &str| {
+        let Some(behind) = rest.strip_prefix(word) else {
+            return false;
+        };
+        match word {
+            // R1=5, as no word of RS-274 is written.
+            "R" => behind.trim_start_matches(is_number).starts_with('='),
+            _ => word.starts_with("L ") || !behind.starts_with(|c: char| c.is_ascii_alphabetic()),
+        }
+    };
+    let mut others =
+        (OTHERS.iter()).flat_map(|(why, words)| words.iter().map(move |word| (*word, *why)));
+    let begin = others.find(|(word, _)| begins(word));
+    let within = || IN_SIEMENS.into_iter().find(|word| text.contains(word));
+    let (found, why) = begin.or_else(|| Some((within()?, SIEMENS)))?;
+    Some(Fault::NotFollowed {
+        column: 1,
+        found: found.trim().to_owned(),
+        why,
+    })
+}
+
+/// Gives the coordinates of a block that count in least increments their value in the unit of the program.
+///
+/// # Errors
+/// A program that has coordinates with and without a point, on a control of which it is not stated what that means.
+pub(crate) fn read_increments(
+    block: &mut Block,
+    text: &[u8],
+    interpreter: &Interpreter,
+) -> Result<(), Fault> {
+    let DecimalPoints {
+        means_increments,
+        may_mix,
+        last_in_increments,
+    } = interpreter.points;
+    if !means_increments {
+        return Ok(());
+    }
+    let has = |codes: &[f64]| {
+        let mut words = block.words.iter();
+        words.any(|word| word.letter == b'G' && word.value.is_some_and(|of| codes.contains(&of)))
+    };
+    if has(&[4.0]) {
+        // The time of a dwell.
+        return Ok(());
+    }
+    let unit_mm = match (has(&[20.0]), has(&[21.0])) {
+        (true, _) => 25.4,
+        (_, true) => 1.0,
+        _ => interpreter.modal.unit_mm,
+    };
+    // Codes that contradict each other are refused where the block is interpreted.
+    let codes = Codes::of(block, interpreter.control, 0).ok();
+    if codes
+        .as_ref()
+        .is_some_and(|codes| codes.with_arguments().is_some())
+    {
+        // The meaning of the words of an unknown M code is not known.
+        return Ok(());
+    }
+    let drills = codes.is_some_and(|codes| {
+        let motion = codes.motion.or(interpreter.modal.motion);
+        motion.is_some_and(is_cycle)
+    });
+    let names_axes = (block.words.iter()).any(|word| b"XYZABCUVW".contains(&word.letter));
+    let (is_table, is_rotation) = (has(&[10.0]), has(&[68.0]));
+    // Y is an angle there.
+    let is_polar = !has(&[15.0]) && (has(&[16.0]) || interpreter.modal.polar.is_some());
+    let mut last = last_in_increments;
+    for word in &mut block.words {
+        let is_coordinate = match word.letter {
+            b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'U' | b'V' | b'W' | b'I' | b'J' => true,
+            // In a cycle it is how often it is done.
+            b'K' => !drills,
+            b'R' => names_axes || is_table,
+            _ => false,
+        };
+        let (Some(value), Some(_), true) = (word.value, word.decimals, is_coordinate) else {
+            continue;
+        };
+        let without_point = !text[word.text.clone()].contains(&b'.');
+        if value != 0.0 {
+            if !may_mix && last.is_some_and(|last| last != without_point) {
+                return Err(Fault::MixedPoints {
+                    column: word.at + 1,
+                    word: String::from_utf8_lossy(&text[word.at..word.text.end]).into_owned(),
+                    without_point,
+                });
+            }
+            last = Some(without_point);
+        } else if last != Some(true) {
+            // Zero is zero in either way, and may get a point.
+            continue;
+        }
+        if !without_point {
+            continue;
+        }
+        let is_angle = match word.letter {
+            b'A' | b'B' | b'C' => true,
+            b'R' => is_rotation,
+            b'Y' => is_polar && unit_mm == 1.0,
+            _ => false,
+        };
+        let decimals = INCREMENTS.of(if is_angle { 3 } else { 0 }, unit_mm);
+        word.value = Some(value / 10_f64.powi(i32::from(decimals)));
+        word.decimals = Some(decimals);
+        word.in_increments = true;
+    }
+    if is_polar
+        && unit_mm != 1.0
+        && block
+            .words
+            .iter()
+            .any(|word| word.letter == b'Y' && word.in_increments)
+    {
+        return Err(not_followed(
+            1,
+            "an angle without a decimal point under G16 in inches",
+            "its least increment is not known here: write it with a point",
+        ));
+    }
+    block.last_in_increments = last;
+    Ok(())
+}
+
+/// M codes of printers that neither move an axis nor change what coordinates mean, from the first to the last of each range.
+const HARMLESS_M: [u16; 94] = [
+    0, 1, 3, 5, 7, 11, 16, 17, 20, 34, 42, 43, 73, 73, 75, 78, 80, 81, 85, 85, 100, 100, 104, 115,
+    117, 123, 126, 129, 140, 141, 143, 143, 145, 145, 149, 150, 154, 155, 163, 166, 190, 193, 200,
+    205, 207, 209, 211, 211, 220, 221, 226, 226, 250, 250, 255, 256, 260, 261, 280, 282, 300, 306,
+    309, 309, 355, 355, 380, 381, 400, 400, 403, 407, 412, 414, 430, 430, 485, 486, 500, 500, 503,
+    504, 569, 569, 572, 572, 575, 575, 592, 593, 900, 900, 906, 919,
+];
+
+/// G codes of printers that are executed as those of RS-274 are.
+const WORDS_G: [f64; 21] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 17.0, 18.0, 19.0, 20.0, 21.0, 53.0, 54.0, 55.0, 56.0, 57.0, 58.0,
+    59.0, 90.0, 91.0, 92.0,
+];
+
+/// Those that retract the filament without a coordinate.
+const HARMLESS_G: [f64; 2] = [10.0, 11.0];
+
+/// Those whose motions are not in the program: homing, probing, parking, cleaning, a saved position.
+const MOVES_G: [f64; 17] = [
+    12.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0, 38.0, 42.0, 60.0, 61.0, 76.0,
+    80.0,
+];
+
+/// Commands of Klipper that neither move an axis nor change what coordinates mean.
+const HARMLESS_COMMANDS: &str = "ECHO EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_END EXCLUDE_OBJECT_RESET EXCLUDE_OBJECT_START \
+    GET_POSITION GET_RETRACTION HELP QUERY_ENDSTOPS QUERY_FILAMENT_SENSOR RESPOND SAVE_GCODE_STATE \
+    SET_DISPLAY_GROUP SET_DISPLAY_TEXT SET_EXTRUDER_ROTATION_DISTANCE SET_FAN_SPEED SET_FILAMENT_SENSOR \
+    SET_GCODE_VARIABLE SET_HEATER_TEMPERATURE SET_IDLE_TIMEOUT SET_INPUT_SHAPER SET_LED SET_LED_TEMPLATE \
+    SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO SET_RETRACTION SET_SERVO SET_STEPPER_ENABLE \
+    SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT STATUS TEMPERATURE_WAIT TURN_OFF_HEATERS";
+
+/// Reads a line that does not consist of G-code words; false if it does.
+pub(crate) fn read_control_line(
+    control: Control,
+    block: &mut Block,
+    text: &[u8],
+) -> Result<bool, Fault> {
+    block.clear();
+    match control {
+        Control::Marlin | Control::Klipper => of_printer(block, text),
+        Control::Grbl => of_grbl(block, text),
+        _ => Ok(false),
+    }
+}
+
+fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
+    let mut scanner = Scanner::new(text);
+    if scanner.takes(b'N') && scanner.number().is_none() {
+        scanner = Scanner::new(text);
+    }
+    let Some(first) = scanner.peek() else {
+        return Ok(false);
+    };
+    let (at, column) = (scanner.at(), scanner.column());
+    let name = name_at(&text[at..]);
+    if name.len() > 1 {
+        return command(block, &name, column);
+    }
+    if !matches!(first, b'G' | b'M' | b'T') {
+        return Ok(false);
+    }
+    // A blank ends the number: text may follow (M117).
+    let digits = text[at + 1..].iter();
+    let digits = digits.take_while(|byte| byte.is_ascii_digit() || **byte == b'.');
+    let end = at + 1 + digits.count();
+    let found = || String::from_utf8_lossy(&text[at..end]).into_owned();
+    let Some((number, ..)) = plain(&text[at + 1..end]) else {
+        // A letter alone, as in `Tx` of Prusa.
+        block.commands.push(Command::MayMove(found()));
+        return Ok(true);
+    };
+    match first {
+        b'G' if WORDS_G.contains(&number) => return Ok(false),
+        b'G' if HARMLESS_G.contains(&number) => {}
+        b'G' if MOVES_G.contains(&number.trunc()) => {
+            if number == 28.0 {
+                let words = text[end..].split(|byte| *byte == b';').next();
+                let names = |byte: &u8| b"XYZxyz".contains(byte);
+                let all = !words.unwrap_or_default().iter().any(names);
+                block.commands.push(Command::Homes { all });
+            }
+            block.commands.push(Command::MayMove(found()));
+        }
+        b'G' => {
+            return Err(not_followed(
+                column,
+                &found(),
+                "it is not known for printers, and might move an axis",
+            ));
+        }
+        b'M' if number == 82.0 || number == 83.0 => {
+            block.commands.push(Command::Extrudes {
+                relative: number == 83.0,
+            });
+        }
+        b'M' if (HARMLESS_M.chunks(2))
+            .any(|ends| f64::from(ends[0]) <= number && number <= f64::from(ends[1])) => {}
+        _ => block.commands.push(Command::MayMove(found())),
+    }
+    Ok(true)
+}
+
+/// A command of Klipper: a name, and arguments with names.
+fn command(block: &mut Block, name: &str, column: usize) -> Result<bool, Fault> {
+    let refused = match name {
+        "SET_GCODE_OFFSET" => {
+            Some("it shifts the coordinates: state them in the set-up file as [work_offset.G54]")
+        }
+        "RESTORE_GCODE_STATE" => Some("it brings back coordinates that were saved elsewhere"),
+        _ => None,
+    };
+    if let Some(why) = refused {
+        return Err(not_followed(column, name, why));
+    }
+    if !HARMLESS_COMMANDS.split(' ').any(|of| of == name) {
+        block.commands.push(Command::MayMove(name.to_owned()));
+    }
+    Ok(true)
+}
+
+/// The name of a command in capital letters, where a text begins with one: two letters or underscores at least.
+fn name_at(text: &[u8]) -> String {
+    let of_name = |byte: &&u8| byte.is_ascii_alphanumeric() || **byte == b'_';
+    let name: String = (text.iter().take_while(of_name))
+        .map(|byte| char::from(byte.to_ascii_uppercase()))
+        .collect();
+    let is_letter = |byte: u8| byte.is_ascii_alphabetic() || byte == b'_';
+    match name.as_bytes() {
+        [first, second, ..] if is_letter(*first) && is_letter(*second) => name,
+        _ => String::new(),
+    }
+}
+
+/// Settings and commands of Grbl: `$H`, `$X`, `$100=80`.
+fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
+    let mut scanner = Scanner::new(text);
+    if scanner.peek() != Some(b'$') {
+        return Ok(false);
+    }
+    let column = scanner.column();
+    scanner.next();
+    let letter = scanner.peek();
+    let is_scale = (scanner.number()).is_some_and(|(number, _)| (100.0..110.0).contains(&number));
+    match letter {
+        Some(b'J') => {
+            return Err(not_followed(
+                column,
+                "$J",
+                "a jog moves the axes: write G1 or G0",
+            ));
+        }
+        // Homing; steps for each mm; settings as they were delivered.
+        Some(letter @ (b'H' | b'R')) => block
+            .commands
+            .push(Command::MayMove(format!("${}", char::from(letter)))),
+        _ if is_scale => block
+            .commands
+            .push(Command::MayMove("$100 to $109".to_owned())),
+        _ => {}
+    }
+    Ok(true)
+}
