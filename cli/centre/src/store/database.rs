@@ -2,6 +2,7 @@
 
 use std::{
     fs,
+    io::ErrorKind,
     os::unix::fs::{OpenOptionsExt, PermissionsExt},
     path::Path,
     thread,
@@ -124,13 +125,12 @@ fn make_private(path: &Path) -> Result<(), StoreError> {
         why,
     };
     let mut options = fs::OpenOptions::new();
-    options
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .mode(0o600)
-        .open(path)
-        .map_err(failed)?;
+    // Only made, never opened: closing it would release the locks of the connections that this program has to it already (POSIX), and another
+    // program that reads would then delete the log that they write.
+    match options.create_new(true).write(true).mode(0o600).open(path) {
+        Err(why) if why.kind() != ErrorKind::AlreadyExists => return Err(failed(why)),
+        _ => {}
+    }
     for suffix in ["", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
         name.push(suffix);

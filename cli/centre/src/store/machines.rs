@@ -9,6 +9,7 @@ use volcomp_fleet::MachineId;
 use super::{
     Store, StoreError, audit,
     database::{document, documents, execute},
+    rollouts::refuse_in_open_rollout,
 };
 use crate::records::{Live, Machine};
 
@@ -21,8 +22,17 @@ pub(crate) fn machine_named(
     document(database, sql, [machine.as_str()])
 }
 
+/// Registers a machine, or changes what is known of it.
+///
+/// # Errors
+/// Another machine tool under a name whose turn in a roll-out is still to come: the model was not measured on that one.
 fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreError> {
-    let name = machine.identity.machine.as_str();
+    let id = &machine.identity.machine;
+    let before = machine_named(database, id)?;
+    if before.is_none_or(|before| before.identity.serial != machine.identity.serial) {
+        refuse_in_open_rollout(database, id)?;
+    }
+    let name = id.as_str();
     let site = machine.identity.site.as_str();
     execute(
         database,

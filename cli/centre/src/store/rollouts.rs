@@ -17,6 +17,23 @@ use crate::{
     rollout::{NewRollout, Phase, Rollout, Rules, Step, Wish},
 };
 
+/// Refuses what must wait until no roll-out has a turn of a machine any more.
+pub(super) fn refuse_in_open_rollout(
+    database: &Connection,
+    machine: &MachineId,
+) -> Result<(), StoreError> {
+    let sql = "SELECT state FROM rollouts WHERE finished = 0";
+    let open: Vec<Rollout> = documents(database, sql, [])?;
+    let of_it = |open: &&Rollout| open.targets.iter().any(|one| one.machine == *machine);
+    match open.iter().find(of_it) {
+        None => Ok(()),
+        Some(other) => Err(StoreError::Conflict(format!(
+            "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
+            other.id
+        ))),
+    }
+}
+
 impl Store {
     /// Starts a roll-out of a model to machines, each with whether it is a canary.
     ///
@@ -49,17 +66,8 @@ impl Store {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;
             let rollout = make(id);
-            let open: Vec<Rollout> =
-                documents(database, "SELECT state FROM rollouts WHERE finished = 0", [])?;
-            for other in open {
-                let shared = (rollout.targets.iter())
-                    .find(|target| other.targets.iter().any(|one| one.machine == target.machine));
-                if let Some(target) = shared {
-                    return Err(StoreError::Conflict(format!(
-                        "{} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
-                        target.machine, other.id
-                    )));
-                }
+            for target in &rollout.targets {
+                refuse_in_open_rollout(database, &target.machine)?;
             }
             execute(
                 database,

@@ -92,6 +92,58 @@ fn machines_models_and_the_log_of_changes() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
+/// Another program that reads the file, as a viewer or a backup does, leaves the log in place that the centre writes.
+#[test]
+fn another_program_that_reads_loses_nothing() {
+    let place = Place::new();
+    let store = place.open().unwrap();
+    store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let file = place.0.path().join("centre.db");
+    let read = "import sqlite3, sys; d = sqlite3.connect(sys.argv[1]); print(d.execute('SELECT count(*) FROM machines').fetchone()[0]); d.close()";
+    let output = std::process::Command::new("python3")
+        .args(["-c", read])
+        .arg(&file)
+        .output();
+    let output = output.unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "1\n", "{output:?}");
+    assert!(place.0.path().join("centre.db-wal").exists());
+    store.put_machine(&machine("mill-b"), "anna").unwrap();
+    assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
+}
+
+/// A model is true for the tool that it was measured on: no other one takes over its turn by taking its name.
+#[test]
+fn no_other_tool_takes_the_name_of_one_in_a_rollout() {
+    let place = Place::new();
+    let store = place.open().unwrap();
+    let mill = machine("mill-a");
+    let mut other = mill.clone();
+    other.identity.serial = "9999".into();
+    store.put_machine(&mill, "anna").unwrap();
+    let start = |id| {
+        let new = NewRollout {
+            model: model(7).model.sha256,
+            machines: &[(mill.identity.machine.clone(), true)],
+            rules: Rules::default(),
+            by: "anna".into(),
+            since_s: 0.0,
+        };
+        Rollout::new(id, new)
+    };
+    store.start_rollout(start).unwrap();
+    // What else is known of it may change; its serial number may not, neither at once nor by way of removing it.
+    store.put_machine(&mill, "anna").unwrap();
+    let refused = |found: Result<(), StoreError>| {
+        let said = found.unwrap_err().to_string();
+        assert!(said.contains("mill-a has its turn in roll-out 1"), "{said}");
+    };
+    refused(store.put_machine(&other, "anna"));
+    store
+        .remove_machine(&mill.identity.machine, "anna")
+        .unwrap();
+    refused(store.put_machine(&other, "anna"));
+}
+
 #[test]
 fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
     let place = &Place::new();
