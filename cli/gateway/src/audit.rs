@@ -10,12 +10,13 @@ use std::{
 };
 
 use sha2::{Digest, Sha256};
+use time::OffsetDateTime;
 use volcomp_runtime::monotonic;
 
 pub mod clerk;
 pub(crate) mod slots;
 
-use crate::documents::{Details, Record};
+use crate::documents::{Broken, Details, Record};
 
 /// A file that is larger is closed, and the next one begun, bytes.
 const MAX_BYTES: u64 = 4 << 20;
@@ -42,8 +43,8 @@ pub struct Found {
     pub records: u64,
     /// Bytes of a torn tail that were cut.
     pub cut_bytes: u64,
-    /// Line of the first record that does not belong to the chain: the file was put aside under this name.
-    pub broken: Option<(u64, PathBuf)>,
+    /// A log that did not belong together, put aside.
+    pub broken: Option<Broken>,
 }
 
 /// A record that has no place in the chain yet, with the time at which it was made.
@@ -118,7 +119,8 @@ impl AuditLog {
                 .unwrap_or_else(|| dir.join("audit.broken.log"));
             fs::rename(&path, &aside)?;
             file = OpenOptions::new().append(true).create(true).open(&path)?;
-            found.broken = Some((line, aside));
+            let aside = aside.display().to_string();
+            found.broken = Some(Broken { line, aside });
         } else if whole < bytes.len() as u64 {
             file.set_len(whole)?;
             file.sync_all()?;
@@ -329,59 +331,17 @@ pub fn utc(time: std::time::SystemTime) -> String {
     let since = time
         .duration_since(std::time::UNIX_EPOCH)
         .unwrap_or_default();
-    let (days, seconds) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
-    let [year, month, day] = civil(days);
+    let seconds = i64::try_from(since.as_secs()).unwrap_or_default();
+    // No clock shows a year beyond 9999.
+    let at = OffsetDateTime::from_unix_timestamp(seconds).unwrap_or(OffsetDateTime::UNIX_EPOCH);
     format!(
-        "{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{:03}Z",
-        seconds / 3600,
-        seconds / 60 % 60,
-        seconds % 60,
+        "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z",
+        at.year(),
+        u8::from(at.month()),
+        at.day(),
+        at.hour(),
+        at.minute(),
+        at.second(),
         since.subsec_millis()
     )
-}
-
-/// Year, month and day of days since 1970 in the Gregorian calendar.
-fn civil(days: u64) -> [u64; 3] {
-    let leap = |year: u64| {
-        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
-    };
-    let (mut year, mut rest) = (1970, days);
-    while rest >= 365 + u64::from(leap(year)) {
-        rest -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let lengths = [
-        31,
-        28 + u64::from(leap(year)),
-        31,
-        30,
-        31,
-        30,
-        31,
-        31,
-        30,
-        31,
-        30,
-        31,
-    ];
-    let mut month = 0;
-    while rest >= lengths[month] {
-        rest -= lengths[month];
-        month += 1;
-    }
-    [year, month as u64 + 1, rest + 1]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::civil;
-
-    #[test]
-    fn days_are_dates() {
-        assert_eq!(civil(0), [1970, 1, 1]);
-        assert_eq!(civil(11_016), [2000, 2, 29]);
-        assert_eq!(civil(20_778), [2026, 11, 21]);
-        assert_eq!(civil(47_540), [2100, 2, 28]);
-        assert_eq!(civil(47_541), [2100, 3, 1]);
-    }
 }

@@ -43,14 +43,13 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, G
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
     let status = head.split_whitespace().nth(1).unwrap_or_default();
     if status != "200" {
-        return Err(GatewayError::Answer {
-            address,
-            what: format!("it answers {status}: {}", body.trim()),
-        });
+        return Err(GatewayError::failed(format!(
+            "gateway at {address}: it answers {status}: {}",
+            body.trim()
+        )));
     }
-    serde_json::from_str(body.trim()).map_err(|e| GatewayError::Answer {
-        address,
-        what: format!("its answer is no state: {e}"),
+    serde_json::from_str(body.trim()).map_err(|e| {
+        GatewayError::failed(format!("gateway at {address}: its answer is no state: {e}"))
     })
 }
 

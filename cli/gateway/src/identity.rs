@@ -78,17 +78,6 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    /// The question that a person must confirm before `new` takes the place of `old`; `None` where there is none, or it
-    /// is confirmed: see [`judged`](Self::judged).
-    pub(crate) fn question(
-        &self,
-        models: [&Model; 2],
-        limits: LimitChanges,
-        to: &ConfirmedLimits,
-    ) -> Option<Question> {
-        self.judged(models, limits, to).question
-    }
-
     /// How far the correction moves where `new` takes the place of `old`, and the question that comes first. The move of the correction is judged at the reference temperature, at the present ones when they have
     /// been steady for long, and as the machine is now, with the lags of the model that runs.
     pub(crate) fn judged(
@@ -231,13 +220,9 @@ mod tests {
             confirmed: None,
             differences: Vec::new(),
         };
-        assert!(
-            judge
-                .question([&model(); 2], changes(&old, &old), &old)
-                .is_none()
-        );
-        let question = judge.question([&model(); 2], changes(&old, &new), &new);
-        let question = question.expect("A falls out of the correction");
+        let judged = |to| judge.judged([&model(); 2], changes(&old, to), to).question;
+        assert_eq!(judged(&old), None);
+        let question = judged(&new).expect("A falls out of the correction");
         assert_eq!(question.limits["rotary_step_um"], [Some(10.0), Some(0.01)]);
         let urad = question.worst_corner_urad.expect("the same axes");
         assert!(urad > 199.0, "{urad}");

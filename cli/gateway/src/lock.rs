@@ -59,18 +59,7 @@ pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListene
 
 /// Locks the folder of the audit log, in which a gateway remembers what it has written, confirmed and been told.
 fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
-    let shown = folder.display().to_string();
-    let wrong = |source| GatewayError::system(shown.clone(), source);
-    std::fs::create_dir_all(folder).map_err(wrong)?;
-    let found = std::fs::metadata(folder).map_err(wrong)?;
-    // By what it is, not by its spelling.
-    let name = format!("folder {} {}", found.dev(), found.ino());
-    lock_device(&shown, &name).map_err(|error| match error {
-        GatewayError::Locked { .. } => GatewayError::FolderLocked {
-            folder: folder.to_owned(),
-        },
-        other => other,
-    })
+    try_folder(folder)?.ok_or_else(|| in_use("[audit] dir", folder))
 }
 
 /// Locks the folder in which a gateway keeps what its centre has sent.
@@ -79,21 +68,48 @@ fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
 /// Another gateway on this computer uses it.
 #[cfg(feature = "fleet")]
 pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
-    lock_folder(folder).map_err(|error| match error {
-        GatewayError::FolderLocked { folder } => GatewayError::FleetFolderLocked { folder },
-        other => other,
-    })
+    try_folder(folder)?.ok_or_else(|| in_use("[fleet] dir", folder))
+}
+
+fn in_use(key: &str, folder: &Path) -> GatewayError {
+    GatewayError::failed(format!(
+        "{key}: another gateway on this computer uses the folder {}, expected one of its own",
+        folder.display()
+    ))
+}
+
+/// Whether a gateway or a map sender on this computer uses a folder.
+///
+/// # Errors
+/// A folder that cannot be made or looked at.
+pub(crate) fn is_folder_locked(folder: &Path) -> Result<bool, GatewayError> {
+    Ok(try_folder(folder)?.is_none())
+}
+
+/// The lock of a folder, which is made where it is missing; `None`: another program has it.
+fn try_folder(folder: &Path) -> Result<Option<UnixListener>, GatewayError> {
+    let shown = folder.display().to_string();
+    let wrong = |source| GatewayError::system(shown.clone(), source);
+    std::fs::create_dir_all(folder).map_err(wrong)?;
+    let found = std::fs::metadata(folder).map_err(wrong)?;
+    // By what it is, not by its spelling.
+    try_lock(&format!("folder {} {}", found.dev(), found.ino())).map_err(wrong)
 }
 
 fn lock_device(url: &str, device: &str) -> Result<UnixListener, GatewayError> {
-    let digest = crate::hex(&Sha256::digest(device.as_bytes())[..8]);
-    let failed = |e| GatewayError::system(url.to_owned(), e);
-    let address =
-        SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}")).map_err(failed)?;
-    UnixListener::bind_addr(&address).map_err(|e| match e.kind() {
-        ErrorKind::AddrInUse => GatewayError::Locked {
-            url: url.to_owned(),
-        },
-        _ => failed(e),
+    let lock = try_lock(device).map_err(|e| GatewayError::system(url.to_owned(), e))?;
+    lock.ok_or_else(|| {
+        GatewayError::failed(format!("{url}: another gateway on this computer uses it"))
     })
+}
+
+/// `None`: another program has it.
+fn try_lock(name: &str) -> std::io::Result<Option<UnixListener>> {
+    let digest = crate::hex(&Sha256::digest(name.as_bytes())[..8]);
+    let address = SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}"))?;
+    match UnixListener::bind_addr(&address) {
+        Ok(lock) => Ok(Some(lock)),
+        Err(e) if e.kind() == ErrorKind::AddrInUse => Ok(None),
+        Err(e) => Err(e),
+    }
 }

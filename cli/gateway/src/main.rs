@@ -5,7 +5,6 @@ use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
     process::ExitCode,
-    time::Duration,
 };
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -14,7 +13,7 @@ use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check, client,
     config::{Config, DashboardConfig},
-    documents::{self, CheckFailure},
+    documents,
     error::GatewayError,
     http::tls,
     options::Options,
@@ -68,24 +67,11 @@ struct Arguments {
 
 #[derive(clap::Args)]
 struct RunArguments {
-    /// The TOML file of the configuration
-    #[arg(long, conflicts_with = "simulate")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    options: Options,
     /// Simulate a machine, which is what happens without a configuration
     #[arg(long)]
     simulate: bool,
-    /// The address and port of the dashboard, instead of the configured one
-    #[arg(long)]
-    listen: Option<SocketAddr>,
-    /// A file with lines NAME ROLE TOKEN, mode 0600, instead of the configured one
-    #[arg(long)]
-    token_file: Option<PathBuf>,
-    /// The folder of the audit log, instead of the configured one
-    #[arg(long)]
-    audit_dir: Option<PathBuf>,
-    /// The time of a cycle of the simulation, ms
-    #[arg(long, value_parser = cycle, conflicts_with = "config")]
-    cycle_ms: Option<Duration>,
     /// The form of the log on standard error
     #[arg(long, value_enum, default_value_t = LogForm::Text)]
     log: LogForm,
@@ -198,17 +184,6 @@ enum Command {
     },
 }
 
-fn cycle(text: &str) -> Result<Duration, String> {
-    let ms: f64 = text
-        .parse()
-        .map_err(|_| "expected a number of milliseconds".to_owned())?;
-    if (0.25..=100.0).contains(&ms) {
-        Ok(Duration::from_secs_f64(ms * 1e-3))
-    } else {
-        Err("expected 0.25 to 100".to_owned())
-    }
-}
-
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let json = matches!(
@@ -222,16 +197,12 @@ fn main() -> ExitCode {
     match act(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let status = error.status();
-            let failure = CheckFailure {
-                error: error.to_string(),
-                status,
-            };
+            let failure = error.failure();
             match serde_json::to_string(&failure) {
                 Ok(text) if json => eprintln!("{text}"),
                 _ => eprintln!("error: {error}"),
             }
-            ExitCode::from(status)
+            ExitCode::from(failure.status)
         }
     }
 }
@@ -239,15 +210,9 @@ fn main() -> ExitCode {
 fn act(arguments: Arguments) -> Result<(), GatewayError> {
     match arguments.command {
         None => {
-            let options = arguments.run;
-            log(options.log);
-            run::run(&Options {
-                config: options.config.filter(|_| !options.simulate),
-                listen: options.listen,
-                token_file: options.token_file,
-                audit_dir: options.audit_dir,
-                simulated_cycle: options.cycle_ms,
-            })
+            log(arguments.run.log);
+            // Without a configuration it simulates.
+            run::run(&arguments.run.options)
         }
         Some(Command::Check {
             config,
@@ -330,7 +295,7 @@ fn status(
     json: bool,
 ) -> Result<String, GatewayError> {
     let mut dashboard = match config {
-        Some(path) => DashboardConfig::read(&path).map_err(GatewayError::status_without)?,
+        Some(path) => DashboardConfig::read(&path).map_err(|e| GatewayError::status_without(&e))?,
         None => DashboardConfig::default(),
     };
     if let Some(listen) = listen {

@@ -7,18 +7,34 @@ use volcomp_devices::config::ms;
 use crate::{config::Config, error::GatewayError, simulate};
 
 /// How the gateway is called.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct Options {
-    /// The configuration; `None`: the built-in simulation.
+    /// The TOML file of the configuration
+    #[arg(long, conflicts_with = "simulate")]
     pub config: Option<PathBuf>,
-    /// Where the dashboard listens, instead of the configured address.
+    /// The address and port of the dashboard, instead of the configured one
+    #[arg(long)]
     pub listen: Option<SocketAddr>,
-    /// The file with named tokens, instead of the configured one.
+    /// A file with lines NAME ROLE TOKEN, mode 0600, instead of the configured one
+    #[arg(long)]
     pub token_file: Option<PathBuf>,
-    /// The folder of the audit log, instead of the configured one.
+    /// The folder of the audit log, instead of the configured one
+    #[arg(long)]
     pub audit_dir: Option<PathBuf>,
-    /// The time of a cycle of the simulation.
+    /// The time of a cycle of the simulation, ms
+    #[arg(long = "cycle-ms", id = "cycle_ms", value_parser = cycle, conflicts_with = "config")]
     pub simulated_cycle: Option<Duration>,
+}
+
+fn cycle(text: &str) -> Result<Duration, String> {
+    let ms: f64 = text
+        .parse()
+        .map_err(|_| "expected a number of milliseconds".to_owned())?;
+    if (0.25..=100.0).contains(&ms) {
+        Ok(Duration::from_secs_f64(ms * 1e-3))
+    } else {
+        Err("expected 0.25 to 100".to_owned())
+    }
 }
 
 impl Options {

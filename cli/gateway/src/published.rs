@@ -45,7 +45,7 @@ pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, 
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
         trend: Mutex::default(),
-        latest: Mutex::new((Arc::new(first), Instant::now())),
+        latest: Mutex::new((Arc::new(first), pulse.clock().now())),
         fleet: Mutex::default(),
     });
     let reader = Published {
@@ -77,7 +77,8 @@ impl Published {
             (Arc::clone(&latest.0), latest.1)
         };
         let mut status = Status::clone(&status);
-        let age = cycle_at.elapsed();
+        let now = self.pulse.clock().now();
+        let age = now.saturating_duration_since(cycle_at);
         observe::age(&mut status, age);
         let stale = Some(age).filter(|age| *age > self.pulse.patience() + PUBLISHED_EVERY);
         if let Some(silence) = self.pulse.silence().or(stale) {

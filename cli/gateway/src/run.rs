@@ -62,12 +62,7 @@ fn supervise(slot: &Slot, signals: &Heard) -> Result<(), GatewayError> {
         let phase = slot.phase();
         match phase {
             Phase::Ended => return Ok(()),
-            Phase::Failed(failure) => {
-                return Err(GatewayError::Failed {
-                    what: failure.what,
-                    status: failure.status,
-                });
-            }
+            Phase::Failed(failure) => return Err(GatewayError::Failed(failure)),
             _ => {}
         }
         manager.ready(!phase.is_starting(), READY_WITHIN);

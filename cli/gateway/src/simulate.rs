@@ -171,7 +171,10 @@ impl Simulation {
             clock,
         };
         let (controller, thermometer, controls) =
-            start(machine).map_err(|source| GatewayError::BuiltInBarrier { source })?;
+            start(machine).map_err(|source| GatewayError::Barrier {
+                device: "built-in barrier".to_owned(),
+                source,
+            })?;
         Ok(Self {
             controller,
             thermometer,

@@ -2,7 +2,6 @@
 
 use std::{
     net::SocketAddr,
-    os::unix::net::UnixListener,
     sync::{
         Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU32, Ordering},
@@ -11,7 +10,7 @@ use std::{
 
 use volcomp_runtime::DisarmSwitch;
 
-use crate::{published::Published, service::Life};
+use crate::{error::Failure, published::Published, service::Life};
 
 /// Orders to a machine, and how it is.
 #[derive(Default)]
@@ -24,8 +23,6 @@ pub struct Slot {
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
-    /// What keeps other programs from a device whose control thread hangs.
-    kept: Mutex<Vec<UnixListener>>,
 }
 
 /// How far a machine is.
@@ -53,15 +50,6 @@ pub struct Live {
     pub address: SocketAddr,
     /// Whether its dashboard speaks TLS.
     pub tls: bool,
-}
-
-/// Why a machine does not run.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Failure {
-    /// The reason in words.
-    pub what: String,
-    /// The exit status that goes with it.
-    pub status: u8,
 }
 
 impl Live {
@@ -136,11 +124,6 @@ impl Slot {
         if self.stops() > 0 {
             switch.end();
         }
-    }
-
-    /// The control thread hangs: the locks of its devices are held until the process ends.
-    pub(crate) fn keep(&self, locks: Vec<UnixListener>) {
-        lock(&self.kept).extend(locks);
     }
 }
 

@@ -227,6 +227,12 @@ impl Cycle {
         self.period
     }
 
+    /// The clock of the cycle: the system's, or one that a test counts.
+    pub fn clock(&self) -> Clock {
+        let system = || Clock::System(self.start);
+        self.clock.clone().unwrap_or_else(system)
+    }
+
     /// When the clock of the cycle began.
     pub fn start(&self) -> Instant {
         self.start

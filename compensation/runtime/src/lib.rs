@@ -27,7 +27,7 @@ pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_er
 pub use path::{ControlPath, next_owner};
 pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};
 pub use reader::{PositionReader, ReaderPlan};
-pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};
+pub use realtime::{ByHand, DisarmSwitch, Handle, Order, Pulse, start, start_by_hand};
 pub use reference::reference_work;
 pub use replacement::Replacement;
 pub use report::{Change, PathReport, Report, Timing, ToolError};

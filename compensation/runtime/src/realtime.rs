@@ -11,11 +11,12 @@ use std::{
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use volcomp_guard::{Limits, Reasons, Request, State};
+use volcomp_port::Clock;
 
 use crate::{
     asked::Asked,
     clock::{Deadlines, monotonic, thread_time},
-    cycle::Cycle,
+    cycle::{Cycle, Spent},
     error::{OrderRefusal, StartError},
     reference::reference_work,
     replacement::Replacement,
@@ -62,8 +63,9 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
+    /// `None`: it has ended, or a test runs the cycles by hand.
     thread: Option<JoinHandle<()>>,
-    start: Instant,
+    is_by_hand: bool,
 }
 
 /// An object that the control thread gives back to be freed elsewhere, since it must not free memory itself.
@@ -82,7 +84,7 @@ struct Shared {
     disarms: AtomicU64,
     /// Disarming is ordered because the program ends.
     ends: AtomicBool,
-    /// When the last cycle was done, ns since the thread was started.
+    /// When the last cycle was done, ns of the clock of the cycle; before the first one when the thread was started.
     told_ns: AtomicU64,
 }
 
@@ -114,7 +116,7 @@ impl DisarmSwitch {
 #[derive(Clone)]
 pub struct Pulse {
     shared: Arc<Shared>,
-    start: Instant,
+    clock: Clock,
     period: Duration,
 }
 
@@ -126,7 +128,12 @@ impl Pulse {
     /// How long ago the last cycle was done; before the first one, how long ago the thread was started.
     pub fn age(&self) -> Duration {
         let told = Duration::from_nanos(self.shared.told_ns.load(Ordering::Relaxed));
-        self.start.elapsed().saturating_sub(told)
+        self.clock.elapsed().saturating_sub(told)
+    }
+
+    /// The clock of the cycle.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
     }
 
     /// The longest silence after which the report of the last cycle still holds: three periods, at least
@@ -147,7 +154,7 @@ impl Handle {
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
-        self.send_by(order, Instant::now() + REQUEST_LASTS, disarms)
+        self.send_by(order, self.clock().now() + REQUEST_LASTS, disarms)
     }
 
     /// Sends an order. A request that the thread takes after `until` is not carried out, nor one to arm after
@@ -218,13 +225,16 @@ impl Handle {
         self.shared.cycles.load(Ordering::Relaxed)
     }
 
-    /// When the clock of the cycle began.
-    pub fn start(&self) -> Instant {
-        self.start
+    /// The clock of the cycle, by which requests expire.
+    pub fn clock(&self) -> &Clock {
+        self.pulse.clock()
     }
 
     /// Whether the thread has ended. By itself it never should: a panic of it was printed when it happened.
     pub fn has_ended(&self) -> bool {
+        if self.is_by_hand {
+            return self.shared.stop.load(Ordering::Relaxed);
+        }
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
@@ -270,33 +280,8 @@ impl Drop for Handle {
 /// The operating system gives no thread.
 pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
     cycle.attend_standbys()?;
-    let (orders_in, orders) = RingBuffer::new(64);
-    let (retired_in, retired) = RingBuffer::new(64);
-    let (timings_in, timings) = RingBuffer::new(TIMINGS);
-    let (changes_in, changes) = RingBuffer::new(1024);
-    let (refusals_in, refusals) = RingBuffer::new(64);
-    let (reports_in, reports) = triple_buffer::triple_buffer(&Report::default());
-    let shared = Arc::new(Shared::default());
-    let start = cycle.start();
-    let pulse = Pulse {
-        shared: Arc::clone(&shared),
-        start: Instant::now(),
-        period: cycle.period(),
-    };
     let (told, lacking) = std::sync::mpsc::channel();
-    let control = Control {
-        cycle,
-        reference: realtime.reference,
-        orders,
-        retired: retired_in,
-        timings: timings_in,
-        changes: changes_in,
-        refusals: refusals_in,
-        reports: reports_in,
-        shared: Arc::clone(&shared),
-        start: pulse.start,
-        disarms: 0,
-    };
+    let (mut handle, control) = control(cycle, realtime.reference);
     let thread = thread::Builder::new()
         .name("volcomp-control".to_owned())
         .stack_size(2 * STACK + 512 * 1024)
@@ -307,22 +292,77 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
             let _ = told.send(lacking);
             control.run();
         })?;
+    handle.thread = Some(thread);
     let lacking = lacking.recv().unwrap_or_default();
-    Ok((
-        Handle {
-            orders: orders_in,
-            retired,
-            timings,
-            changes,
-            refusals,
-            reports,
-            shared,
-            pulse,
-            thread: Some(thread),
-            start,
-        },
-        lacking,
-    ))
+    Ok((handle, lacking))
+}
+
+/// The control thread without a thread: for tests, which count its time ([`Cycle::with_clock`]) and run its cycles.
+pub fn start_by_hand(cycle: Cycle) -> (Handle, ByHand) {
+    let (mut handle, control) = control(cycle, false);
+    handle.is_by_hand = true;
+    (handle, ByHand(control))
+}
+
+/// The cycles of [`start_by_hand`].
+pub struct ByHand(Control);
+
+impl ByHand {
+    /// Runs the cycle that is due now, unless it was ended.
+    pub fn cycle(&mut self) {
+        if !self.0.shared.stop.load(Ordering::Relaxed) {
+            self.0.once(false);
+            // Where the ring is full the times of this cycle are lost.
+            let _ = self.0.timings.push(Timing::default());
+        }
+    }
+}
+
+/// Both ends of the rings.
+fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
+    let (orders_in, orders) = RingBuffer::new(64);
+    let (retired_in, retired) = RingBuffer::new(64);
+    let (timings_in, timings) = RingBuffer::new(TIMINGS);
+    let (changes_in, changes) = RingBuffer::new(1024);
+    let (refusals_in, refusals) = RingBuffer::new(64);
+    let (reports_in, reports) = triple_buffer::triple_buffer(&Report::default());
+    let shared = Arc::new(Shared::default());
+    let clock = cycle.clock();
+    shared
+        .told_ns
+        .store(nanos(clock.elapsed()), Ordering::Relaxed);
+    let pulse = Pulse {
+        shared: Arc::clone(&shared),
+        clock: clock.clone(),
+        period: cycle.period(),
+    };
+    let control = Control {
+        cycle,
+        reference,
+        orders,
+        retired: retired_in,
+        timings: timings_in,
+        changes: changes_in,
+        refusals: refusals_in,
+        reports: reports_in,
+        shared: Arc::clone(&shared),
+        clock,
+        disarms: 0,
+        last: (State::Disarmed, 0),
+    };
+    let handle = Handle {
+        orders: orders_in,
+        retired,
+        timings,
+        changes,
+        refusals,
+        reports,
+        shared,
+        pulse,
+        thread: None,
+        is_by_hand: false,
+    };
+    (handle, control)
 }
 
 /// How long the reference computation takes now, by the CPU clock of this thread.
@@ -344,31 +384,22 @@ struct Control {
     refusals: Producer<OrderRefusal>,
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
-    /// When the thread was started.
-    start: Instant,
+    clock: Clock,
     /// How many orders to disarm were carried out.
     disarms: u64,
+    /// State and path after the cycle before.
+    last: (State, usize),
 }
 
 impl Control {
     fn run(mut self) {
         let mut deadlines = Deadlines::new(self.cycle.period());
         let mut overran: Option<Duration> = None;
-        let mut last = (State::Disarmed, 0);
         while !self.shared.stop.load(Ordering::Relaxed) {
             let deadline = deadlines.wait();
             let woke = monotonic();
-            let asked =
-                self.asked(overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD));
-            let spent = self.cycle.run(Instant::now(), &asked, &mut thread_time);
-            self.tell_change(&mut last);
-            self.reports
-                .input_buffer_mut()
-                .clone_from(self.cycle.report());
-            self.reports.publish();
-            self.shared.cycles.fetch_add(1, Ordering::Relaxed);
-            let told = nanos(self.start.elapsed());
-            self.shared.told_ns.store(told, Ordering::Relaxed);
+            let overruns = overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD);
+            let spent = self.once(overruns);
             let done = monotonic();
             let missed = deadlines.done(done);
             if missed > 0 {
@@ -388,11 +419,26 @@ impl Control {
         }
     }
 
-    fn tell_change(&mut self, last: &mut (State, usize)) {
+    /// One cycle, begun now, and what is reported of it.
+    fn once(&mut self, overruns: bool) -> Spent {
+        let asked = self.asked(overruns);
+        let spent = self.cycle.run(self.clock.now(), &asked, &mut thread_time);
+        self.tell_change();
+        self.reports
+            .input_buffer_mut()
+            .clone_from(self.cycle.report());
+        self.reports.publish();
+        self.shared.cycles.fetch_add(1, Ordering::Relaxed);
+        let told = nanos(self.clock.elapsed());
+        self.shared.told_ns.store(told, Ordering::Relaxed);
+        spent
+    }
+
+    fn tell_change(&mut self) {
         let report = self.cycle.report();
         let now = (report.state, report.active);
-        if now != *last {
-            *last = now;
+        if now != self.last {
+            self.last = now;
             let change = Change {
                 cycle: report.cycle,
                 state: report.state,
@@ -421,7 +467,7 @@ impl Control {
                 Request::Disarm
             });
         }
-        let now = Instant::now();
+        let now = self.clock.now();
         while asked.request.is_none() && self.retired.slots() > 0 {
             let Ok(sent) = self.orders.pop() else {
                 break;

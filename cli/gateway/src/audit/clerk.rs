@@ -13,12 +13,17 @@ use std::{
     time::{Duration, Instant},
 };
 
+use volcomp_port::Clock;
+
 use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 /// The largest number of records and files that wait for the disk.
 const WAITING: usize = 256;
 /// A disk that is busy with one record or file for longer counts as one that does not answer.
 const LATE: Duration = Duration::from_secs(1);
+
+/// How long until a log that could not be written is tried again.
+pub(crate) const RETRY: Duration = Duration::from_millis(100);
 
 /// One piece of work for the disk.
 enum Task {
@@ -32,18 +37,21 @@ enum Task {
 pub struct Clerk {
     tasks: SyncSender<Task>,
     health: Arc<Health>,
+    /// When the log was tried again last, by the clock of its health.
+    tried_again: Duration,
 }
 
 /// How writing goes.
-#[derive(Default)]
 struct Health {
+    /// The clock by which a task is late.
+    clock: Clock,
     /// The log could not be written last time.
     fails: AtomicBool,
     /// Records since the last whole one that could not be written.
     lost: AtomicU64,
     /// Tasks that are not done.
     open: AtomicU64,
-    /// When the task at hand was begun, ns of the monotonic clock; 0: none is.
+    /// When the task at hand was begun, ns of the clock; 0: none is.
     begun_ns: AtomicU64,
 }
 
@@ -69,9 +77,15 @@ impl Clerk {
     ///
     /// # Errors
     /// The operating system gives no thread.
-    pub fn start(log: AuditLog) -> io::Result<Self> {
+    pub fn start(log: AuditLog, clock: Clock) -> io::Result<Self> {
         let (tasks, work) = sync_channel(WAITING);
-        let health = Arc::new(Health::default());
+        let health = Arc::new(Health {
+            clock,
+            fails: AtomicBool::default(),
+            lost: AtomicU64::default(),
+            open: AtomicU64::default(),
+            begun_ns: AtomicU64::default(),
+        });
         let desk = Desk {
             standing: Slots::new(log.standing_file()),
             log,
@@ -84,7 +98,11 @@ impl Clerk {
                 let span = tracing::Span::current();
                 move || span.in_scope(|| desk.run(&work))
             })?;
-        Ok(Self { tasks, health })
+        Ok(Self {
+            tasks,
+            health,
+            tried_again: Duration::ZERO,
+        })
     }
 
     /// Hands a record over. One that finds no place is counted in the next record.
@@ -97,17 +115,18 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
-    /// Whether records are missing and nothing is on its way that would tell.
-    pub fn wants_another_try(&self) -> bool {
+    /// Where records are missing, and nothing is on its way that would tell: tries now and then to write that the log can be
+    /// written again; the record counts those that are missing.
+    pub fn try_again(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
         let missing =
             health.fails.load(Ordering::Relaxed) || health.lost.load(Ordering::Relaxed) > 0;
-        missing && health.open.load(Ordering::Relaxed) == 0
-    }
-
-    /// Tries to write that the log can be written again; the record counts those that are missing.
-    pub fn try_again(&self, entry: Entry) {
-        let _ = self.hand_over(Task::Again(Box::new(entry)));
+        let now = health.clock.elapsed();
+        let is_due = now.saturating_sub(self.tried_again) > RETRY;
+        if missing && is_due && health.open.load(Ordering::Relaxed) == 0 {
+            self.tried_again = now;
+            let _ = self.hand_over(Task::Again(Box::new(entry())));
+        }
     }
 
     /// Hands over a small file, which is written whole or not at all.
@@ -223,20 +242,19 @@ impl Health {
     fn is_late(&self) -> bool {
         let begun = self.begun_ns.load(Ordering::Relaxed);
         begun > 0
-            && monotonic_ns().saturating_sub(begun)
+            && self.now_ns().saturating_sub(begun)
                 > u64::try_from(LATE.as_nanos()).unwrap_or(u64::MAX)
     }
 
     fn begin(&self) {
-        self.begun_ns
-            .store(monotonic_ns().max(1), Ordering::Relaxed);
+        self.begun_ns.store(self.now_ns().max(1), Ordering::Relaxed);
     }
 
     fn end(&self) {
         self.begun_ns.store(0, Ordering::Relaxed);
     }
-}
 
-fn monotonic_ns() -> u64 {
-    u64::try_from(volcomp_runtime::monotonic().as_nanos()).unwrap_or(u64::MAX)
+    fn now_ns(&self) -> u64 {
+        u64::try_from(self.clock.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
 }

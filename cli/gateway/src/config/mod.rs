@@ -8,7 +8,8 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 use volcomp_document::{Document, FileKind, InputError, InputErrors, Places};
-use volcomp_runtime::{GuardSettings, Realtime};
+use volcomp_port::DeviceError;
+use volcomp_runtime::{GuardSettings, PlanError, Realtime};
 
 use crate::{documents::ModelSource, error::GatewayError, models::store::Store};
 
@@ -281,6 +282,18 @@ impl Config {
     /// The settings of the guard; `None` without `[guard]`.
     pub fn guard_settings(&self) -> Option<GuardSettings> {
         self.guard.as_ref().map(GuardTable::settings)
+    }
+
+    /// The configuration of a device is invalid.
+    pub(crate) fn device_error(&self, source: DeviceError) -> GatewayError {
+        let file = self.file.clone();
+        GatewayError::DeviceConfig { file, source }
+    }
+
+    /// Controllers, machine and limits do not fit together.
+    pub(crate) fn plan_error(&self, source: PlanError) -> GatewayError {
+        let file = self.file.clone();
+        GatewayError::Plan { file, source }
     }
 
     /// The folder of the audit log.

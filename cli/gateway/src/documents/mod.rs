@@ -22,7 +22,7 @@ pub use model::{
     ModelState, ModelsKept, UploadedFile,
 };
 pub use plan::{
-    AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
+    AxisPlan, BarrierPlan, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
     OnlineBarrierAxis, OnlinePlan, PlanDocument, SensorPlan, TokenPlan,
 };
 pub use record::{
@@ -47,7 +47,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-audit-record.json", schema_for!(Record)),
         ("gateway-check.json", schema_for!(PlanDocument)),
         ("gateway-confirmation.json", schema_for!(Confirmation)),
-        ("gateway-error.json", schema_for!(CheckFailure)),
+        ("gateway-error.json", schema_for!(crate::error::Failure)),
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),

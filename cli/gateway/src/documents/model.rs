@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::audit::utc_now;
+
 /// Where a model comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -53,6 +55,30 @@ pub struct ModelEntry {
     pub worst_um: Option<f64>,
     /// The same of rotary axes, µrad; null where none is corrected, too.
     pub worst_urad: Option<f64>,
+}
+
+impl ModelEntry {
+    /// A model that was refused now.
+    pub(crate) fn refused(
+        who: &str,
+        hash: String,
+        from: ModelSource,
+        file: String,
+        why: String,
+    ) -> Self {
+        Self {
+            time: utc_now(),
+            who: who.to_owned(),
+            hash,
+            name: String::new(),
+            from,
+            file,
+            outcome: ModelOutcome::Refused,
+            why: Some(why),
+            worst_um: None,
+            worst_urad: None,
+        }
+    }
 }
 
 /// The file `models/standing.json` beside the audit log: the model that a person has put in force, and the history.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Map, Value};
 use volcomp_devices::{ControlMemory, Inspected};
 use volcomp_vocabulary::{AxisKind, AxisName};
@@ -11,7 +11,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use super::ByAxis;
 
 /// The effective configuration, and what follows from it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PlanDocument {
     /// Warnings and notes in words, to be read before the first start; none of them forbids it.
     pub notes: Vec<String>,
@@ -28,16 +28,16 @@ pub struct PlanDocument {
     /// The tokens of the dashboard, without the secrets.
     pub tokens: Vec<TokenPlan>,
     /// The state of the fleet; missing where there is none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetPlan>,
     /// What the controls reported (`--online`), in the order of the configuration; only those whose bus has something to
     /// compare. Missing without `--online`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub online: Option<Vec<OnlinePlan>>,
 }
 
 /// What the centre of the fleet has activated.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FleetPlan {
     /// The public nkey by which the server knows the machine.
     pub nkey: String,
@@ -50,7 +50,7 @@ pub struct FleetPlan {
 }
 
 /// What a control told about itself when it was asked.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlinePlan {
     /// The URL of the control.
     pub url: String,
@@ -58,14 +58,14 @@ pub struct OnlinePlan {
     #[serde(flatten)]
     pub control: Inspected,
     /// The barrier as its report tells it; missing where the configuration has none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub barrier: Option<OnlineBarrier>,
     /// What deserves to be known and forbids nothing, in words.
     pub notes: Vec<String>,
 }
 
 /// The barrier of a control as its report tells it. Times are scans of the control with the configured `scan_ms`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlineBarrier {
     /// The number of the machine.
     pub machine: u16,
@@ -84,7 +84,7 @@ pub struct OnlineBarrier {
 }
 
 /// The settings of one axis of a barrier.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlineBarrierAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
@@ -98,7 +98,7 @@ pub struct OnlineBarrierAxis {
 }
 
 /// The machine of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct MachinePlan {
     /// The path of the machine file.
     pub file: String,
@@ -114,7 +114,7 @@ pub struct MachinePlan {
 }
 
 /// What follows for one controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ControllerPlan {
     /// The URL of the device.
     pub url: String,
@@ -133,16 +133,14 @@ pub struct ControllerPlan {
     pub held: Vec<AxisName>,
     /// The largest correction of each of them that the machine file needs over a grid of the travels, without what
     /// temperatures add: µm, µrad. More than the limit is not corrected.
-    #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub needs: ByAxis,
     /// The largest change of the correction of each of them by temperatures for each kelvin of the sensors: µm, µrad.
     /// Missing for axes that no thermal term moves.
-    #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub needs_per_k: ByAxis,
     /// The barrier in the control, as the configuration states it; missing where it states none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub barrier: Option<BarrierPlan>,
     /// The memory of the control that it uses.
     #[serde(flatten)]
@@ -150,7 +148,7 @@ pub struct ControllerPlan {
 }
 
 /// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct AxisPlan {
     /// The letter of the axis.
     #[schemars(with = "String")]
@@ -176,7 +174,7 @@ impl AxisPlan {
 }
 
 /// The barrier in a control, as the configuration states it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BarrierPlan {
     /// The number of the machine, `machine` of the barrier.
     pub machine: u16,
@@ -190,7 +188,7 @@ pub struct BarrierPlan {
 }
 
 /// A sensor that thermal terms name.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct SensorPlan {
     /// The name as the file states it.
     pub name: String,
@@ -201,19 +199,10 @@ pub struct SensorPlan {
 }
 
 /// A token of a plan.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct TokenPlan {
     /// The name of its holder.
     pub name: String,
     /// The role of its holder: `view` (read only), `operate` or `engineer`.
     pub role: String,
-}
-
-/// The document on standard error when a call with `--json` fails.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct CheckFailure {
-    /// The message in words.
-    pub error: String,
-    /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
-    pub status: u8,
 }

@@ -1,25 +1,21 @@
 //! The document of a rehearsal, as `rehearse --json` prints it.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use volcomp_vocabulary::AxisName;
 
 /// What the axes of a simulated machine did under each fault. No device was opened.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsalDocument {
     /// Whether no rule was broken.
     pub passed: bool,
     /// When it was begun, UTC, as ISO 8601.
-    #[serde(default)]
     pub time: String,
     /// The version of the program.
-    #[serde(default)]
     pub version: String,
     /// Who ran it: the name of the user on the computer.
-    #[serde(default)]
     pub user: String,
     /// The name of the computer.
-    #[serde(default)]
     pub host: String,
     /// The name of the machine as its file states it.
     pub machine: String,
@@ -28,13 +24,10 @@ pub struct RehearsalDocument {
     /// The path of the configuration file.
     pub config: String,
     /// The checksum of the configuration file as it was read.
-    #[serde(default)]
     pub config_hash: String,
     /// The faults that were asked for; empty: the whole catalogue.
-    #[serde(default)]
     pub selection: Vec<String>,
     /// How many faults the catalogue has.
-    #[serde(default)]
     pub catalogue: usize,
     /// The seed of all that happened by chance.
     pub seed: u64,
@@ -43,33 +36,27 @@ pub struct RehearsalDocument {
     /// How much time passed on the simulated machines, s.
     pub simulated_s: f64,
     /// What a rehearsal cannot show, in words.
-    #[serde(default)]
     pub not_rehearsed: Vec<String>,
     /// The controllers in the order of preference; each was rehearsed alone, on a simulated machine of its own.
     pub controllers: Vec<RehearsedPath>,
 }
 
 /// One controller of a rehearsal.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedPath {
     /// The URL of the controller whose place the simulated machine took.
     pub url: String,
     /// What the simulated control was: `barrier`, `plain` (values that can be read back) or `no-read-back` (values that cannot).
     pub scheme: String,
     /// How old positions may be until the correction is held, ms.
-    #[serde(default)]
     pub hold_ms: f64,
     /// How old positions may be until the correction goes to zero, ms.
-    #[serde(default)]
     pub zero_after_ms: f64,
     /// The time of a ramp, s.
-    #[serde(default)]
     pub ramp_s: f64,
     /// The barrier in the simulated control; null: it had none.
-    #[serde(default)]
     pub barrier: Option<RehearsedBarrier>,
     /// The limits that held, axis by axis.
-    #[serde(default)]
     pub limits: Vec<RehearsedLimits>,
     /// What was done to it, and what came of it.
     pub faults: Vec<RehearsedFault>,
@@ -78,7 +65,7 @@ pub struct RehearsedPath {
 }
 
 /// The barrier in a simulated control. The one in the real control has to be set alike.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedBarrier {
     /// The number of the machine.
     pub machine: u16,
@@ -91,21 +78,21 @@ pub struct RehearsedBarrier {
 }
 
 /// The limits of one axis, each a whole number of steps where it is a correction.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedLimits {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub axis: AxisName,
     /// Of a linear axis, µm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub um: Option<AxisBounds>,
     /// Of a rotary axis, µrad.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub urad: Option<AxisBounds>,
 }
 
 /// What holds for the correction of one axis, in µm or µrad.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct AxisBounds {
     /// The largest correction, in either direction.
     pub limit: f64,
@@ -120,7 +107,7 @@ pub struct AxisBounds {
 }
 
 /// One fault in one phase of the correction.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedFault {
     /// The name of the fault, as `--fault` takes it.
     pub fault: String,
@@ -149,16 +136,16 @@ pub struct RehearsedFault {
 }
 
 /// What one axis did.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RehearsedAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub axis: AxisName,
     /// Of a linear axis, µm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub um: Option<Excursion>,
     /// Of a rotary axis, µrad.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub urad: Option<Excursion>,
 }
 
@@ -170,7 +157,7 @@ impl RehearsedAxis {
 }
 
 /// How an axis moved, in µm or µrad.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Excursion {
     /// The largest change of the correction from one scan (without a barrier: write) to the next.
     pub largest_change: f64,

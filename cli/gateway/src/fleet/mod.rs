@@ -6,10 +6,7 @@
 
 use std::{
     io,
-    sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    },
+    sync::Arc,
     thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
@@ -28,23 +25,17 @@ use crate::{
     request::Asks,
 };
 
-mod act;
-mod at_disk;
 mod audit_tail;
-mod hear;
+mod follow;
+mod shared;
 mod store;
 mod tell;
 
-use act::Actor;
-use at_disk::AtDisk;
-use hear::Hearer;
+use follow::{Actor, Hearer};
+use shared::Shared;
 use store::{Kept, Store};
 use tell::Teller;
 
-/// The seconds between two conditions where the manifest does not say.
-const CONDITION_S: u64 = 1;
-/// The seconds between two whole states where the manifest does not say.
-const TELEMETRY_S: u64 = 10;
 /// A connection that cannot even be begun is tried again after so long.
 const AGAIN: Duration = Duration::from_secs(10);
 /// The end waits so long for the last messages.
@@ -65,52 +56,6 @@ pub(crate) fn kept(config: &FleetConfig) -> Kept {
 pub(crate) fn forbids(config: &Config) -> Reasons {
     let disabled = |fleet| kept(fleet).standing.disabled;
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
-}
-
-/// What both threads know.
-pub(crate) struct Shared {
-    pub(crate) published: Published,
-    /// The version of the manifest in force.
-    version: AtomicU64,
-    /// The highest version that was heard and forbids correcting; 0: none. An older one that is put in force meanwhile lifts
-    /// nothing.
-    forbidding: AtomicU64,
-    condition_s: AtomicU64,
-    telemetry_s: AtomicU64,
-    /// What waits for the disk while something is put in force.
-    acting: Arc<AtDisk>,
-    /// What waits for the disk while the centre is told something.
-    telling: Arc<AtDisk>,
-}
-
-impl Shared {
-    fn version(&self) -> u64 {
-        self.version.load(Ordering::Relaxed)
-    }
-
-    /// Notes that a version forbids correcting.
-    fn forbid(&self, version: u64) {
-        self.forbidding.fetch_max(version, Ordering::Relaxed);
-    }
-
-    /// Whether a newer version than this one forbids correcting.
-    fn is_forbidden_after(&self, version: u64) -> bool {
-        self.forbidding.load(Ordering::Relaxed) > version
-    }
-
-    /// The times between two conditions and two whole states, at least a second each.
-    fn pace(&self) -> [Duration; 2] {
-        [&self.condition_s, &self.telemetry_s]
-            .map(|s| Duration::from_secs(s.load(Ordering::Relaxed).max(1)))
-    }
-
-    fn set_pace(&self, condition_s: Option<u32>, telemetry_s: Option<u32>) {
-        let set = |to: &AtomicU64, value: Option<u32>, default| {
-            to.store(value.map_or(default, u64::from), Ordering::Relaxed);
-        };
-        set(&self.condition_s, condition_s, CONDITION_S);
-        set(&self.telemetry_s, telemetry_s, TELEMETRY_S);
-    }
 }
 
 /// The two threads. They end when this is dropped.
@@ -139,23 +84,16 @@ pub fn start(
     store.make().map_err(failed)?;
     let lock = lock::lock_fleet(&fleet.dir)?;
     let kept = store.read(fleet);
-    let shared = Arc::new(Shared {
-        published: published.clone(),
-        version: AtomicU64::new(kept.standing.active.unwrap_or(0)),
-        forbidding: AtomicU64::new(0),
-        condition_s: AtomicU64::new(CONDITION_S),
-        telemetry_s: AtomicU64::new(TELEMETRY_S),
-        acting: Arc::default(),
-        telling: Arc::default(),
-    });
+    let version = kept.standing.active.unwrap_or(0);
+    let shared = Arc::new(Shared::new(published.clone(), version));
     published.set_fleet(FleetState {
         site: fleet.site.clone(),
         machine: fleet.machine.clone(),
         connected: false,
-        version: kept.standing.active.unwrap_or(0),
+        version,
         accepted: kept.standing.highest,
         enabled: !kept.standing.disabled,
-        outcome: kept.standing.outcome.as_ref().map(act::in_words),
+        outcome: kept.standing.outcome.as_ref().map(follow::in_words),
         trouble: kept.damage.clone(),
         refused: None,
         waiting: None,
@@ -170,20 +108,22 @@ pub fn start(
     let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
     let (link_told, link) = watch::channel(None);
     let model = published.model();
-    let actor = Actor::new(act::Parts {
-        store: store.clone(),
-        kept: kept.clone(),
+    let service = follow::Service {
         asks: asks.clone(),
         switch: switch.clone(),
-        shared: Arc::clone(&shared),
+    };
+    let actor = Actor::new(
+        store.clone(),
+        kept.clone(),
+        service.clone(),
+        Arc::clone(&shared),
         acknowledge,
-    });
+    );
     let hearer = Hearer::new(
         store::trust(fleet, identity.machine.clone()),
         model.axes.clone(),
         &kept,
-        asks.clone(),
-        switch.clone(),
+        service,
         Arc::clone(&shared),
     );
     let until = stopped.clone();
@@ -192,12 +132,12 @@ pub fn start(
     let hearing = spawn("volcomp-fleet", async move {
         let work = async {
             let link = connected(&settings, &identity, &link_told, &known).await;
-            hear::hear(link, hearer, actor).await;
+            follow::follow(link, hearer, actor).await;
         };
         let work = async {
             tokio::select! {
                 () = work => {}
-                () = at_disk::watch(&watched, &of) => {}
+                () = shared::watch(&watched, &of) => {}
             }
         };
         until_stopped(until, Box::pin(work)).await;
@@ -229,10 +169,12 @@ pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayErro
         seed: seed.trim().to_owned(),
         roots: config.ca.clone(),
     };
-    let is_seed = settings.public_key().is_ok();
-    is_seed
-        .then_some(settings)
-        .ok_or_else(|| GatewayError::Nkey { file: file.clone() })
+    if settings.public_key().is_err() {
+        let expected =
+            "expected the seed of an nkey of a user: SU and 56 capital letters and digits";
+        return Err(GatewayError::invalid_in(file.display(), expected));
+    }
+    Ok(settings)
 }
 
 /// A connection, begun again where that fails, and told to whoever sends over it.

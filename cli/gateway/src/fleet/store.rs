@@ -167,18 +167,18 @@ impl Store {
     pub(crate) fn keep(&self, held: &Held, standing: &Standing) -> io::Result<()> {
         self.make()?;
         let text = serde_json::to_string(&held.desired)?;
-        write(&self.manifest(held.manifest.version), &text)?;
+        replace_file(&self.manifest(held.manifest.version), &text)?;
         self.keep_standing(standing)
     }
 
     /// Keeps the machine file of a manifest.
     pub(crate) fn keep_machine(&self, manifest: &Manifest, text: &str) -> io::Result<()> {
-        write(&self.machine(manifest), text)
+        replace_file(&self.machine(manifest), text)
     }
 
     /// Writes down what stands from now on.
     pub(crate) fn keep_standing(&self, standing: &Standing) -> io::Result<()> {
-        write(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
+        replace_file(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
     }
 
     /// Removes what belongs to neither of these manifests.
@@ -242,14 +242,4 @@ pub(crate) fn trust(config: &FleetConfig, machine: MachineId) -> Trust {
         axes: Vec::new(),
         highest: 0,
     }
-}
-
-/// Writes a file whole or not at all; what is half written where the disk is full takes no room.
-fn write(path: &Path, text: &str) -> io::Result<()> {
-    let written = replace_file(path, text);
-    if written.is_err() {
-        // It may not be there.
-        let _ = fs::remove_file(path.with_extension("new"));
-    }
-    written
 }

@@ -19,7 +19,7 @@ use volcomp_fleet::{
     Waiting,
 };
 
-use super::{Shared, audit_tail::AuditTail, store::Store};
+use super::{audit_tail::AuditTail, shared::Shared, store::Store};
 use crate::{documents::Status, interop::quantities::length};
 
 /// How often the log and the connection are looked at.

@@ -8,18 +8,21 @@ use std::{
 
 use axum::{
     Extension, Json,
-    extract::{Request, State},
-    http::{HeaderMap, StatusCode, header},
+    extract::{FromRequestParts, Request, State},
+    http::{HeaderMap, StatusCode, header, request::Parts},
     middleware::Next,
     response::{IntoResponse, Response},
 };
 
 use volcomp_web::{headers, hosts, is_of_another_page};
 
-use super::tokens::{Denied, Role, Tokens};
+use super::{
+    shared::{Door, Shared},
+    tokens::{Denied, Role},
+};
 use crate::{
-    config::DashboardConfig,
     documents::{Refusal, TokenPlan},
+    request::Reply,
 };
 
 /// A request must be answered after so long, by the service too.
@@ -29,26 +32,7 @@ pub(super) const UPLOAD: &str = "/api/model/upload";
 /// Timeout of receiving a machine file.
 const UPLOAD_AT_MOST: Duration = Duration::from_secs(300);
 
-/// Who is let in.
-pub struct Door {
-    /// Who may do what.
-    pub tokens: Tokens,
-    /// Host names, besides addresses, under which browsers may ask.
-    pub hosts: Vec<String>,
-    /// Whether reading needs a token, since others can reach it.
-    pub reading_needs_token: bool,
-}
-
 impl Door {
-    /// The door of a configured dashboard, with its tokens.
-    pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
-        Self {
-            tokens,
-            hosts: config.hosts.clone(),
-            reading_needs_token: config.reading_needs_token(),
-        }
-    }
-
     /// Who disarms: whoever may operate, and without a token somebody at this computer, but no page of another origin in their browser.
     pub(super) fn who_disarms(&self, from: IpAddr, headers: &HeaderMap) -> Result<String, Denied> {
         if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {
@@ -127,8 +111,47 @@ pub(super) async fn token(
     }
 }
 
+/// Who may operate, by the name of the token: others are refused.
+pub(super) struct Operator(pub(super) String);
+
+/// Who may bring a new model, by the name of the token: others are refused.
+pub(super) struct Engineer(pub(super) String);
+
+impl FromRequestParts<Shared> for Operator {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Response> {
+        holder(parts, shared, Role::Operate).map(Self)
+    }
+}
+
+impl FromRequestParts<Shared> for Engineer {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Response> {
+        holder(parts, shared, Role::Engineer).map(Self)
+    }
+}
+
+#[expect(clippy::result_large_err, reason = "an answer of HTTP")]
+fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Response> {
+    // The server knows from where every request comes.
+    let from = parts.extensions.get::<SocketAddr>();
+    let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
+    let checked = (shared.door.tokens).check(from, bearer(&parts.headers), needed);
+    checked
+        .map(|holder| holder.name)
+        .map_err(IntoResponse::into_response)
+}
+
+/// The answer of the service, or of the models.
+pub(super) fn answer(reply: Reply) -> Response {
+    let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    (status, Json(reply.answer)).into_response()
+}
+
 /// The token of a request.
-pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
+fn bearer(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
     scheme

@@ -8,9 +8,8 @@ mod server;
 mod shared;
 mod tokens;
 
-pub use door::Door;
 pub use routes::router;
 pub(crate) use server::{listen, runtime};
-pub use shared::Dashboard;
+pub use shared::{Dashboard, Door};
 pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};

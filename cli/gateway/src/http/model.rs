@@ -1,12 +1,9 @@
 //! The requests about models: their state, a machine file that is received, and the way into force.
 
-use std::{
-    net::{IpAddr, SocketAddr},
-    time::Duration,
-};
+use std::time::Duration;
 
 use axum::{
-    Extension, Json, Router,
+    Json, Router,
     body::{Body, Bytes},
     extract::{DefaultBodyLimit, Query, State},
     http::{HeaderMap, StatusCode, header},
@@ -17,9 +14,8 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tokio_stream::StreamExt;
 
 use super::{
-    door::{UPLOAD, bearer, refuse},
-    routes::Shared,
-    tokens::{Holder, Role},
+    door::{Engineer, UPLOAD, answer, refuse},
+    shared::Shared,
 };
 use crate::{
     documents::{ModelActivate, ModelBack, ModelRequest},
@@ -53,26 +49,10 @@ pub(super) async fn candidate(State(dashboard): State<Shared>) -> Response {
     }
 }
 
-/// Lets an engineer in.
-fn engineer(
-    dashboard: &Shared,
-    from: IpAddr,
-    headers: &HeaderMap,
-) -> Result<Holder, Box<Response>> {
-    let tokens = &dashboard.door.tokens;
-    let checked = tokens.check(from, bearer(headers), Role::Engineer);
-    checked.map_err(|denied| Box::new(denied.into_response()))
-}
-
-fn told(reply: Reply) -> Response {
-    let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-    (status, Json(reply.answer)).into_response()
-}
-
 fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
     match found {
         Ok(document) => Json(document).into_response(),
-        Err(reply) => told(reply),
+        Err(reply) => answer(reply),
     }
 }
 
@@ -82,17 +62,6 @@ fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
         let what = format!("the body is wrong: {e}");
         Box::new(refuse(StatusCode::BAD_REQUEST, &what))
     })
-}
-
-/// What an engineer asks for, and who that is.
-fn asked<T: DeserializeOwned>(
-    dashboard: &Shared,
-    from: IpAddr,
-    headers: &HeaderMap,
-    body: &Bytes,
-) -> Result<(Holder, T), Box<Response>> {
-    let holder = engineer(dashboard, from, headers)?;
-    Ok((holder, decoded(body)?))
 }
 
 /// The query of an upload.
@@ -105,15 +74,11 @@ struct Upload {
 /// Takes a machine file: the body is the file itself.
 async fn upload(
     State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
+    Engineer(who): Engineer,
     headers: HeaderMap,
     asked: Result<Query<Upload>, axum::extract::rejection::QueryRejection>,
     body: Body,
 ) -> Response {
-    let holder = match engineer(&dashboard, from.ip(), &headers) {
-        Ok(holder) => holder,
-        Err(denied) => return *denied,
-    };
     let Ok(Query(asked)) = asked else {
         let why = "expected ?kind=machine&name=NAME in UTF-8";
         return refuse(StatusCode::BAD_REQUEST, why);
@@ -130,10 +95,10 @@ async fn upload(
     // Given back when the file is received, or has failed.
     let _place: Place = match models.place() {
         Ok(place) => place,
-        Err(reply) => return told(reply),
+        Err(reply) => return answer(reply),
     };
     match received(&headers, body).await {
-        Ok(bytes) => answered(models.take(&holder.name, &asked.name, bytes)),
+        Ok(bytes) => answered(models.take(&who, &asked.name, bytes)),
         Err(refusal) => *refusal,
     }
 }
@@ -170,51 +135,38 @@ async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Respon
     }
 }
 
-async fn discard(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
-        Ok((_, asked)) => answered(dashboard.models.discard(&asked.candidate)),
+async fn discard(State(dashboard): State<Shared>, _: Engineer, body: Bytes) -> Response {
+    match decoded::<ModelRequest>(&body) {
+        Ok(asked) => answered(dashboard.models.discard(&asked.candidate)),
         Err(refusal) => *refusal,
     }
 }
 
 async fn activate(
     State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
+    Engineer(who): Engineer,
     body: Bytes,
 ) -> Response {
-    match asked::<ModelActivate>(&dashboard, from.ip(), &headers, &body) {
-        Ok((holder, asked)) => {
-            let models = &dashboard.models;
-            let (candidate, hash) = (&asked.candidate, &asked.hash);
-            answer_of(models.activate(&holder.name, candidate, hash, asked.confirm)).await
-        }
-        Err(refusal) => *refusal,
-    }
+    let ModelActivate {
+        candidate,
+        hash,
+        confirm,
+    } = match decoded(&body) {
+        Ok(asked) => asked,
+        Err(refusal) => return *refusal,
+    };
+    answer_of(dashboard.models.activate(&who, &candidate, &hash, confirm)).await
 }
 
-async fn back(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    match asked::<ModelBack>(&dashboard, from.ip(), &headers, &body) {
-        Ok((holder, asked)) => {
-            let models = &dashboard.models;
-            answer_of(models.back(&holder.name, asked.hash, asked.confirm)).await
-        }
+async fn back(State(dashboard): State<Shared>, Engineer(who): Engineer, body: Bytes) -> Response {
+    match decoded::<ModelBack>(&body) {
+        Ok(asked) => answer_of(dashboard.models.back(&who, asked.hash, asked.confirm)).await,
         Err(refusal) => *refusal,
     }
 }
 
 async fn answer_of(asked: Result<Answering, Reply>) -> Response {
-    told(match asked {
+    answer(match asked {
         Err(reply) => reply,
         Ok(answering) => answering.answer().await,
     })

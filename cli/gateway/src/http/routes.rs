@@ -2,7 +2,7 @@
 
 use std::{
     convert::Infallible,
-    net::{IpAddr, SocketAddr},
+    net::SocketAddr,
     sync::{Arc, mpsc::TrySendError},
     time::Duration,
 };
@@ -23,9 +23,9 @@ use tokio::{sync::oneshot, time::MissedTickBehavior};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
 
 use super::{
-    door::{self, bearer, refuse},
+    door::{self, Operator, refuse},
     map, model,
-    shared::{Dashboard, MAX_STREAMS, StreamSlot},
+    shared::{Dashboard, MAX_STREAMS, Shared, StreamSlot},
     tokens::Role,
 };
 
@@ -40,55 +40,22 @@ const MAX_BODY: usize = 64 * 1024;
 /// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
-pub(super) type Shared = Arc<Dashboard>;
+const HTML: &str = "text/html; charset=utf-8";
+const JS: &str = "text/javascript; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SVG: &str = "image/svg+xml";
 
 /// The files of the page: path, type and content.
 const PAGES: [(&str, &str, &str); 9] = [
-    (
-        "/",
-        "text/html; charset=utf-8",
-        include_str!("../../web/index.html"),
-    ),
-    (
-        "/app.js",
-        "text/javascript; charset=utf-8",
-        include_str!("../../web/app.js"),
-    ),
-    (
-        "/plot.js",
-        "text/javascript; charset=utf-8",
-        volcomp_web::PLOT_JS,
-    ),
-    (
-        "/style.css",
-        "text/css; charset=utf-8",
-        include_str!("../../web/style.css"),
-    ),
-    (
-        "/model",
-        "text/html; charset=utf-8",
-        include_str!("../../web/model.html"),
-    ),
-    (
-        "/model.js",
-        "text/javascript; charset=utf-8",
-        include_str!("../../web/model.js"),
-    ),
-    (
-        "/curves.js",
-        "text/javascript; charset=utf-8",
-        include_str!("../../web/curves.js"),
-    ),
-    (
-        "/model.css",
-        "text/css; charset=utf-8",
-        include_str!("../../web/model.css"),
-    ),
-    (
-        "/icon.svg",
-        "image/svg+xml",
-        include_str!("../../web/icon.svg"),
-    ),
+    ("/", HTML, include_str!("../../web/index.html")),
+    ("/app.js", JS, include_str!("../../web/app.js")),
+    ("/plot.js", JS, volcomp_web::PLOT_JS),
+    ("/style.css", CSS, include_str!("../../web/style.css")),
+    ("/model", HTML, include_str!("../../web/model.html")),
+    ("/model.js", JS, include_str!("../../web/model.js")),
+    ("/curves.js", JS, include_str!("../../web/curves.js")),
+    ("/model.css", CSS, include_str!("../../web/model.css")),
+    ("/icon.svg", SVG, include_str!("../../web/icon.svg")),
 ];
 
 /// The routes of pages, reading and operating.
@@ -179,74 +146,46 @@ async fn events(State(dashboard): State<Shared>) -> Response {
         .into_response()
 }
 
-async fn arm(
-    dashboard: State<Shared>,
-    from: Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    operate(dashboard, from.0.ip(), &headers, &body, Ask::Arm).await
+async fn arm(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
+    operate(dashboard, operator, &body, Ask::Arm).await
 }
 
 async fn disarm(
-    dashboard: State<Shared>,
-    from: Extension<SocketAddr>,
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
     headers: HeaderMap,
 ) -> Response {
-    match dashboard.door.who_disarms(from.0.ip(), &headers) {
+    match dashboard.door.who_disarms(from.ip(), &headers) {
         Ok(who) => request(&dashboard, who, Ask::Disarm).await,
         Err(denied) => denied.into_response(),
     }
 }
 
-async fn acknowledge(
-    dashboard: State<Shared>,
-    from: Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    operate(dashboard, from.0.ip(), &headers, &body, |_| {
-        Ask::Acknowledge
-    })
-    .await
+async fn acknowledge(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
+    operate(dashboard, operator, &body, |_| Ask::Acknowledge).await
 }
 
-async fn reload(
-    dashboard: State<Shared>,
-    from: Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    operate(dashboard, from.0.ip(), &headers, &body, Ask::Reload).await
+async fn reload(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
+    operate(dashboard, operator, &body, Ask::Reload).await
 }
 
 /// Whoever may operate asks the service; the body may confirm a model.
 async fn operate(
     State(dashboard): State<Shared>,
-    from: IpAddr,
-    headers: &HeaderMap,
+    Operator(who): Operator,
     body: &Bytes,
     ask: impl FnOnce(Option<String>) -> Ask,
 ) -> Response {
-    let tokens = &dashboard.door.tokens;
-    let holder = match tokens.check(from, bearer(headers), Role::Operate) {
-        Ok(holder) => holder,
-        Err(denied) => return denied.into_response(),
-    };
     let confirm = if body.is_empty() {
         None
     } else {
-        match serde_json::from_slice::<Confirmation>(body) {
-            Ok(confirmation) => confirmation.confirm,
-            Err(_) => {
-                return refuse(
-                    StatusCode::BAD_REQUEST,
-                    "expected no body, or {\"confirm\": HASH}",
-                );
-            }
-        }
+        let Ok(Confirmation { confirm }) = serde_json::from_slice(body) else {
+            let expected = "expected no body, or {\"confirm\": HASH}";
+            return refuse(StatusCode::BAD_REQUEST, expected);
+        };
+        confirm
     };
-    request(&dashboard, holder.name, ask(confirm)).await
+    request(&dashboard, who, ask(confirm)).await
 }
 
 /// Asks the service, and waits for what it answers.
@@ -264,11 +203,7 @@ async fn request(dashboard: &Dashboard, who: String, ask: Ask) -> Response {
         }
     }
     match wait.await {
-        Ok(reply) => {
-            let status =
-                StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-            (status, Json(reply.answer)).into_response()
-        }
+        Ok(reply) => door::answer(reply),
         Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
     }
 }

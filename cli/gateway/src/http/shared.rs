@@ -7,11 +7,35 @@ use std::sync::{
 
 use volcomp_runtime::DisarmSwitch;
 
-use super::door::Door;
-use crate::{interop::quantities::Quantity, models::Models, published::Published, request::Asks};
+use super::tokens::Tokens;
+use crate::{
+    config::DashboardConfig, interop::quantities::Quantity, models::Models, published::Published,
+    request::Asks,
+};
 
 /// The largest number of event streams at one time.
 pub(super) const MAX_STREAMS: usize = 16;
+
+/// Who is let in.
+pub struct Door {
+    /// Who may do what.
+    pub tokens: Tokens,
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+    /// Whether reading needs a token, since others can reach it.
+    pub reading_needs_token: bool,
+}
+
+impl Door {
+    /// The door of a configured dashboard, with its tokens.
+    pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
+        Self {
+            tokens,
+            hosts: config.hosts.clone(),
+            reading_needs_token: config.reading_needs_token(),
+        }
+    }
+}
 
 /// The state that the routes of the dashboard share.
 pub struct Dashboard {
@@ -30,6 +54,9 @@ pub struct Dashboard {
     /// The number of event streams that are open.
     pub streams: AtomicUsize,
 }
+
+/// What every request finds.
+pub(super) type Shared = Arc<Dashboard>;
 
 /// A place among the event streams, given back with it.
 pub(super) struct StreamSlot(Arc<Dashboard>);

@@ -1,9 +1,6 @@
 //! A thread of its own for each other system: one that is stuck holds up nothing else.
 
-use std::{
-    future::Future,
-    thread::{self, JoinHandle},
-};
+use std::thread::{self, JoinHandle};
 
 use tokio::sync::oneshot;
 
@@ -25,16 +22,8 @@ impl Drop for Serving {
     }
 }
 
-/// Runs a task on a thread of its own until what is returned is dropped.
-pub(super) fn start(
-    name: &'static str,
-    task: impl Future<Output = ()> + Send + 'static,
-) -> Result<Serving, GatewayError> {
-    start_with(name, move || task)
-}
-
-/// The same, with a task that is made on its thread and stays there.
-pub(super) fn start_with<F: Future<Output = ()>>(
+/// Runs a task, which is made on a thread of its own and stays there, until what is returned is dropped.
+pub(super) fn start<F: Future<Output = ()>>(
     name: &'static str,
     make: impl FnOnce() -> F + Send + 'static,
 ) -> Result<Serving, GatewayError> {

@@ -11,7 +11,11 @@ use std::{
 use volcomp_model::{Machine, ModelError};
 use volcomp_web::file_name;
 
-use super::{Activate, BUILT_IN, Models, Shared, diagonals::diagonals, gone, lock, quiet, refused};
+use super::{
+    diagonals::diagonals,
+    quiet,
+    shared::{Activate, BUILT_IN, Held, Shared, gone, lock, refused},
+};
 use crate::{
     audit::utc_now,
     differences::{Differences, differences},
@@ -24,13 +28,6 @@ pub(crate) const LARGEST_FILE: usize = 4 * 1024 * 1024;
 /// The largest number of files that are received at one time.
 const AT_ONE_TIME: usize = 4;
 
-/// The candidate, and the machine file that is put in force.
-pub(crate) struct Held {
-    pub(crate) document: Candidate,
-    /// The machine file as it is kept; `None` until it was read.
-    text: Option<String>,
-}
-
 /// A place among the files that are received, given back with it.
 pub(crate) struct Place(Arc<Shared>);
 
@@ -40,80 +37,81 @@ impl Drop for Place {
     }
 }
 
-impl Models {
-    /// A place for a file that is received.
-    pub(crate) fn place(&self) -> Result<Place, Reply> {
-        let shared = &self.shared;
-        if shared.is_built_in {
-            return Err(refused(422, BUILT_IN));
-        }
-        if let Some(held) = &*lock(&shared.candidate) {
+/// A place for a file that is received.
+pub(super) fn place(shared: &Arc<Shared>) -> Result<Place, Reply> {
+    if shared.is_built_in {
+        return Err(refused(422, BUILT_IN));
+    }
+    if let Some(held) = &*lock(&shared.candidate) {
+        return Err(held.is_there());
+    }
+    let more = |open| (open < AT_ONE_TIME).then_some(open + 1);
+    let uploading = &shared.uploading;
+    match uploading.fetch_update(Ordering::AcqRel, Ordering::Acquire, more) {
+        Ok(_) => Ok(Place(Arc::clone(shared))),
+        Err(_) => Err(refused(503, "other files are being received: try again")),
+    }
+}
+
+/// Takes a machine file of `who`, and begins to compare it.
+pub(super) fn take(
+    shared: &Arc<Shared>,
+    who: &str,
+    name: &str,
+    bytes: Vec<u8>,
+) -> Result<Candidate, Reply> {
+    let Some(name) = file_name::sanitised(name) else {
+        let why = "the name has no letter or digit, expected a file name";
+        return Err(refused(400, why));
+    };
+    let id = crate::hex(&rand::random::<u64>().to_be_bytes());
+    let document = Candidate {
+        brief: CandidateBrief {
+            id: id.clone(),
+            who: who.to_owned(),
+            since: utc_now(),
+            step: CandidateStep::Working,
+        },
+        file: UploadedFile {
+            name: name.clone(),
+            bytes: bytes.len() as u64,
+        },
+        error: None,
+        result: None,
+    };
+    {
+        let mut candidate = lock(&shared.candidate);
+        if let Some(held) = &*candidate {
             return Err(held.is_there());
         }
-        let more = |open| (open < AT_ONE_TIME).then_some(open + 1);
-        let uploading = &shared.uploading;
-        match uploading.fetch_update(Ordering::AcqRel, Ordering::Acquire, more) {
-            Ok(_) => Ok(Place(Arc::clone(shared))),
-            Err(_) => Err(refused(503, "other files are being received: try again")),
+        // A comparison cannot be stopped: without this, each discarded one would compute on beside the next.
+        if shared.is_comparing.swap(true, Ordering::AcqRel) {
+            let why = "the machine file that was discarded is still being compared: try again";
+            return Err(refused(503, why));
         }
-    }
-
-    /// Takes a machine file of `who`, and begins to compare it.
-    pub(crate) fn take(&self, who: &str, name: &str, bytes: Vec<u8>) -> Result<Candidate, Reply> {
-        let shared = &self.shared;
-        let Some(name) = file_name::sanitised(name) else {
-            let why = "the name has no letter or digit, expected a file name";
-            return Err(refused(400, why));
-        };
-        let id = crate::hex(&rand::random::<u64>().to_be_bytes());
-        let document = Candidate {
-            brief: CandidateBrief {
-                id: id.clone(),
-                who: who.to_owned(),
-                since: utc_now(),
-                step: CandidateStep::Working,
-            },
-            file: UploadedFile {
-                name: name.clone(),
-                bytes: bytes.len() as u64,
-            },
-            error: None,
-            result: None,
-        };
-        {
-            let mut candidate = lock(&shared.candidate);
-            if let Some(held) = &*candidate {
-                return Err(held.is_there());
-            }
-            // A comparison cannot be stopped: without this, each discarded one would compute on beside the next.
-            if shared.is_comparing.swap(true, Ordering::AcqRel) {
-                let why = "the machine file that was discarded is still being compared: try again";
-                return Err(refused(503, why));
-            }
-            let document = document.clone();
-            *candidate = Some(Held {
-                document,
-                text: None,
-            });
-        }
-        let running = shared.published.model();
-        let (of, begun) = (id.clone(), Arc::clone(shared));
-        let spawned = quiet::spawn("volcomp-models", shared.cycle_cpu, move || {
-            // A fault of the program in a comparison must not leave a candidate that cannot be discarded.
-            let work = || compared(bytes, &name, &running.text);
-            let done = catch_unwind(AssertUnwindSafe(work));
-            let fault = "a fault of the program, written on standard error";
-            begun.is_comparing.store(false, Ordering::Release);
-            begun.done(&of, done.unwrap_or_else(|_| Err(fault.to_owned())));
+        let document = document.clone();
+        *candidate = Some(Held {
+            document,
+            text: None,
         });
-        if let Err(e) = spawned {
-            shared.is_comparing.store(false, Ordering::Release);
-            // Nobody else has seen it yet, or it is gone.
-            let _ = shared.discard(&id);
-            return Err(refused(503, format!("no thread for it: {e}")));
-        }
-        Ok(document)
     }
+    let running = shared.published.model();
+    let (of, begun) = (id.clone(), Arc::clone(shared));
+    let spawned = quiet::spawn("volcomp-models", shared.cycle_cpu, move || {
+        // A fault of the program in a comparison must not leave a candidate that cannot be discarded.
+        let work = || compared(bytes, &name, &running.text);
+        let done = catch_unwind(AssertUnwindSafe(work));
+        let fault = "a fault of the program, written on standard error";
+        begun.is_comparing.store(false, Ordering::Release);
+        begun.done(&of, done.unwrap_or_else(|_| Err(fault.to_owned())));
+    });
+    if let Err(e) = spawned {
+        shared.is_comparing.store(false, Ordering::Release);
+        // Nobody else has seen it yet, or it is gone.
+        let _ = shared.discard(&id);
+        return Err(refused(503, format!("no thread for it: {e}")));
+    }
+    Ok(document)
 }
 
 impl Shared {

@@ -16,7 +16,10 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
-use super::{Patience, Shared, lock, refused, store};
+use super::{
+    shared::{Activate, GIVEN_UP, Job, Patience, Shared, lock, refused},
+    store,
+};
 use crate::{
     audit::utc_now,
     differences::{Differences, differences},
@@ -29,67 +32,11 @@ use crate::{
 /// How often the configured machine file is looked at, and what could not be written is tried again.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// What is to be put in force.
-pub(crate) enum Activate {
-    /// What somebody has made.
-    Candidate {
-        id: String,
-        hash: String,
-        text: String,
-        file: String,
-    },
-    /// A model that is kept, by its hash.
-    Kept(String),
-    /// The machine file that the configuration names, as it is on disk.
-    Configured,
-}
-
-/// What became of a model, as the service tells it.
-#[derive(Clone, Debug)]
-pub(crate) struct Note {
-    pub(crate) who: String,
-    pub(crate) hash: String,
-    pub(crate) name: String,
-    /// The machine file, where it is in force.
-    pub(crate) text: Option<String>,
-    pub(crate) from: ModelSource,
-    pub(crate) file: String,
-    pub(crate) outcome: ModelOutcome,
-    pub(crate) why: Option<String>,
-    pub(crate) worst: [Option<f64>; 2],
-}
-
-/// A piece of work for the desk.
-pub(crate) enum Job {
-    Noted(Box<Note>),
-    /// The configuration names this machine file from now on.
-    Configured(PathBuf),
-    Activate {
-        who: String,
-        what: Activate,
-        confirm: Option<String>,
-        answer: oneshot::Sender<Reply>,
-        patience: Patience,
-    },
-}
-
 /// A machine file that is in force and could not be kept, for the way back.
 struct Unkept {
     hash: String,
     text: String,
     error: String,
-}
-
-/// What the dashboard shows of the desk.
-#[derive(Default)]
-pub(crate) struct Told {
-    pub(crate) kept: ModelsKept,
-    /// The models that are on disk.
-    pub(crate) there: Vec<String>,
-    /// Where the model in force comes from.
-    pub(crate) from: ModelSource,
-    pub(crate) configured: ConfiguredModel,
-    pub(crate) trouble: Option<String>,
 }
 
 /// The side of the thread.
@@ -128,7 +75,7 @@ impl Desk {
         self.look();
         loop {
             match work.recv_timeout(LOOK) {
-                Ok(Job::Noted(note)) => self.note(*note),
+                Ok(Job::Noted(entry, text)) => self.note(*entry, text),
                 Ok(Job::Configured(machine)) => self.configured = machine,
                 Ok(Job::Activate {
                     who,
@@ -196,25 +143,13 @@ impl Desk {
     }
 
     /// Takes a line into the history.
-    fn note(&mut self, note: Note) {
-        if note.outcome == ModelOutcome::InForce {
-            lock(&self.shared.told).from = note.from;
-            if let Some(text) = note.text {
-                self.keep(note.hash.clone(), text);
+    fn note(&mut self, entry: ModelEntry, text: Option<String>) {
+        if entry.outcome == ModelOutcome::InForce {
+            lock(&self.shared.told).from = entry.from;
+            if let Some(text) = text {
+                self.keep(entry.hash.clone(), text);
             }
         }
-        let entry = ModelEntry {
-            time: utc_now(),
-            who: note.who,
-            hash: note.hash,
-            name: note.name,
-            from: note.from,
-            file: note.file,
-            outcome: note.outcome,
-            why: note.why,
-            worst_um: note.worst[0],
-            worst_urad: note.worst[1],
-        };
         let mut newest = self.kept.history.iter().rev();
         let is_again = match entry.outcome {
             // After a restart the same one corrects.
@@ -279,17 +214,9 @@ impl Desk {
         };
         if !patience.lets_go_on() {
             tracing::warn!("models: {who}: {GIVEN_UP}");
-            self.note(Note {
-                who: who.to_owned(),
-                hash: ask.hash,
-                name: String::new(),
-                text: None,
-                from: ask.from,
-                file: ask.file,
-                outcome: ModelOutcome::Refused,
-                why: Some(GIVEN_UP.to_owned()),
-                worst: [None; 2],
-            });
+            let refused_for = GIVEN_UP.to_owned();
+            let entry = ModelEntry::refused(who, ask.hash, ask.from, ask.file, refused_for);
+            self.note(entry, None);
             return refused(503, GIVEN_UP);
         }
         let (hash, file, is_configured) = (
@@ -313,7 +240,7 @@ impl Desk {
         // The service has told of it before it answered. Requests that came meanwhile are told to come again.
         while let Ok(job) = work.try_recv() {
             match job {
-                Job::Noted(note) => self.note(*note),
+                Job::Noted(entry, text) => self.note(*entry, text),
                 Job::Configured(machine) => self.configured = machine,
                 Job::Activate { answer, .. } => {
                     let busy = "another model is being put in force: look at it, and try again";
@@ -352,14 +279,14 @@ impl Desk {
         }
     }
 
-    /// The machine file on disk, and the request to the service.
+    /// The machine file on disk, and the request to the service; with the candidate that it comes from.
     fn prepared(
         &self,
         what: Activate,
         confirm: Option<String>,
     ) -> Result<(ModelAsk, Option<String>), Reply> {
         let store = &self.shared.store;
-        match what {
+        let (machine, hash, from, file, new, candidate) = match what {
             Activate::Candidate {
                 id,
                 hash,
@@ -369,17 +296,9 @@ impl Desk {
                 store
                     .keep(&hash, &text)
                     .map_err(|e| refused(507, format!("the model cannot be kept on disk: {e}")))?;
+                let new = Machine::parse(&text, &file).ok();
                 let machine = store.machine(&hash);
-                let differences = self.compared(Machine::parse(&text, &file).ok().as_ref());
-                let ask = ModelAsk {
-                    machine,
-                    hash,
-                    from: ModelSource::Upload,
-                    file,
-                    confirm,
-                    differences,
-                };
-                Ok((ask, Some(id)))
+                (machine, hash, ModelSource::Upload, file, new, Some(id))
             }
             Activate::Kept(hash) => {
                 let mut history = self.kept.history.iter().rev();
@@ -387,43 +306,33 @@ impl Desk {
                     entry.hash == hash && entry.outcome == ModelOutcome::InForce
                 };
                 let Some(entry) = history.find(was) else {
-                    return Err(refused(
-                        404,
-                        format!("{hash} is none of the models that were in force"),
-                    ));
+                    let why = format!("{hash} is none of the models that were in force");
+                    return Err(refused(404, why));
                 };
                 let text = store.text(&hash).map_err(|what| refused(422, what))?;
-                let differences = self.compared(Machine::parse(&text, &hash).ok().as_ref());
-                let ask = ModelAsk {
-                    machine: store.machine(&hash),
-                    from: entry.from,
-                    file: entry.file.clone(),
-                    hash,
-                    confirm,
-                    differences,
-                };
-                Ok((ask, None))
+                let new = Machine::parse(&text, &hash).ok();
+                let machine = store.machine(&hash);
+                (machine, hash, entry.from, entry.file.clone(), new, None)
             }
             Activate::Configured => {
-                let machine: PathBuf = self.configured.clone();
+                let machine = self.configured.clone();
                 let read = Machine::read(&machine).map_err(|e| refused(422, e.to_string()))?;
-                let differences = self.compared(Some(&read));
-                let ask = ModelAsk {
-                    file: machine.display().to_string(),
-                    machine,
-                    hash: read.checksum(),
-                    from: ModelSource::File,
-                    confirm,
-                    differences,
-                };
-                Ok((ask, None))
+                let file = machine.display().to_string();
+                let hash = read.checksum();
+                (machine, hash, ModelSource::File, file, Some(read), None)
             }
-        }
+        };
+        let ask = ModelAsk {
+            machine,
+            hash,
+            from,
+            file,
+            confirm,
+            differences: self.compared(new.as_ref()),
+        };
+        Ok((ask, candidate))
     }
 }
 
-/// Why a model was not put in force where the disk has not answered in time.
-pub(crate) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not put in force, and will not be later. Try again once it answers";
-
 /// Who tells what was found at the start.
-pub(crate) const GATEWAY: &str = "gateway";
+const GATEWAY: &str = "gateway";

@@ -8,7 +8,7 @@
 use std::{
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, AtomicUsize},
         mpsc::{Sender, channel},
     },
@@ -19,7 +19,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     config::Config,
-    documents::{Answer, Candidate, ModelSource, ModelState, Refusal},
+    documents::{Candidate, ModelEntry, ModelSource, ModelState},
     error::GatewayError,
     published::Published,
     request::{Asks, Reply},
@@ -28,15 +28,13 @@ use crate::{
 mod candidate;
 mod desk;
 mod diagonals;
-mod patience;
 mod quiet;
+mod shared;
 pub(crate) mod store;
 
-use candidate::Held;
 pub(crate) use candidate::{LARGEST_FILE, Place};
-pub(crate) use desk::{Activate, Note};
-use desk::{Desk, GIVEN_UP, Job, Told};
-use patience::Patience;
+use desk::Desk;
+use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared, lock, refused};
 use store::Store;
 
 /// The models of a machine, as the dashboard has them.
@@ -51,10 +49,11 @@ pub struct Models {
 pub struct ModelNotes(Option<Sender<Job>>);
 
 impl ModelNotes {
-    pub(crate) fn tell(&self, note: Note) {
+    /// Tells what became of a model; with its machine file where it is in force.
+    pub(crate) fn tell(&self, entry: ModelEntry, text: Option<String>) {
         if let Some(jobs) = &self.0 {
             // The desk has ended only where the gateway ends.
-            let _ = jobs.send(Job::Noted(Box::new(note)));
+            let _ = jobs.send(Job::Noted(Box::new(entry), text));
         }
     }
 
@@ -63,30 +62,6 @@ impl ModelNotes {
         if let Some(jobs) = &self.0 {
             let _ = jobs.send(Job::Configured(machine));
         }
-    }
-}
-
-/// What the threads share.
-pub(crate) struct Shared {
-    store: Store,
-    /// The built-in simulation has its own machine file.
-    is_built_in: bool,
-    cycle_cpu: Option<usize>,
-    published: Published,
-    asks: Asks,
-    switch: DisarmSwitch,
-    told: Mutex<Told>,
-    candidate: Mutex<Option<Held>>,
-    uploading: AtomicUsize,
-    /// Whether a machine file is being compared, also one that was discarded.
-    is_comparing: AtomicBool,
-}
-
-/// Why a request cannot be carried out, and the status of HTTP.
-pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
     }
 }
 
@@ -154,6 +129,16 @@ impl Models {
             no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
             trouble: told.trouble.clone(),
         }
+    }
+
+    /// A place for a file that is received.
+    pub(crate) fn place(&self) -> Result<Place, Reply> {
+        candidate::place(&self.shared)
+    }
+
+    /// Takes a machine file of `who`, and begins to compare it.
+    pub(crate) fn take(&self, who: &str, name: &str, bytes: Vec<u8>) -> Result<Candidate, Reply> {
+        candidate::take(&self.shared, who, name, bytes)
     }
 
     /// The candidate, where there is one.
@@ -233,19 +218,4 @@ impl Answering {
         };
         ended.unwrap_or_else(|_| refused(503, "the gateway is stopping"))
     }
-}
-
-const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
-
-/// The answer where a request names a candidate that is not there any more.
-fn gone() -> Reply {
-    refused(
-        409,
-        "this machine file is not here any more: it was discarded, or put in force",
-    )
-}
-
-/// Nothing that holds one of these locks waits for a disk, or can panic in the middle of a change.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -114,13 +114,13 @@ impl Store {
             return Ok(());
         }
         check_room(&self.dir, text.len() as u64)?;
-        write(&self.machine(hash), text)
+        replace_file(&self.machine(hash), text)
     }
 
     /// Writes down what stands from now on, and removes the machine files that belong to nothing any more.
     pub(crate) fn keep_standing(&self, kept: &ModelsKept) -> io::Result<()> {
         self.make()?;
-        write(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
+        replace_file(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
         self.tidy(kept);
         Ok(())
     }
@@ -191,16 +191,6 @@ fn check_room(folder: &Path, bytes: u64) -> io::Result<()> {
     let why =
         format!("the disk is full: less than {mib} MiB would stay free, which the audit log needs");
     Err(io::Error::new(io::ErrorKind::StorageFull, why))
-}
-
-/// Writes a file whole or not at all; what is half written where the disk is full takes no room.
-fn write(path: &Path, text: &str) -> io::Result<()> {
-    let written = replace_file(path, text);
-    if written.is_err() {
-        // It may not be there.
-        let _ = fs::remove_file(path.with_extension("new"));
-    }
-    written
 }
 
 #[cfg(test)]

@@ -4,23 +4,20 @@ use std::collections::BTreeSet;
 
 use volcomp_devices::{ControlMemory, ThermometerDevice};
 use volcomp_guard::{Reasons, protocol::Layout};
+use volcomp_kinematics::State;
 use volcomp_model::ModelError;
 use volcomp_port::Description;
 use volcomp_runtime::{PathPlan, ReaderPlan};
-use volcomp_vocabulary::{AxisName, Displacement};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
-use super::{
-    Plan,
-    needs::{self, Needs},
-    notes::notes,
-};
+use super::{Plan, notes::notes};
 use crate::documents::{
     AxisPlan, BarrierPlan, ByAxis, ControllerPlan, MachinePlan, PlanDocument, SensorPlan, round,
 };
 
 pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
     let config = &plan.config;
-    let controllers = controllers(plan, &needs::of_paths(plan)?);
+    let controllers = controllers(plan, &needs(plan)?);
     let sensors = sensors(plan);
     Ok(PlanDocument {
         notes: notes(plan, &controllers, &sensors),
@@ -36,7 +33,7 @@ pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
         controllers,
         sensors,
         tokens: plan.tokens.plan(),
-        fleet: plan.fleet.as_ref().map(super::fleet::Checked::document),
+        fleet: plan.fleet.as_ref().map(|fleet| fleet.document.clone()),
         online: None,
     })
 }
@@ -159,4 +156,43 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
         .filter(|term| term.sensors.contains_key(sensor))
         .map(|term| format!("drift {}", term.error));
     expansion.chain(drift).collect()
+}
+
+/// What the machine file asks of a path within the travels, µm and µrad.
+struct Needs {
+    /// The largest correction of each axis that corrects, without what temperatures add.
+    up_to: ByAxis,
+    /// How much more temperatures may add to it with each kelvin of the sensors; empty without thermal terms.
+    per_k: ByAxis,
+}
+
+/// What a machine file asks of each path.
+fn needs(plan: &Plan) -> Result<Vec<Needs>, ModelError> {
+    let kelvin = plan.machine.each_kelvin()?;
+    let largest = |path: &PathPlan, of: &dyn Fn(&State) -> PerAxis<f64>| -> ByAxis {
+        let all = plan
+            .machine
+            .largest_within_travels(&path.correctors, &path.fixed, of);
+        all.into_iter().map(micro).collect()
+    };
+    let of_path = |path: &PathPlan| {
+        let correction = |state: &State| plan.model.correction_of(state, &path.correctors).delta;
+        let mut needs = Needs {
+            up_to: if path.only_thermal {
+                ByAxis::new()
+            } else {
+                largest(path, &correction)
+            },
+            per_k: kelvin.as_ref().map_or_else(ByAxis::new, |kelvin| {
+                largest(path, &|state| kelvin.change(state, &path.correctors))
+            }),
+        };
+        needs.per_k.retain(|_, most| *most > 0.0);
+        needs
+    };
+    Ok(plan.paths.iter().map(of_path).collect())
+}
+
+fn micro((name, most): (AxisName, Displacement)) -> (AxisName, f64) {
+    (name, round((most.um_or_urad() * 10.0).ceil() / 10.0))
 }

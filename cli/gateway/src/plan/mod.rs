@@ -14,24 +14,18 @@ use volcomp_runtime::{
 };
 
 use crate::{
-    config::{Config, DashboardConfig, is_blank},
+    config::{Config, DashboardConfig},
     devices::{needs, online, settings},
-    documents::PlanDocument,
+    documents::{FleetPlan, PlanDocument},
     error::GatewayError,
     http::{Tls, Tokens, tls},
     interop::quantities::Shape,
     simulate::{self, Simulation, Truth},
 };
 
-mod audit_folder;
+mod checks;
 mod describe;
-mod fleet;
-mod interop;
-mod needs;
 mod notes;
-mod overlap;
-mod positions;
-mod seen;
 
 /// A configuration with everything that it names, checked. No device has been opened.
 pub struct Plan {
@@ -45,12 +39,18 @@ pub struct Plan {
     pub tls: Option<Tls>,
     /// The names of the temperatures, in order.
     pub sensors: Vec<String>,
-    fleet: Option<fleet::Checked>,
+    fleet: Option<Fleet>,
     machine: Machine,
     guard: GuardSettings,
     paths: Vec<PathPlan>,
     readers: Vec<ReaderPlan>,
     devices: Devices,
+}
+
+/// What the centre of the fleet has activated, and what in the folder of it is damaged, in words.
+struct Fleet {
+    document: FleetPlan,
+    damage: Option<String>,
 }
 
 /// The devices that will be opened: those of the configuration, or the built-in simulation.
@@ -110,29 +110,23 @@ impl Plan {
         };
         let model = Model::new(&machine, guard.fading)?;
         let paths = paths(&config, &devices, &model, &guard)?;
-        PathPlan::check_together(&paths).map_err(|source| GatewayError::Plan {
-            file: config.file.clone(),
-            source,
-        })?;
-        let readers = positions::readers(&config, &devices, &model)?;
-        positions::check_known(&config, &model, &paths, &readers)?;
+        PathPlan::check_together(&paths).map_err(|source| config.plan_error(source))?;
+        checks::readers_last(&config)?;
+        let readers = readers(&config, &devices, &model)?;
+        checks::positions_known(&config, &model, &paths, &readers)?;
         let described = paths.iter().map(|path| &path.description);
         let described = described.chain(readers.iter().map(|reader| &reader.description));
-        seen::check(&config, &model, &devices, described)?;
+        checks::shown(&config, &model, &devices, described)?;
         let sensors = devices.sensors();
         if sensors.len() > MAX_SENSORS {
-            return Err(GatewayError::Plan {
-                file: config.file,
-                source: PlanError::TooManySensors {
-                    found: sensors.len(),
-                },
-            });
+            let found = sensors.len();
+            return Err(config.plan_error(PlanError::TooManySensors { found }));
         }
         devices.check_files(&config, &paths)?;
         let (tokens, tls) = dashboard(&config.dashboard)?;
-        audit_folder::check(config.audit_dir())?;
-        let fleet = fleet::check(&config)?;
-        interop::check(&config)?;
+        checks::audit_folder(config.audit_dir())?;
+        let fleet = checks::fleet(&config)?;
+        checks::built(&config)?;
         Ok(Self {
             config,
             model,
@@ -182,18 +176,21 @@ impl Plan {
         }
     }
 
+    /// The name of the device that an agent of MTConnect shows.
+    pub fn shdr_device(&self) -> &str {
+        let shdr = self.config.shdr.as_ref();
+        let stated = shdr.and_then(|shdr| shdr.device.as_deref());
+        stated.unwrap_or(&self.model.name)
+    }
+
     /// Opens the devices and puts the cycle together.
     ///
     /// # Errors
     /// A device that cannot be opened.
-    pub fn open(self) -> Result<Opened, GatewayError> {
-        let plan = |source| GatewayError::Plan {
-            file: self.config.file.clone(),
-            source,
-        };
-        let described = self.descriptions().cloned().collect();
-        let (controllers, thermometers, truth) =
-            self.devices.open().map_err(GatewayError::Device)?;
+    pub fn open(mut self) -> Result<Opened, GatewayError> {
+        let devices = std::mem::take(&mut self.devices);
+        let plan = |source| self.config.plan_error(source);
+        let (controllers, thermometers, truth) = devices.open().map_err(GatewayError::Device)?;
         // Each start of each machine has a number of its own.
         let owner = next_owner();
         let mut controllers = controllers.into_iter();
@@ -218,16 +215,22 @@ impl Plan {
         .and_then(|cycle| cycle.with_readers(readers))
         .map_err(plan)?
         .with_rapid(self.guard.rapid);
-        Ok(Opened {
-            controllers: described,
+        let opened = self.opened(cycle);
+        Ok(Opened { truth, ..opened })
+    }
+
+    /// The plan with a cycle that was put together from it.
+    pub(crate) fn opened(self, cycle: Cycle) -> Opened {
+        Opened {
+            controllers: self.descriptions().cloned().collect(),
             config: self.config,
             cycle,
             model: Arc::new(self.model),
             sensors: self.sensors,
-            truth,
+            truth: None,
             tokens: self.tokens,
             tls: self.tls,
-        })
+        }
     }
 
     /// The plan as `check --json` prints it.
@@ -272,10 +275,7 @@ impl Devices {
         let needs = needs.chain(std::iter::repeat_with(|| None));
         for (device, needs) in self.controllers.iter().zip(needs) {
             let checked = device.check_file(needs.as_ref());
-            checked.map_err(|source| GatewayError::DeviceConfig {
-                file: config.file.clone(),
-                source,
-            })?;
+            checked.map_err(|source| config.device_error(source))?;
         }
         Ok(())
     }
@@ -309,37 +309,26 @@ impl Devices {
 }
 
 fn configured(config: &Config) -> Result<Devices, GatewayError> {
-    let wrong = |source| GatewayError::DeviceConfig {
-        file: config.file.clone(),
-        source,
-    };
+    let wrong = |source| config.device_error(source);
     for (index, controller) in config.controllers.iter().enumerate() {
         let before = &config.controllers[..index];
         if before.iter().any(|other| other.url == controller.url) {
-            return Err(GatewayError::DeviceTwice {
-                file: config.file.clone(),
-                table: "controller",
-                url: controller.url.clone(),
-            });
+            return Err(checks::device_twice(config, "controller", &controller.url));
         }
     }
     let mut controllers: Vec<Box<dyn ControllerDevice>> = Vec::new();
     for own in &config.controllers {
         let device = controller(own).map_err(wrong)?;
-        overlap::check(config, &controllers, &*device)?;
+        checks::overlap(config, &controllers, &*device)?;
         controllers.push(device);
     }
     let mut thermometers: Vec<ThermometerDevice> = Vec::new();
     for own in &config.thermometers {
         let device = thermometer(own).map_err(wrong)?;
         if thermometers.iter().any(|before| before.is_same(&device)) {
-            return Err(GatewayError::DeviceTwice {
-                file: config.file.clone(),
-                table: "thermometer",
-                url: own.url.clone(),
-            });
+            return Err(checks::device_twice(config, "thermometer", &own.url));
         }
-        sensor_names(config, &thermometers, &device, &own.url)?;
+        checks::sensor_names(config, &thermometers, &device, &own.url)?;
         thermometers.push(device);
     }
     Ok(Devices {
@@ -347,25 +336,6 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
         thermometers,
         simulation: None,
     })
-}
-
-/// Refuses a name of a sensor that nobody can read, or that a sensor of a thermometer before has.
-fn sensor_names(
-    config: &Config,
-    before: &[ThermometerDevice],
-    device: &ThermometerDevice,
-    url: &str,
-) -> Result<(), GatewayError> {
-    for name in &device.names {
-        let (file, url, name) = (config.file.clone(), url.to_owned(), name.clone());
-        if is_blank(&name) {
-            return Err(GatewayError::SensorBlank { file, url, name });
-        }
-        if before.iter().any(|other| other.names.contains(&name)) {
-            return Err(GatewayError::SensorTwice { file, url, name });
-        }
-    }
-    Ok(())
 }
 
 /// How long a control takes from the largest correction to zero that goes there as fast as the guard may slew.
@@ -385,12 +355,8 @@ fn paths(
 ) -> Result<Vec<PathPlan>, GatewayError> {
     let period: Duration = config.cycle();
     let path = |description: Description, settings: &PathSettings| {
-        PathPlan::new(description, model, guard, settings, period).map_err(|source| {
-            GatewayError::Plan {
-                file: config.file.clone(),
-                source,
-            }
-        })
+        let planned = PathPlan::new(description, model, guard, settings, period);
+        planned.map_err(|source| config.plan_error(source))
     };
     if let Some(simulation) = &devices.simulation {
         // Nobody else can reach it.
@@ -412,10 +378,7 @@ fn paths(
         .filter(|(_, controller)| !controller.axes.is_empty())
         .map(|(device, controller)| {
             let described = device.describe();
-            let description = described.map_err(|source| GatewayError::DeviceConfig {
-                file: config.file.clone(),
-                source,
-            })?;
+            let description = described.map_err(|source| config.device_error(source))?;
             let settings = PathSettings {
                 time_out: device.settings().time_out.map(|after| ControlTimeOut {
                     after,
@@ -424,6 +387,24 @@ fn paths(
                 ..settings(&**device, controller, period)
             };
             path(description, &settings)
+        })
+        .collect()
+}
+
+/// The controllers that are only read, which stand last.
+fn readers(
+    config: &Config,
+    devices: &Devices,
+    model: &Model,
+) -> Result<Vec<ReaderPlan>, GatewayError> {
+    let all = devices.controllers.iter().zip(&config.controllers);
+    all.filter(|(_, controller)| controller.axes.is_empty())
+        .map(|(device, controller)| {
+            let described = device.describe();
+            let description = described.map_err(|source| config.device_error(source))?;
+            let settings = settings(&**device, controller, config.cycle());
+            let planned = ReaderPlan::new(description, model, &settings);
+            planned.map_err(|source| config.plan_error(source))
         })
         .collect()
 }
@@ -439,11 +420,15 @@ pub(crate) fn dashboard(
         .transpose()?;
     let is_local = !dashboard.reading_needs_token();
     if !is_local && tls.is_none() {
-        return Err(GatewayError::NoTls { listen });
+        return Err(GatewayError::invalid(format!(
+            "[dashboard] listen = {listen}: others can reach this address, so tls_certificate and tls_key are needed (volcomp-gateway tls-init makes a pair)"
+        )));
     }
     let tokens = Tokens::load(dashboard.token_file.as_deref())?;
     if !is_local && tokens.is_empty() {
-        return Err(GatewayError::NoToken { listen });
+        return Err(GatewayError::invalid(format!(
+            "[dashboard] listen = {listen}: others can reach this address, so reading needs a token: token_file is missing or empty"
+        )));
     }
     Ok((tokens, tls))
 }

@@ -3,7 +3,7 @@
 use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
 use volcomp_vocabulary::Displacement;
 
-use super::{Plan, interop};
+use super::{Plan, checks};
 use crate::documents::{AxisPlan, ControllerPlan, SensorPlan, round};
 
 /// The notes of a plan, in whole sentences.
@@ -13,9 +13,7 @@ pub(super) fn notes(
     sensors: &[SensorPlan],
 ) -> Vec<String> {
     let mut notes = plan.machine.notes();
-    if let Some(fleet) = &plan.fleet {
-        notes.extend(fleet.notes(&plan.config));
-    }
+    notes.extend(of_fleet(plan));
     if plan.config.guard.is_none() {
         notes.push("[guard] is missing: it will not arm".to_owned());
     } else {
@@ -47,14 +45,8 @@ pub(super) fn notes(
         notes.extend(linear_near_singular(plan, path));
     }
     for controller in &plan.config.controllers {
-        let unseen = controller.unseen();
-        let states = [
-            ("referenced", unseen.referenced),
-            ("alarm", unseen.alarm),
-            ("emergency_stop", unseen.emergency_stop),
-        ];
-        let names: Vec<&str> = states
-            .into_iter()
+        let unseen = checks::by_name(controller.unseen()).into_iter();
+        let names: Vec<&str> = unseen
             .filter_map(|(name, is_unseen)| is_unseen.then_some(name))
             .collect();
         if !names.is_empty() {
@@ -79,8 +71,34 @@ pub(super) fn notes(
             "no token: nobody can arm over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table".to_owned()
         });
     }
-    notes.extend(interop::notes(&plan.config));
+    let shdr = plan.config.shdr.as_ref().map(|own| ("shdr", own.listen));
+    let opc_ua = plan.config.opc_ua.as_ref();
+    let opc_ua = opc_ua.map(|own| ("opc_ua", own.listen));
+    for (table, listen) in shdr.into_iter().chain(opc_ua) {
+        if !listen.ip().is_loopback() {
+            notes.push(format!(
+                "[{table}] {listen}: everybody who reaches this address reads the state, without a token and without TLS"
+            ));
+        }
+    }
     notes
+}
+
+fn of_fleet(plan: &Plan) -> Vec<String> {
+    let (Some(config), Some(found)) = (&plan.config.fleet, &plan.fleet) else {
+        return Vec::new();
+    };
+    let clear = volcomp_fleet::in_the_clear(&config.url).next().map(|server| {
+        format!(
+            "[fleet] url: {server} is reached in the clear: others on the way can read machine files and states, though they cannot change what is taken; tls:// closes that"
+        )
+    });
+    let damage = found.damage.as_ref().map(|damage| {
+        format!(
+            "[fleet] dir: {damage}: the configured machine file corrects until the centre sends one again"
+        )
+    });
+    clear.into_iter().chain(damage).collect()
 }
 
 /// A rotary axis that may correct and does not.

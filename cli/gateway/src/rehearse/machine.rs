@@ -14,14 +14,20 @@ use volcomp_guard::{
     protocol::{Counts, Layout},
 };
 use volcomp_port::{
-    Axis, Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,
-    inject::{Faults, Faulty},
+    Axis, Clock, ControlProgram, Controller, Description, Fault, Snapshot, Temperature,
+    Thermometer, Words,
+    inject::{Faults, Faulty, Injection},
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
-use volcomp_runtime::{Model, PathPlan, kinematics::State};
+use volcomp_runtime::{
+    ControlPath, Cycle, Model, PathPlan, Sensors, kinematics::State, next_owner,
+};
 use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
-use crate::error::GatewayError;
+use crate::{
+    error::GatewayError,
+    plan::{Opened, Plan},
+};
 
 /// The time of one move through the work space.
 const MOVE_S: f64 = 4.0;
@@ -29,13 +35,16 @@ const MOVE_S: f64 = 4.0;
 const ACCELERATING_S: f64 = 0.4;
 
 /// The way to a simulated machine, shared by the runs of a gateway and the rehearsal.
-pub(super) type Way = Arc<Mutex<Faulty<Wire>>>;
+type Way = Arc<Mutex<Faulty<Wire>>>;
 
-/// A simulated machine and everything by which it can be disturbed.
-pub(super) struct Rig {
+/// A simulated machine in the place of a configured one, and everything by which it can be disturbed. Its time is counted.
+pub struct Rig {
+    pub(super) path: PathPlan,
     pub(super) clock: Clock,
     pub(super) way: Way,
-    pub(super) controls: Arc<Controls>,
+    pub(super) thermometer: Option<Thermometers>,
+    /// The switches of the machine, and what its axes got.
+    pub controls: Arc<Controls>,
     /// The program of the control stands.
     pub(super) stopped: Arc<AtomicBool>,
     /// The barrier in the control, where it has one.
@@ -50,7 +59,7 @@ pub(super) struct Wire {
 }
 
 /// A controller that a cycle holds, while the rehearsal keeps the way.
-pub(super) struct Held {
+struct Held {
     description: Description,
     way: Way,
 }
@@ -115,7 +124,7 @@ impl Controller for Wire {
 }
 
 impl Held {
-    pub(super) fn new(way: &Way) -> Self {
+    fn new(way: &Way) -> Self {
         Self {
             description: lock(way).device.description.clone(),
             way: Arc::clone(way),
@@ -142,35 +151,53 @@ impl Controller for Held {
 }
 
 impl Rig {
-    /// A machine at its start, and its thermometer. The barrier in its control goes `rate` times as fast as it is said to:
+    /// A machine at its start, in the place of the first controller of a plan.
+    ///
+    /// # Errors
+    /// Limits to which no barrier can be set, or a plan without a controller.
+    pub fn of(plan: &Plan) -> Result<Self, GatewayError> {
+        let path = plan.paths().first();
+        let path = path.ok_or_else(|| GatewayError::invalid("no controller, expected one"))?;
+        Self::new(plan, path, 1, 1)
+    }
+
+    /// A machine at its start, with its thermometer. The barrier in its control goes `rate` times as fast as it is said to:
     /// 1, except for tests of the rehearsal itself.
     ///
     /// # Errors
     /// Limits to which no barrier can be set.
     pub(super) fn new(
-        model: &Model,
-        plan: &PathPlan,
-        sensors: &[String],
+        plan: &Plan,
+        path: &PathPlan,
         seed: u64,
         rate: i16,
-    ) -> Result<(Self, SimulatedThermometer), GatewayError> {
+    ) -> Result<Self, GatewayError> {
+        let (model, mut path) = (&plan.model, path.clone());
+        // Axes that only another controller shows stand in the middle of their travel.
+        for (index, ends) in model.travel.iter().enumerate() {
+            let shown = path.description.shows(model.axes[index]);
+            if !shown && path.fixed[index].is_none() {
+                let [low, high] = ends.map(Displacement::mm_or_rad);
+                path.fixed[index] = Some(0.5 * (low + high));
+            }
+        }
         let clock = Clock::manual();
-        let (program, acceleration_per_s2) = moves(model, plan);
+        let (program, acceleration_per_s2) = moves(model, &path);
         let machine = simulated::Machine {
-            axes: axes(&plan.description),
+            axes: axes(&path.description),
             program,
             acceleration_per_s2,
-            sensors: sensors.iter().map(|name| warming(name)).collect(),
+            sensors: plan.sensors.iter().map(|name| warming(name)).collect(),
             truth: Arc::new(|_, _| PerChannel::ZERO),
             clock: clock.clone(),
         };
         let stopped = Arc::new(AtomicBool::new(false));
         let wrong = |source| GatewayError::Barrier {
-            device: plan.description.device.clone(),
+            device: path.description.device.clone(),
             source,
         };
-        let barrier = barrier(plan)?;
-        let (control, thermometer, controls) = match (barrier, plan.barrier) {
+        let barrier = barrier(&path)?;
+        let (control, thermometer, controls) = match (barrier, path.barrier) {
             (Some(settings), Some(at)) => {
                 let faster = settings.rate.map(|counts| counts.saturating_mul(rate));
                 let settings = Settings {
@@ -188,18 +215,122 @@ impl Rig {
         };
         let wire = Wire {
             control,
-            description: plan.description.clone(),
+            description: path.description.clone(),
             stopped: Arc::clone(&stopped),
         };
         let faulty = Faulty::new(wire, Faults::default(), seed).with_clock(clock.clone());
-        let rig = Self {
-            way: Arc::new(Mutex::new(faulty)),
+        let thermometer = (!plan.sensors.is_empty()).then(|| {
+            let faulty = Faulty::new(thermometer, Faults::default(), seed);
+            Arc::new(Mutex::new(faulty.with_clock(clock.clone())))
+        });
+        Ok(Self {
+            path,
             clock,
+            way: Arc::new(Mutex::new(faulty)),
+            thermometer,
             controls,
             stopped,
             barrier,
+        })
+    }
+
+    /// The cycle of a gateway that corrects this machine, with its owner number.
+    ///
+    /// # Errors
+    /// What does not fit together.
+    pub(super) fn cycle(&self, plan: &Plan, owner: u16) -> Result<Cycle, GatewayError> {
+        let wrong = |source| plan.config.plan_error(source);
+        let held = Held::new(&self.way);
+        let control = ControlPath::new(Box::new(held), &self.path).map_err(wrong)?;
+        let thermometer = self.thermometer.as_ref().map(HeldThermometer::new);
+        let thermometers = thermometer.map(|held| Box::new(held) as Box<dyn Thermometer>);
+        let guard = plan.guard();
+        let cycle = Cycle::new(
+            Box::new(plan.model.clone()),
+            vec![control.with_owner(&self.path, owner).map_err(wrong)?],
+            guard.hand_back,
+            Sensors::new(thermometers.into_iter().collect(), guard.temperatures),
+            plan.config.cycle(),
+        )
+        .map_err(wrong)?;
+        Ok(cycle.with_rapid(guard.rapid).with_clock(self.clock.clone()))
+    }
+
+    /// A plan whose first controller and whose thermometers are this machine: for tests of a whole gateway in one process.
+    ///
+    /// # Errors
+    /// What does not fit together.
+    pub fn open(&self, plan: Plan) -> Result<Opened, GatewayError> {
+        let cycle = self.cycle(&plan, next_owner())?;
+        Ok(plan.opened(cycle))
+    }
+
+    /// The clock of the machine, which stands until it is advanced.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// A fault on the way to the control.
+    pub fn inject(&self, injection: Injection) {
+        lock(&self.way).inject(injection);
+    }
+
+    /// Somebody else writes these values (mm, rad) into the words of the axes.
+    pub fn overwrite(&self, values: &PerChannel<f64>) {
+        // A machine that is out of reach is out of reach for everybody.
+        let _ = lock(&self.way)
+            .device
+            .control
+            .apply(values, self.clock.now());
+    }
+
+    /// A fault of the thermometer.
+    pub fn inject_sensor(&self, injection: Injection) {
+        if let Some(shared) = &self.thermometer {
+            lock(shared).inject(injection);
+        }
+    }
+}
+
+/// The thermometer with its faults, shared by the runs of a gateway and the rehearsal: it outlives a restart.
+type Thermometers = Arc<Mutex<Faulty<SimulatedThermometer>>>;
+
+/// The thermometer as a cycle holds it.
+struct HeldThermometer {
+    device: String,
+    names: Vec<String>,
+    shared: Thermometers,
+    latest: Vec<Temperature>,
+}
+
+impl HeldThermometer {
+    fn new(shared: &Thermometers) -> Self {
+        let (device, names) = {
+            let faulty = lock(shared);
+            (faulty.device().to_owned(), faulty.names().to_vec())
         };
-        Ok((rig, thermometer))
+        Self {
+            device,
+            latest: vec![Temperature::NOT_READ; names.len()],
+            names,
+            shared: Arc::clone(shared),
+        }
+    }
+}
+
+impl Thermometer for HeldThermometer {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.latest.clear();
+        self.latest.extend_from_slice(lock(&self.shared).latest());
+        &self.latest
     }
 }
 

@@ -11,11 +11,11 @@ mod machine;
 mod protocol;
 mod run;
 mod text;
-mod thermometer;
 
 use std::time::Duration;
 
 pub use faults::{CATALOGUE, Fault};
+pub use machine::Rig;
 pub use text::{COLUMNS, text};
 use volcomp_runtime::PathPlan;
 
@@ -59,17 +59,16 @@ impl Rehearsal {
     /// The faults of these names, or all of them where none is named.
     ///
     /// # Errors
-    /// [`GatewayError::NoSuchFault`]: a name that is not in the catalogue.
+    /// A name that is not in the catalogue.
     pub fn of(seed: u64, names: &[String]) -> Result<Self, GatewayError> {
         let find = |name: &String| {
             let found = CATALOGUE.iter().find(|fault| fault.name == name);
-            found.ok_or_else(|| GatewayError::NoSuchFault {
-                found: name.clone(),
-                expected: CATALOGUE
-                    .iter()
-                    .map(|fault| fault.name)
-                    .collect::<Vec<_>>()
-                    .join(", "),
+            found.ok_or_else(|| {
+                let names: Vec<&str> = CATALOGUE.iter().map(|fault| fault.name).collect();
+                GatewayError::invalid(format!(
+                    "--fault: found {name:?}, expected one of {}",
+                    names.join(", ")
+                ))
             })
         };
         Ok(Self {
@@ -85,9 +84,10 @@ impl Rehearsal {
     /// A configuration without limits, or with limits to which no barrier can be set. A rule that is broken is no error: the document tells it.
     pub fn run(&self, plan: &Plan) -> Result<RehearsalDocument, GatewayError> {
         if plan.config.guard.is_none() {
-            return Err(GatewayError::NoLimits {
-                file: plan.config.file.clone(),
-            });
+            return Err(GatewayError::invalid_in(
+                &plan.config.file,
+                "[guard] is missing, expected it: without limits nothing is corrected",
+            ));
         }
         let head = protocol::Head::of(&plan.config.file)?;
         let mut simulated = Duration::ZERO;
@@ -251,16 +251,16 @@ impl RehearsalDocument {
     /// Fails where a rule was broken.
     ///
     /// # Errors
-    /// [`GatewayError::Rehearsal`], with exit status 1.
+    /// How many faults broke a rule, each phase counted.
     pub fn verdict(&self) -> Result<(), GatewayError> {
         let faults = || self.controllers.iter().flat_map(|path| &path.faults);
         let broken = faults().filter(|fault| !fault.passed).count();
         if broken == 0 {
             return Ok(());
         }
-        Err(GatewayError::Rehearsal {
-            broken,
-            count: faults().count(),
-        })
+        let count = faults().count();
+        Err(GatewayError::failed(format!(
+            "rehearsal: {broken} of {count} faults broke a rule"
+        )))
     }
 }

@@ -1,7 +1,7 @@
 //! A gateway on a simulated machine whose time the rehearsal counts: started, armed, disturbed, and looked at.
 
 use std::{
-    sync::{Arc, Mutex, atomic::Ordering},
+    sync::{Arc, atomic::Ordering},
     time::Duration,
 };
 
@@ -9,19 +9,18 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_port::{
     Controller, MOST_WORDS, Words,
-    inject::{Faults, Faulty, Injection},
+    inject::{Faults, Injection},
     simulated::SimulatedController,
 };
 use volcomp_runtime::{
-    Asked, ControlPath, Cycle, PathPlan, Sensors,
+    Asked, Cycle, PathPlan,
     guard::{Phase, Reasons, Request, State},
 };
 use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 
 use super::{
     faults::Act,
-    machine::{Held, Rig, lock},
-    thermometer::{HeldThermometer, Shared},
+    machine::{Rig, lock},
 };
 use crate::{error::GatewayError, plan::Plan};
 
@@ -39,9 +38,7 @@ const JUMP_K: f64 = 15.0;
 /// One gateway and its machine.
 pub(super) struct Run<'a> {
     plan: &'a Plan,
-    path: PathPlan,
     pub(super) rig: Rig,
-    thermometer: Option<Shared>,
     cycle: Cycle,
     owner: u16,
     foreign: Option<SimulatedController>,
@@ -72,28 +69,12 @@ impl<'a> Run<'a> {
         seed: u64,
         barrier_rate: i16,
     ) -> Result<Self, GatewayError> {
-        let mut path = path.clone();
-        // Axes that only another controller shows stand in the middle of their travel.
-        for (index, ends) in plan.model.travel.iter().enumerate() {
-            let shown = path.description.shows(plan.model.axes[index]);
-            if !shown && path.fixed[index].is_none() {
-                let [low, high] = ends.map(Displacement::mm_or_rad);
-                path.fixed[index] = Some(0.5 * (low + high));
-            }
-        }
-        let (rig, thermometer) = Rig::new(&plan.model, &path, &plan.sensors, seed, barrier_rate)?;
-        let thermometer = (!plan.sensors.is_empty()).then(|| {
-            let faulty = Faulty::new(thermometer, Faults::default(), seed);
-            Arc::new(Mutex::new(faulty.with_clock(rig.clock.clone())))
-        });
+        let rig = Rig::new(plan, path, seed, barrier_rate)?;
         let owner = 1;
-        let cycle = cycle(plan, &path, &rig, thermometer.as_ref(), owner)?;
         Ok(Self {
             plan,
-            path,
+            cycle: rig.cycle(plan, owner)?,
             rig,
-            thermometer,
-            cycle,
             owner,
             foreign: None,
             random: ChaCha8Rng::seed_from_u64(seed),
@@ -205,7 +186,7 @@ impl<'a> Run<'a> {
             let asks = self.cycles.is_multiple_of(20);
             self.step(asks.then_some(Request::TakeOver));
         }
-        let half = self.path.limits.ramp_taken() / 2;
+        let half = self.rig.path.limits.ramp_taken() / 2;
         self.run(half);
         self.state() == ramping
     }
@@ -243,16 +224,6 @@ impl<'a> Run<'a> {
         (None, needed)
     }
 
-    fn inject(&self, injection: Injection) {
-        lock(&self.rig.way).inject(injection);
-    }
-
-    fn inject_sensor(&self, injection: Injection) {
-        if let Some(shared) = &self.thermometer {
-            lock(shared).inject(injection);
-        }
-    }
-
     /// Sets the switches of the machine, from this moment on.
     fn switch(&self, act: Act, on: bool) {
         lock(&self.rig.way).device.control.plant().pass();
@@ -277,25 +248,27 @@ impl<'a> Run<'a> {
         self.switch(act, true);
         let mut lasts = Duration::from_secs(2);
         match act {
-            Act::Chance(faults) => self.inject(Injection::Faults(faults)),
+            Act::Chance(faults) => self.rig.inject(Injection::Faults(faults)),
             Act::HeldBack => {
                 for _ in 0..4 {
-                    self.inject(Injection::LateWrite { calls: u32::MAX });
+                    self.rig.inject(Injection::LateWrite { calls: u32::MAX });
                     self.run(Duration::from_millis(200));
                 }
             }
-            Act::HiddenStop => self.inject(Injection::DroppedFlag { readings: u32::MAX }),
-            Act::HiddenStopByChance => self.inject(Injection::Faults(Faults {
+            Act::HiddenStop => self
+                .rig
+                .inject(Injection::DroppedFlag { readings: u32::MAX }),
+            Act::HiddenStopByChance => self.rig.inject(Injection::Faults(Faults {
                 dropped_flag: 0.02,
                 calls: 20,
                 ..Faults::default()
             })),
-            Act::PositionsLost => lasts = self.path.limits.zero_after + Duration::from_secs(1),
-            Act::SensorJump => self.inject_sensor(Injection::Jump {
+            Act::PositionsLost => lasts = self.rig.path.limits.zero_after + Duration::from_secs(1),
+            Act::SensorJump => self.rig.inject_sensor(Injection::Jump {
                 sensor: 0,
                 kelvin: JUMP_K,
             }),
-            Act::SensorCorrupt => self.inject_sensor(Injection::Faults(Faults {
+            Act::SensorCorrupt => self.rig.inject_sensor(Injection::Faults(Faults {
                 corrupt: 0.1,
                 ..Faults::default()
             })),
@@ -309,7 +282,7 @@ impl<'a> Run<'a> {
             if let Act::Directed(injection) = act
                 && (self.cycles - begun).is_multiple_of(CYCLES_BETWEEN)
             {
-                self.inject(injection);
+                self.rig.inject(injection);
             }
             if let Act::OtherEnd { every, readings } = act
                 && (self.cycles - begun).is_multiple_of(every)
@@ -327,11 +300,11 @@ impl<'a> Run<'a> {
     /// So many readings tell the position of the first axis as far from the other end of its travel as it is from this one.
     fn tell_other_end(&self, readings: u32) {
         let model = &self.plan.model;
-        let axes = self.path.description.axes.first();
+        let axes = self.rig.path.description.axes.first();
         let travel = axes.and_then(|axis| model.travel.get(model.index_of(axis.name)?));
         let Some(travel) = travel else { return };
         let [low, high] = travel.map(Displacement::mm_or_rad);
-        self.inject(Injection::WrongPosition {
+        self.rig.inject(Injection::WrongPosition {
             axis: 0,
             factor: -1.0,
             add: low + high,
@@ -360,14 +333,14 @@ impl<'a> Run<'a> {
             Injection::Disconnect { calls: 0 },
             Injection::Lag(0),
         ] {
-            self.inject(injection);
+            self.rig.inject(injection);
         }
         if matches!(act, Act::HeldBack) {
-            self.inject(Injection::Release);
+            self.rig.inject(Injection::Release);
         }
-        self.inject_sensor(Injection::Faults(Faults::default()));
+        self.rig.inject_sensor(Injection::Faults(Faults::default()));
         if matches!(act, Act::SensorJump) {
-            self.inject_sensor(Injection::Jump {
+            self.rig.inject_sensor(Injection::Jump {
                 sensor: 0,
                 kelvin: 0.0,
             });
@@ -382,14 +355,7 @@ impl<'a> Run<'a> {
     fn restart(&mut self, gone: Duration) -> Result<(), GatewayError> {
         let applied: PerAxis<f64> = self.cycle.report().correction;
         self.owner = self.owner.wrapping_add(1).max(1);
-        let cycle = cycle(
-            self.plan,
-            &self.path,
-            &self.rig,
-            self.thermometer.as_ref(),
-            self.owner,
-        )?;
-        self.cycle = cycle;
+        self.cycle = self.rig.cycle(self.plan, self.owner)?;
         self.rig.clock.advance(gone);
         lock(&self.rig.way).device.control.plant().pass();
         self.cycle.restore(&applied, gone);
@@ -412,7 +378,7 @@ impl<'a> Run<'a> {
 
     /// Somebody else overwrites the words of the axes. That step is his own: it is looked at from then on.
     fn overwrite(&mut self) {
-        let limits = &self.path.limits;
+        let limits = &self.rig.path.limits;
         let signs: [bool; 2] = [self.random.random(), self.random.random()];
         let values = PerChannel::from_fn(|i| {
             if i >= limits.count {
@@ -421,35 +387,7 @@ impl<'a> Run<'a> {
             let sign = if signs[i % 2] { 1.0 } else { -1.0 };
             sign * GARBAGE * limits.axes[i].limit
         });
-        let now = self.rig.clock.now();
-        let _ = lock(&self.rig.way).device.control.apply(&values, now);
+        self.rig.overwrite(&values);
         self.rig.controls.axes.forget();
     }
-}
-
-fn cycle(
-    plan: &Plan,
-    path: &PathPlan,
-    rig: &Rig,
-    thermometer: Option<&Shared>,
-    owner: u16,
-) -> Result<Cycle, GatewayError> {
-    let wrong = |source| GatewayError::Plan {
-        file: plan.config.file.clone(),
-        source,
-    };
-    let held = Held::new(&rig.way);
-    let control = ControlPath::new(Box::new(held), path).map_err(wrong)?;
-    let thermometers = thermometer
-        .map(|shared| Box::new(HeldThermometer::new(shared)) as Box<dyn volcomp_port::Thermometer>);
-    let guard = plan.guard();
-    let cycle = Cycle::new(
-        Box::new(plan.model.clone()),
-        vec![control.with_owner(path, owner).map_err(wrong)?],
-        guard.hand_back,
-        Sensors::new(thermometers.into_iter().collect(), guard.temperatures),
-        plan.config.cycle(),
-    )
-    .map_err(wrong)?;
-    Ok(cycle.with_rapid(guard.rapid).with_clock(rig.clock.clone()))
 }

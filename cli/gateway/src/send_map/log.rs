@@ -7,6 +7,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use volcomp_port::Clock;
+
 use super::Checked;
 use crate::{
     audit::{
@@ -21,8 +23,6 @@ use crate::{
 pub(super) const RECORD: Duration = Duration::from_secs(5);
 /// How often it is looked whether a record is written, before anything is sent.
 const LOOK: Duration = Duration::from_millis(10);
-/// How long until a log that could not be written is tried again.
-const RETRY: Duration = Duration::from_millis(100);
 /// The last records get onto the disk within this, or are lost.
 const END: Duration = Duration::from_secs(1);
 
@@ -31,7 +31,6 @@ pub(super) struct Log {
     clerk: Clerk,
     /// Why records may be missing, as it was told.
     trouble: Option<&'static str>,
-    tried_again: Instant,
 }
 
 impl Log {
@@ -42,9 +41,8 @@ impl Log {
     pub(super) fn begin(folder: &Path) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
         Ok(Self {
-            clerk: Clerk::start(audit)?,
+            clerk: Clerk::start(audit, Clock::system())?,
             trouble: None,
-            tried_again: Instant::now(),
         })
     }
 
@@ -98,11 +96,8 @@ impl Log {
             }
             self.trouble = trouble;
         }
-        if self.clerk.wants_another_try() && self.tried_again.elapsed() > RETRY {
-            self.tried_again = Instant::now();
-            let what = "audit log can be written again";
-            self.clerk.try_again(entry(checked, what));
-        }
+        let again = || entry(checked, "audit log can be written again");
+        self.clerk.try_again(again);
     }
 
     /// Waits a little for the last records.

@@ -14,7 +14,6 @@ use crate::{config::MapSender, error::GatewayError};
 mod log;
 mod replace;
 mod sending;
-mod words;
 
 pub use replace::ask;
 pub use sending::run;
@@ -45,10 +44,7 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
         file: shown.clone(),
         source,
     })?;
-    let wrong = |what: String| GatewayError::Map {
-        file: shown.clone(),
-        what,
-    };
+    let wrong = |what: String| GatewayError::invalid_in(&shown, what);
     let map = Map::from_image(&bytes, config.keys.number).map_err(|e| wrong(e.to_string()))?;
     let admitted = config.allowed.admits(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
@@ -70,13 +66,13 @@ impl Checked {
         if hash == self.hash {
             return Ok(());
         }
-        Err(GatewayError::Map {
-            file: self.config.keys.map.display().to_string(),
-            what: format!(
+        Err(GatewayError::invalid_in(
+            self.config.keys.map.display(),
+            format_args!(
                 "--confirm: found {hash:?}, expected {:?}: another map was confirmed",
                 self.hash
             ),
-        })
+        ))
     }
 
     /// What would be sent, in some lines.

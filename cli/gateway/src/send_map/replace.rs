@@ -28,16 +28,13 @@ fn confirmation(audit_dir: &Path) -> PathBuf {
 /// No sender of this file runs, or its folder cannot be written.
 pub fn ask(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
-    let locks = lock::lock_sender(&config.keys.url, &config.keys.audit.dir);
     // A sender holds the folder; a gateway that has the control has another one.
-    if !matches!(locks, Err(GatewayError::FolderLocked { .. })) {
-        return Err(GatewayError::MapEnded {
-            url: config.keys.url.clone(),
-            what: format!(
-                "--replace: found no sender that runs, expected one of {}",
-                checked.path.display()
-            ),
-        });
+    if !lock::is_folder_locked(&config.keys.audit.dir)? {
+        return Err(GatewayError::failed(format!(
+            "{}: --replace: found no sender that runs, expected one of {}",
+            config.keys.url,
+            checked.path.display()
+        )));
     }
     let file = confirmation(&config.keys.audit.dir);
     replace_file(&file, &checked.hash)

@@ -9,14 +9,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_devices::{map::MapDevice, map_device};
-use volcomp_tables::{Exchange, SendError, Sender, Step};
+use volcomp_devices::{
+    map::{MapDevice, MapError, MapWords},
+    map_device,
+};
+use volcomp_tables::{
+    Exchange, SendError, Sender, Step,
+    control::{FRAME_WORDS, REPORT_WORDS},
+};
 
 use super::{
     Checked,
     log::{Log, RECORD},
     replace::{Another, fits, watch},
-    words::Words,
 };
 use crate::{
     audit::clerk::Receipt,
@@ -31,6 +36,25 @@ const AGAIN: Duration = Duration::from_secs(1);
 const SOON: Duration = Duration::from_millis(5);
 /// So much longer than the control's time-out something is waited for that its end should bring, s.
 const PATIENCE_S: f64 = 2.0;
+
+/// An open session to a control.
+struct Words(Box<dyn MapWords>);
+
+impl Exchange for Words {
+    type Error = MapError;
+
+    fn report(&mut self) -> Result<Vec<u16>, MapError> {
+        self.0.report(REPORT_WORDS)
+    }
+
+    fn write(&mut self, frame: &[u16; FRAME_WORDS]) -> Result<(), MapError> {
+        self.0.write(frame)
+    }
+
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError> {
+        self.0.buffer(buffer, count)
+    }
+}
 
 /// What is known of another sender.
 struct Other {
@@ -85,7 +109,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let mut sending = Sending {
         checked: checked.clone(),
         place,
-        sender: sender.map_err(|e| ended(checked, e.to_string()))?,
+        sender: sender.map_err(|e| ended(checked, &e.to_string()))?,
         others,
         recording: None,
         before: None,
@@ -120,11 +144,8 @@ impl Checked {
     }
 }
 
-fn ended(checked: &Checked, what: String) -> GatewayError {
-    GatewayError::MapEnded {
-        url: checked.config.keys.url.clone(),
-        what,
-    }
+fn ended(checked: &Checked, what: &str) -> GatewayError {
+    GatewayError::failed(format!("{}: {what}", checked.config.keys.url))
 }
 
 impl Sending {
@@ -259,7 +280,7 @@ impl Sending {
                 if self.go_back(&why) {
                     return Ok(SOON);
                 }
-                Err(ended(&self.checked, why))
+                Err(ended(&self.checked, &why))
             }
         }
     }
@@ -343,7 +364,7 @@ impl Sending {
             let what =
                 "nothing is sent any more, but it is not known that the corrections are zero";
             self.record(what);
-            return Err(ended(&self.checked, what.to_owned()));
+            return Err(ended(&self.checked, what));
         }
         self.record("the corrections are zero");
         say("the corrections are zero")

@@ -8,7 +8,7 @@ use std::{
         Arc,
         mpsc::{Receiver, TryRecvError},
     },
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use volcomp_document::ReadError;
@@ -18,36 +18,20 @@ use volcomp_runtime::Model;
 
 use super::{
     Service,
-    requests::{Progress, Step, no_log, no_orders, refused, settled},
+    step::{
+        Compared, Comparing, FILES, Progress, Recording, Step, disk_silent, no_log, no_orders,
+        refused, settled,
+    },
 };
 use crate::{
     audit::clerk::Receipt,
-    documents::{Answer, ConfirmedLimits, Event, Question},
+    documents::{Answer, ConfirmedLimits, Event},
     identity::{self, Judge},
     request::Reply,
 };
 
 /// Arming waits for its record for so long.
 const RECORD: Duration = Duration::from_secs(2);
-/// Files are read and compared within this, or the request is given up.
-pub(super) const FILES: Duration = Duration::from_secs(8);
-
-/// What comes of comparing: a question, or why there is no telling.
-type Compared = Result<Option<Question>, String>;
-
-/// The comparison under way.
-pub(super) struct Comparing {
-    told: Receiver<Compared>,
-    until: Instant,
-}
-
-/// The record, and the files that say what is armed.
-pub(super) struct Recording {
-    receipts: [Receipt; 3],
-    written: [bool; 3],
-    until: Instant,
-}
-
 impl Service {
     /// Where the machine file and the limits stand that were armed last.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
@@ -93,7 +77,7 @@ impl Service {
     /// At the start: whether a person must confirm what would correct.
     pub(super) fn ask_whether_confirmed(&mut self) {
         let told = self.comparison(None);
-        let until = Instant::now() + FILES;
+        let until = self.clock.now() + FILES;
         self.unconfirmed = told.map(|told| Comparing { told, until });
     }
 
@@ -103,7 +87,7 @@ impl Service {
             return;
         };
         match comparing.told.try_recv() {
-            Err(TryRecvError::Empty) if Instant::now() < comparing.until => {}
+            Err(TryRecvError::Empty) if self.clock.now() < comparing.until => {}
             Err(_) => self.unconfirmed = None,
             Ok(compared) => {
                 self.unconfirmed = None;
@@ -134,7 +118,7 @@ impl Service {
         let told = self.comparison(confirm).ok_or_else(disk_silent)?;
         Ok(Step::Comparing(Comparing {
             told,
-            until: Instant::now() + FILES,
+            until: self.clock.now() + FILES,
         }))
     }
 
@@ -142,7 +126,7 @@ impl Service {
     pub(super) fn compared(&mut self, step: Comparing, who: &str) -> Progress {
         let compared = match step.told.try_recv() {
             Ok(compared) => compared,
-            Err(TryRecvError::Empty) if Instant::now() < step.until => {
+            Err(TryRecvError::Empty) if self.clock.now() < step.until => {
                 return Progress::Waits(Step::Comparing(step));
             }
             Err(_) => return Progress::Done(disk_silent()),
@@ -168,7 +152,7 @@ impl Service {
                         [machine, limits, record]
                     },
                     written: [false; 3],
-                    until: Instant::now() + RECORD,
+                    until: self.clock.now() + RECORD,
                 }))
             }
         }
@@ -206,7 +190,7 @@ impl Service {
             }
         }
         if step.written.contains(&false) {
-            if Instant::now() < step.until {
+            if self.clock.now() < step.until {
                 return Progress::Waits(Step::Recording(step));
             }
             // The record may come onto the disk later: this one behind it tells what became of it.
@@ -221,16 +205,11 @@ impl Service {
         }
         self.must_confirm(false);
         let effect = self.ordered(Request::Arm);
-        if !self.send(Request::Arm, effect.until(), disarms) {
+        if !self.send(Request::Arm, effect.until, disarms) {
             return Progress::Done(no_orders());
         }
         Progress::Next(Step::Effect(effect))
     }
-}
-
-/// The answer while the disk does not answer.
-pub(super) fn disk_silent() -> Reply {
-    refused(503, "the disk with the files does not answer: try again")
 }
 
 /// Compares the model and the limits of now with those that were armed last. Where none were there is no question.
@@ -271,8 +250,10 @@ fn against_last(
         return Ok(None);
     };
     Ok(match &last {
-        Some(last) if last.hash != model.hash => judge.question([last, model], changes, limits),
-        _ if !changes.is_empty() => judge.question([model, model], changes, limits),
+        Some(last) if last.hash != model.hash => {
+            judge.judged([last, model], changes, limits).question
+        }
+        _ if !changes.is_empty() => judge.judged([model, model], changes, limits).question,
         _ => None,
     })
 }

@@ -9,7 +9,7 @@ use std::{
 };
 
 use volcomp_guard::{Cause, Reasons, State};
-use volcomp_port::Description;
+use volcomp_port::{Clock, Description};
 use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, monotonic};
 use volcomp_vocabulary::PerAxis;
 
@@ -17,14 +17,15 @@ use crate::{
     audit::{
         AuditLog, Entry, Found, boot_id,
         clerk::{Clerk, Receipt},
+        utc_now,
     },
     config::Config,
     documents::{
-        Broken, ByAxis, Details, Event, LastOutput, ModelOutcome, Standing, Start, StateChange,
+        ByAxis, Details, Event, LastOutput, ModelEntry, ModelOutcome, Standing, Start, StateChange,
         StateName, Status, Stop,
     },
     error::GatewayError,
-    models::{ModelNotes, Note},
+    models::ModelNotes,
     observe::{self, Facts},
     options::Options,
     published::Publisher,
@@ -34,18 +35,16 @@ use crate::{
 };
 
 mod arming;
-mod effect;
 mod lags;
-mod other_model;
 mod reload;
 mod requests;
 pub(crate) mod standing;
+mod step;
 mod watchdog;
 mod worker;
 
-use arming::Comparing;
 use lags::Lags;
-use requests::Underway;
+use step::{Comparing, Underway};
 pub use watchdog::Life;
 use watchdog::Watchdog;
 use worker::Worker;
@@ -56,8 +55,6 @@ const TICK: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(2);
 /// How often the last output is written to disk.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
-/// How often a log that could not be written is tried again.
-const RETRY: Duration = Duration::from_millis(100);
 /// How long the end waits for a control thread that hangs, and as long again for the disk.
 const END: Duration = Duration::from_secs(1);
 
@@ -91,6 +88,8 @@ pub struct Parts {
 
 /// The service. State: what runs, which requests are under way, and whether its log can be written.
 pub struct Service {
+    /// The clock of the cycle: whatever expires here does so by it.
+    clock: Clock,
     parts: Parts,
     clerk: Clerk,
     worker: Worker,
@@ -112,7 +111,6 @@ pub struct Service {
     standing_tried: Instant,
     /// Why records of the log may be missing.
     trouble: Option<&'static str>,
-    tried_again: Instant,
     /// Reasons of the service itself, shown beside those of the guards: the last reload was refused, it is ending.
     tells: Reasons,
     /// Whether it was armed once, or a person took over.
@@ -143,10 +141,13 @@ impl Service {
         publisher: Publisher,
         asked: Queue,
     ) -> Result<Self, GatewayError> {
-        let now = Instant::now();
-        let clerk = Clerk::start(audit).map_err(|e| GatewayError::system("audit log", e))?;
+        let clock = parts.handle.clock().clone();
+        let now = clock.now();
+        let clerk =
+            Clerk::start(audit, clock.clone()).map_err(|e| GatewayError::system("audit log", e))?;
         let pulse = parts.handle.pulse();
         let mut service = Self {
+            clock,
             clerk,
             worker: Worker::default(),
             unconfirmed: None,
@@ -162,7 +163,6 @@ impl Service {
             standing_lost: false,
             standing_tried: now,
             trouble: None,
-            tried_again: now,
             tells: Reasons::NONE,
             auto_arm_done: parts.standing.disarmed_by.is_some(),
             person_decides: parts.standing.disarmed_by.is_some(),
@@ -188,14 +188,10 @@ impl Service {
 
     /// Writes the first record: what was found, and which version runs.
     pub fn started(&mut self, found: &Found) {
-        let broken = found.broken.as_ref().map(|(line, aside)| Broken {
-            line: *line,
-            aside: aside.display().to_string(),
-        });
         let start = Start {
             records: found.records,
             cut_bytes: found.cut_bytes,
-            broken,
+            broken: found.broken.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
@@ -204,17 +200,20 @@ impl Service {
         // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
         self.clerk.settle(END);
         self.ask_whether_confirmed();
-        self.parts.notes.tell(Note {
+        let entry = ModelEntry {
+            time: utc_now(),
             who: "gateway".to_owned(),
             hash: self.parts.model.hash.clone(),
             name: self.parts.model.name.clone(),
-            text: Some(self.parts.model.text.clone()),
             from: self.parts.config.machine_from(),
             file: self.parts.config.machine.display().to_string(),
             outcome: ModelOutcome::InForce,
             why: None,
-            worst: [None; 2],
-        });
+            worst_um: None,
+            worst_urad: None,
+        };
+        let text = self.parts.model.text.clone();
+        self.parts.notes.tell(entry, Some(text));
         // From now on what the run before has written down may no longer be so.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);
@@ -224,12 +223,16 @@ impl Service {
     /// One turn: takes a request, goes on with those under way, writes down what happened, publishes. Waits for a
     /// request up to 50 ms.
     pub fn turn(&mut self) {
-        let rest = TICK.saturating_sub(self.looked.elapsed());
-        let rest = if self.underway.is_empty() {
+        let rest = TICK.saturating_sub(self.since(self.looked));
+        self.turn_within(if self.underway.is_empty() {
             rest
         } else {
             rest.min(STEP)
-        };
+        });
+    }
+
+    /// One turn that waits for a request up to `rest`: not at all where a test counts the time.
+    pub fn turn_within(&mut self, rest: Duration) {
         match self.asked.recv_timeout(rest) {
             Ok(asked) => self.take_on(asked),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
@@ -237,10 +240,20 @@ impl Service {
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => std::thread::sleep(rest),
         }
         self.go_on();
-        if self.looked.elapsed() >= TICK {
+        if self.since(self.looked) >= TICK {
             self.look();
             self.auto_arm();
         }
+    }
+
+    /// Waits until the disk and the files that are read are done, for at most `patience` by the system's clock. Whether they
+    /// are.
+    pub fn settle(&self, patience: Duration) -> bool {
+        self.clerk.settle(patience) && self.worker.settle(patience)
+    }
+
+    fn since(&self, then: Instant) -> Duration {
+        self.clock.now().saturating_duration_since(then)
     }
 
     /// Ramps to zero for at most the configured time, then ends the control thread; `false`: it hangs. `hurry` tells to end
@@ -282,9 +295,9 @@ impl Service {
         mut meanwhile: impl FnMut(&mut Self),
     ) -> bool {
         let guard = self.parts.config.guard_settings();
-        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
+        let end = self.clock.now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         let before = self.parts.handle.report().cycle;
-        while Instant::now() < end && !hurry() && !self.is_without_control() {
+        while self.clock.now() < end && !hurry() && !self.is_without_control() {
             meanwhile(self);
             let report = self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.
@@ -376,16 +389,13 @@ impl Service {
             self.trouble = trouble;
             self.tell_thread();
         }
-        if self.clerk.wants_another_try() && self.tried_again.elapsed() > RETRY {
-            self.tried_again = Instant::now();
-            let again = self.entry("gateway", "audit log can be written again", Event::Nothing);
-            self.clerk.try_again(again);
-        }
+        let again = self.entry("gateway", "audit log can be written again", Event::Nothing);
+        self.clerk.try_again(|| again);
     }
 
     /// Changes since the last look go into the log, times into the histograms, and a state is published.
     fn look(&mut self) {
-        let now = Instant::now();
+        let now = self.clock.now();
         self.looked = now;
         self.parts.handle.free_retired();
         for refusal in self.parts.handle.refusals() {
@@ -425,9 +435,10 @@ impl Service {
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
         self.keep_jumped(&report);
-        let cycle_at = self.parts.handle.start() + report.now;
+        let cycle_at = self.clock.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
-        if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.correction {
+        if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction
+        {
             self.write_output(&report, false);
         }
     }
@@ -478,7 +489,7 @@ impl Service {
         };
         let path = self.parts.config.audit_dir().join("output.json");
         self.output = LatestOutput {
-            at: Instant::now(),
+            at: self.clock.now(),
             correction: report.correction,
             receipt: (serde_json::to_string(&output).ok()).map(|text| self.clerk.keep(path, text)),
         };

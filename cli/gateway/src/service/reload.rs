@@ -1,90 +1,37 @@
-//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken.
+//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken. What the
+//! centre of the fleet decides, and a machine file that a person has chosen, go the same way, through the same question and the
+//! same ramp, and end nothing that a person has decided.
 
 use std::{
-    sync::{
-        Arc,
-        mpsc::{Receiver, TryRecvError},
-    },
-    time::Instant,
+    path::PathBuf,
+    sync::{Arc, mpsc::TryRecvError},
 };
 
-use volcomp_guard::Reasons;
+use volcomp_guard::{Reasons, Request};
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Order, Replacement};
 
 use super::{
     Service,
-    arming::{FILES, disk_silent},
-    requests::{Progress, Step, no_log, no_orders, refused},
+    step::{
+        FILES, Keeping, Planned, Progress, Reading, Step, Whose, disk_silent, finish, in_words,
+        no_log, no_orders, refused, settled,
+    },
 };
 use crate::{
-    audit::clerk::Receipt,
+    audit::utc_now,
     config::Config,
     documents::{
-        Answer, ConfirmedLimits, Event, LimitChanges, ModelOutcome, ModelSource, Reloaded,
+        Answer, ConfirmedLimits, Event, LimitChanges, ModelEntry, ModelOutcome, ModelSource,
+        Question, Reloaded,
     },
-    error::{FixedKey, GatewayError, ReloadError},
-    identity::{self, Judge, Judged},
-    models::Note,
+    error::GatewayError,
+    identity::{self, Judge},
     options::Options,
     plan::Plan,
-    request::{ModelAsk, Reply},
+    request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
     simulate,
 };
-
-/// What a reload would take, how far that moves the correction, and the question that comes first.
-pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
-
-/// Whose machine file it is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Whose {
-    /// That of the configuration, which is read again with it.
-    Configured,
-    /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
-    Centre(Option<String>),
-    /// One that a person has chosen; nothing else changes.
-    Person(Box<ModelAsk>),
-}
-
-impl Whose {
-    /// Where a model comes from, and the same in words. `config` is what would be taken.
-    fn origin(&self, config: &Config) -> (ModelSource, String) {
-        match self {
-            Self::Person(ask) => (ask.from, ask.file.clone()),
-            Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
-            Self::Configured => (config.machine_from(), config.machine.display().to_string()),
-        }
-    }
-}
-
-/// The files under way.
-pub(super) struct Reading {
-    whose: Whose,
-    told: Receiver<Planned>,
-    until: Instant,
-}
-
-impl Reading {
-    /// Files that are read by what `told` comes from.
-    pub(super) fn new(whose: Whose, told: Receiver<Planned>) -> Self {
-        Self {
-            whose,
-            told,
-            until: Instant::now() + FILES,
-        }
-    }
-}
-
-/// A plan that is taken as soon as its record is written, and what else must be.
-pub(super) struct Keeping {
-    who: String,
-    whose: Whose,
-    plan: Box<Plan>,
-    /// How far it moves the correction, µm and µrad.
-    worst: [Option<f64>; 2],
-    receipts: Vec<Receipt>,
-    until: Instant,
-}
 
 impl Service {
     /// Begins to read everything again.
@@ -96,7 +43,11 @@ impl Service {
         let opened = self.parts.controllers.clone();
         let work = move || plan_again(&options, &old, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading::new(Whose::Configured, told)))
+        Ok(Step::Reading(Reading {
+            whose: Whose::Configured,
+            told,
+            until: self.clock.now() + FILES,
+        }))
     }
 
     /// Whether the files are read; if what they say may be taken, its record is begun.
@@ -104,7 +55,7 @@ impl Service {
         let whose = step.whose.clone();
         let planned = match step.told.try_recv() {
             Ok(planned) => planned,
-            Err(TryRecvError::Empty) if Instant::now() < step.until => {
+            Err(TryRecvError::Empty) if self.clock.now() < step.until => {
                 return Progress::Waits(Step::Reading(step));
             }
             Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
@@ -132,28 +83,14 @@ impl Service {
             return Progress::Done(self.refused_files(&whose, who, what));
         }
         if let Some(question) = judged.question {
-            let mut note = Self::note(&whose, who, &plan, judged.worst);
-            note.outcome = ModelOutcome::MustBeConfirmed;
-            self.parts.notes.tell(note);
-            match whose {
-                Whose::Centre(_) => return Progress::Done(self.centre_must_confirm(who, question)),
-                // Nothing on disk differs from what is in force.
-                Whose::Person(_) => {
-                    let what = Event::Refused(format!("{} must be confirmed", question.model));
-                    let _ = self.log(who, "model must be confirmed", what);
-                    return Progress::Done(Reply {
-                        status: 409,
-                        answer: Answer::Question(Box::new(question)),
-                    });
-                }
-                Whose::Configured => {}
-            }
-            tracing::warn!("reload: {} must be confirmed", question.model);
-            self.must_confirm(true);
-            return Progress::Done(self.not_reloaded(Reply {
-                status: 409,
-                answer: Answer::Question(Box::new(question)),
-            }));
+            self.note(
+                &whose,
+                who,
+                &plan,
+                judged.worst,
+                ModelOutcome::MustBeConfirmed,
+            );
+            return Progress::Done(self.must_be_confirmed(&whose, who, question));
         }
         let to = plan.config.guard.as_ref().map(identity::limits);
         let event = Event::Reload {
@@ -181,7 +118,7 @@ impl Service {
             plan,
             worst: judged.worst,
             receipts,
-            until: Instant::now() + FILES,
+            until: self.clock.now() + FILES,
         })))
     }
 
@@ -192,7 +129,7 @@ impl Service {
             match receipt.written() {
                 // A receipt tells once.
                 Some(true) => drop(step.receipts.pop()),
-                None if Instant::now() < step.until => {
+                None if self.clock.now() < step.until => {
                     return Progress::Waits(Step::Keeping(Box::new(step)));
                 }
                 Some(false) | None => {
@@ -212,8 +149,7 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            let note = Self::note(&whose, &step.who, &plan, step.worst);
-            self.parts.notes.tell(note);
+            self.note(&whose, &step.who, &plan, step.worst, ModelOutcome::InForce);
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
@@ -257,37 +193,62 @@ impl Service {
         })
     }
 
-    /// What became of a model, for its history: it is in force, unless the caller knows better.
-    fn note(whose: &Whose, who: &str, plan: &Plan, worst: [Option<f64>; 2]) -> Note {
+    /// The answer where a person must confirm a machine file first.
+    fn must_be_confirmed(&mut self, whose: &Whose, who: &str, question: Question) -> Reply {
+        let (model, answer) = (question.model.clone(), Answer::Question(Box::new(question)));
+        match whose {
+            Whose::Centre(_) => {
+                let words = in_words(&answer);
+                tracing::warn!("{who}: {words}");
+                let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
+            }
+            // Nothing on disk differs from what is in force.
+            Whose::Person(_) => {
+                let what = Event::Refused(format!("{model} must be confirmed"));
+                let _ = self.log(who, "model must be confirmed", what);
+            }
+            Whose::Configured => {
+                tracing::warn!("reload: {model} must be confirmed");
+                self.must_confirm(true);
+            }
+        }
+        let status = 409;
+        self.not_taken(whose, Reply { status, answer })
+    }
+
+    /// Tells what became of a model, for its history.
+    fn note(
+        &self,
+        whose: &Whose,
+        who: &str,
+        plan: &Plan,
+        [worst_um, worst_urad]: [Option<f64>; 2],
+        outcome: ModelOutcome,
+    ) {
         let (from, file) = whose.origin(&plan.config);
-        Note {
+        let entry = ModelEntry {
+            time: utc_now(),
             who: who.to_owned(),
             hash: plan.model.hash.clone(),
             name: plan.model.name.clone(),
-            text: Some(plan.model.text.clone()),
             from,
             file,
-            outcome: ModelOutcome::InForce,
+            outcome,
             why: None,
-            worst,
-        }
+            worst_um,
+            worst_urad,
+        };
+        let text = plan.model.text.clone();
+        self.parts.notes.tell(entry, Some(text));
     }
 
     /// The answer where files are wrong, which is written down.
     fn refused_files(&mut self, whose: &Whose, who: &str, what: String) -> Reply {
         let title = match whose {
             Whose::Person(ask) => {
-                self.parts.notes.tell(Note {
-                    who: who.to_owned(),
-                    hash: ask.hash.clone(),
-                    name: String::new(),
-                    text: None,
-                    from: ask.from,
-                    file: ask.file.clone(),
-                    outcome: ModelOutcome::Refused,
-                    why: Some(what.clone()),
-                    worst: [None; 2],
-                });
+                let (hash, file) = (ask.hash.clone(), ask.file.clone());
+                let entry = ModelEntry::refused(who, hash, ask.from, file, what.clone());
+                self.parts.notes.tell(entry, None);
                 "model refused"
             }
             _ => "reload refused",
@@ -297,21 +258,126 @@ impl Service {
         self.not_taken(whose, refused(422, what))
     }
 
-    /// The answer where nothing was taken.
+    /// The answer where nothing was taken; of a reload that is told beside it.
     fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
-        match whose {
-            Whose::Configured => self.not_reloaded(reply),
-            Whose::Centre(_) | Whose::Person(_) => reply,
+        // The built-in configuration has no files that could differ from it.
+        if *whose == Whose::Configured && self.parts.options.config.is_some() {
+            self.tells |= Reasons::NOT_RELOADED;
+            self.tell_thread();
         }
+        reply
     }
 
-    /// The answer of a reload that took nothing, which is told beside it.
-    fn not_reloaded(&mut self, reply: Reply) -> Reply {
-        // The built-in configuration has no files that could differ from it.
-        let differs = self.parts.options.config.is_some();
-        self.tells |= Reasons::NOT_RELOADED.when(differs);
+    /// A request of the centre that waits for nothing.
+    pub(super) fn centre_asks(&mut self, asked: Asked) {
+        match &asked.ask {
+            Ask::Centre(CentreAsk::Disable) => {
+                self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
+                self.tell_thread();
+                // Again: between the order and its reason it may have armed itself.
+                self.switch.disarm();
+                let effect = self.ordered(Request::Disarm);
+                self.write_down(&asked.who, "disable");
+                return self.begin(asked, Step::Effect(effect));
+            }
+            Ask::Centre(CentreAsk::Enable) => self.enable(&asked.who),
+            Ask::Centre(CentreAsk::Refused(why)) => {
+                tracing::warn!("{}: manifest refused: {why}", asked.who);
+                let why = Event::Refused(why.clone());
+                let _ = self.log(&asked.who, "manifest refused", why);
+            }
+            Ask::Centre(CentreAsk::Damaged(what)) => {
+                tracing::error!("fleet: {what}");
+                let what = Event::Refused(what.clone());
+                let _ = self.log("gateway", "files of the fleet damaged", what);
+                self.tells |= Reasons::CENTRE_FILE;
+                self.tell_thread();
+            }
+            // They are carried out elsewhere.
+            _ => {}
+        }
+        let report = *self.parts.handle.report();
+        let reply = settled(200, report.state, self.all_reasons(&report), None);
+        finish(&asked.who, asked.answer, reply);
+    }
+
+    /// Allows arming again. Where nothing but the centre stood against it, it arms itself as after the start.
+    fn enable(&mut self, who: &str) {
+        if !self.parts.forbids.contains(Reasons::DISABLED_BY_CENTRE) {
+            return;
+        }
+        self.parts.forbids = self.parts.forbids.without(Reasons::DISABLED_BY_CENTRE);
         self.tell_thread();
-        reply
+        self.write_down(who, "enable");
+        self.auto_arm_done &= self.person_decides;
+    }
+
+    /// Begins to read a machine file of the centre.
+    pub(super) fn read_of_centre(
+        &mut self,
+        machine: PathBuf,
+        confirm: Option<String>,
+    ) -> Result<Step, Reply> {
+        self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
+    }
+
+    /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
+    /// a machine that corrects by another one than its centre believes is a surprise to everybody.
+    pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
+        if self.parts.config.is_machine_of_centre() {
+            return Err(refused(
+                409,
+                "the centre has put the model in force: a new one comes from there",
+            ));
+        }
+        let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
+        self.read_other(
+            machine,
+            confirm,
+            ask.differences.to_confirm.clone(),
+            Whose::Person(ask),
+        )
+    }
+
+    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk. `differences`: what must
+    /// be confirmed besides a large move.
+    fn read_other(
+        &mut self,
+        machine: PathBuf,
+        confirm: Option<String>,
+        differences: Vec<String>,
+        whose: Whose,
+    ) -> Result<Step, Reply> {
+        let judge = self.judge(confirm);
+        let judge = judge.map(|judge| Judge {
+            differences,
+            ..judge
+        });
+        let config = Config {
+            machine,
+            ..self.parts.config.clone()
+        };
+        let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
+        let opened = self.parts.controllers.clone();
+        let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
+        let told = self.worker.begin(work).ok_or_else(disk_silent)?;
+        Ok(Step::Reading(Reading {
+            whose,
+            told,
+            until: self.clock.now() + FILES,
+        }))
+    }
+
+    /// Another machine file than the configured one is in force.
+    pub(super) fn took_other(&mut self) {
+        if self.last_state.is_armed() {
+            self.must_confirm(false);
+        } else {
+            // What was armed last may be another one: arming will ask, and a confirmation that came with it has answered.
+            self.ask_whether_confirmed();
+            self.auto_arm_done &= self.person_decides;
+            self.tell_thread();
+        }
     }
 
     /// Limits and model of a plan from now on.
@@ -353,7 +419,8 @@ fn plan_again(
     judge: Option<&Judge>,
 ) -> Planned {
     if options.config.is_none() {
-        return Err(ReloadError::BuiltIn.into());
+        let what = "the built-in configuration cannot be read again";
+        return Err(GatewayError::invalid(what));
     }
     let mut config = options.configuration()?;
     if config.guard.is_some() {
@@ -371,7 +438,7 @@ fn plan_again(
 }
 
 /// Plans another configuration for the devices that are open.
-pub(super) fn plan_with(
+fn plan_with(
     config: Config,
     opened: &[Description],
     model: &Model,
@@ -379,20 +446,29 @@ pub(super) fn plan_with(
     judge: Option<&Judge>,
 ) -> Planned {
     let Some(guard) = &config.guard else {
-        let file = config.file;
-        return Err(ReloadError::NoGuard { file }.into());
+        return Err(GatewayError::invalid_in(
+            config.file,
+            "[guard] is missing, expected it: without limits nothing may be corrected; nothing was changed",
+        ));
     };
     let new_limits = identity::limits(guard);
     let plan = Plan::new(config)?;
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
     let other = plan.descriptions().zip(opened).find(is_other);
     if let Some(device) = other.map(|(now, _)| now.device.clone()) {
-        let file = plan.config.file;
-        return Err(ReloadError::OtherController { file, device }.into());
+        // A file that describes it, such as a DBC file, has changed.
+        return Err(GatewayError::invalid_in(
+            plan.config.file,
+            format_args!(
+                "{device}: axes, steps or signals are not those with which it was opened: restart the gateway for that"
+            ),
+        ));
     }
     if plan.model.axes != model.axes {
-        let machine = plan.config.machine;
-        return Err(ReloadError::OtherAxes { machine }.into());
+        return Err(GatewayError::invalid_in(
+            plan.config.machine.display(),
+            "other axes than before: restart the gateway for that",
+        ));
     }
     // Where there were no limits before, nothing was armed.
     let changes = if limits.is_empty() {
@@ -408,7 +484,7 @@ pub(super) fn plan_with(
 }
 
 /// Whether everything that stays as it is while the gateway runs is as it was.
-fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
+fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
         // Without limits the cycle runs with those of the simulation.
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
@@ -422,27 +498,27 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     };
     let guard = fixed(config) == fixed(old);
     let same = [
-        (config.controllers == old.controllers, FixedKey::Controller),
+        (config.controllers == old.controllers, "[[controller]]"),
+        (config.thermometers == old.thermometers, "[[thermometer]]"),
+        (config.cycle_ms == old.cycle_ms, "cycle_ms"),
+        (config.dashboard == old.dashboard, "[dashboard]"),
+        (config.audit == old.audit, "[audit]"),
+        (config.realtime == old.realtime, "[realtime]"),
+        (config.fleet == old.fleet, "[fleet]"),
         (
-            config.thermometers == old.thermometers,
-            FixedKey::Thermometer,
+            guard,
+            "[guard] hand_back_s, rotary_step_um, rapid_m_per_min, rapid_rpm or a key of temperatures",
         ),
-        (config.cycle_ms == old.cycle_ms, FixedKey::CycleMs),
-        (config.dashboard == old.dashboard, FixedKey::Dashboard),
-        (config.audit == old.audit, FixedKey::Audit),
-        (config.realtime == old.realtime, FixedKey::Realtime),
-        (config.fleet == old.fleet, FixedKey::Fleet),
-        (guard, FixedKey::GuardTimes),
         (
             (&config.shdr, &config.opc_ua) == (&old.shdr, &old.opc_ua),
-            FixedKey::Interop,
+            "a table of other systems ([shdr], [opc_ua])",
         ),
     ];
     match same.into_iter().find(|(same, _)| !same) {
-        Some((_, key)) => Err(ReloadError::Changed {
-            file: config.file.clone(),
-            key,
-        }),
+        Some((_, key)) => Err(GatewayError::invalid_in(
+            &config.file,
+            format_args!("{key} changed: restart the gateway for that"),
+        )),
         None => Ok(()),
     }
 }

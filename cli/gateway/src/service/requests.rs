@@ -1,75 +1,25 @@
 //! Requests on their way: each goes on by itself, and none holds up another. Arming and reloading, which wait for the
 //! disk, come one after the other and have files of their own.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use tokio::sync::oneshot;
 use volcomp_guard::{Interlock, Reasons, Request, SensorFlaw, State};
 use volcomp_runtime::{Order, Report};
 
 use super::{
     Service,
-    arming::{Comparing, Recording},
-    effect,
-    reload::{Keeping, Reading},
+    step::{
+        AUTO_ARM, Effect, Progress, Step, Underway, finish, has_taken, in_words, no_orders,
+        refusal, refused, settled,
+    },
 };
 use crate::{
-    documents::{Answer, Event, Refusal, Settled},
+    documents::{Answer, Event},
     request::{Ask, Asked, CentreAsk, Reply},
 };
 
 /// A request has taken effect after so long, or it has none.
 const EFFECT: Duration = Duration::from_millis(300);
-
-/// A request on its way.
-pub(super) struct Underway {
-    pub(super) who: String,
-    pub(super) answer: Option<oneshot::Sender<Reply>>,
-    /// How often disarming had been ordered when the request was made.
-    pub(super) disarms: u64,
-    pub(super) step: Step,
-}
-
-/// How far a request is.
-pub(super) enum Step {
-    /// Arming: the model that was armed last is read and compared.
-    Comparing(Comparing),
-    /// Arming: its record is written.
-    Recording(Recording),
-    /// A reload: the files are read and compared.
-    Reading(Reading),
-    /// A reload: its record is written.
-    Keeping(Box<Keeping>),
-    /// The order was given.
-    Effect(Effect),
-}
-
-/// An order whose effect is waited for.
-#[derive(Clone, Copy)]
-pub(super) struct Effect {
-    request: Request,
-    /// The number of the last cycle before the order.
-    cycle: u64,
-    /// Until then it has an effect, or none; a request other than disarming is not carried out later.
-    until: Instant,
-}
-
-impl Effect {
-    /// Until when the order is carried out.
-    pub(super) fn until(&self) -> Instant {
-        self.until
-    }
-}
-
-/// What becomes of a request when it is looked at.
-pub(super) enum Progress {
-    /// Nothing new.
-    Waits(Step),
-    /// The next step, to be looked at at once.
-    Next(Step),
-    /// The answer.
-    Done(Reply),
-}
 
 impl Service {
     /// Takes a request on. Disarming was ordered when it was made.
@@ -127,7 +77,7 @@ impl Service {
             return finish(&asked.who, asked.answer, reply);
         }
         if from_before && may_not_end(&report) {
-            let why = Some(effect::refusal(Request::Acknowledge, report.state));
+            let why = Some(refusal(Request::Acknowledge, report.state));
             let reply = settled(409, report.state, self.all_reasons(&report), why);
             return finish(&asked.who, asked.answer, reply);
         }
@@ -160,11 +110,16 @@ impl Service {
         Effect {
             request,
             cycle: self.parts.handle.report().cycle,
-            until: Instant::now() + EFFECT.max(self.parts.config.cycle() * 5),
+            until: self.clock.now() + EFFECT.max(self.parts.config.cycle() * 5),
         }
     }
 
-    pub(super) fn send(&mut self, request: Request, until: Instant, disarms: u64) -> bool {
+    pub(super) fn send(
+        &mut self,
+        request: Request,
+        until: std::time::Instant,
+        disarms: u64,
+    ) -> bool {
         let order = Order::Request(request);
         self.parts.handle.send_by(order, until, disarms)
     }
@@ -236,7 +191,7 @@ impl Service {
         let report = *self.parts.handle.report();
         // Two cycles: the order may have come in the middle of one.
         let seen = report.cycle > effect.cycle + 2;
-        if seen && effect::has_taken(effect.request, report.state) {
+        if seen && has_taken(effect.request, report.state) {
             // The report may be of a cycle that began before somebody disarmed it again.
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
@@ -249,11 +204,11 @@ impl Service {
             let reasons = self.all_reasons(&report);
             return Progress::Done(settled(200, report.state, reasons, None));
         }
-        if Instant::now() <= effect.until {
+        if self.clock.now() <= effect.until {
             return Progress::Waits(Step::Effect(effect));
         }
         Progress::Done(if seen {
-            let why = effect::refusal(effect.request, report.state);
+            let why = refusal(effect.request, report.state);
             let reasons = self.all_reasons(&report);
             settled(409, report.state, reasons, Some(why))
         } else if effect.request == Request::Disarm {
@@ -278,11 +233,11 @@ impl Service {
             || self.auto_arm_done
             || !self.underway.is_empty()
             || !self.waiting.is_empty()
-            || Instant::now() < self.auto_arm_after
+            || self.clock.now() < self.auto_arm_after
         {
             return;
         }
-        self.auto_arm_after = Instant::now() + Duration::from_secs(1);
+        self.auto_arm_after = self.clock.now() + Duration::from_secs(1);
         let report = *self.parts.handle.report();
         let against = self.all_reasons(&report).without(Reasons::DOES_NOT_FORBID);
         if report.cycle > 1
@@ -295,9 +250,6 @@ impl Service {
         }
     }
 }
-
-/// Who asks where nobody does.
-const AUTO_ARM: &str = "auto_arm";
 
 /// Whether anything waits for a person to acknowledge it. An interlock that a controller shows now does not.
 fn has_to_be_acknowledged(report: &Report) -> bool {
@@ -324,99 +276,6 @@ fn shows_interlock(report: &Report) -> bool {
 fn may_not_end(report: &Report) -> bool {
     let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
     shows_interlock(report) || !(report.correction_known || is_left)
-}
-
-/// Gives the answer to whoever asked.
-pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
-    match answer {
-        // Whoever asked may have gone.
-        Some(to) => drop(to.send(reply)),
-        None if who == AUTO_ARM => {}
-        None => tracing::info!("{who}: {}", in_words(&reply.answer)),
-    }
-}
-
-/// The answer while the control thread takes no orders.
-pub(super) fn no_orders() -> Reply {
-    refused(503, "the control thread takes no orders")
-}
-
-/// The answer when the audit log cannot be written.
-pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
-    let why = why.unwrap_or("the audit log cannot be written");
-    settled(409, state, Reasons::AUDIT, Some(why))
-}
-
-/// A refusal in words.
-pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
-    }
-}
-
-pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Settled(Settled {
-            state: state.into(),
-            reasons: reasons.texts().map(str::to_owned).collect(),
-            error: error.map(str::to_owned),
-        }),
-    }
-}
-
-/// An answer for the log of the program.
-pub(super) fn in_words(answer: &Answer) -> String {
-    match answer {
-        Answer::Question(question) => {
-            let size = |size: Option<f64>| {
-                size.map_or("an unknown number of".to_owned(), |size| {
-                    format!("{size:.1}")
-                })
-            };
-            let limits: Vec<&str> = question.limits.keys().map(String::as_str).collect();
-            let limits = if limits.is_empty() {
-                String::new()
-            } else {
-                format!("; {} changed", limits.join(", "))
-            };
-            // Without limits for rotary axes none is corrected.
-            let rotary = question.confirm_urad.map_or(String::new(), |_| {
-                format!(" and {} µrad", size(question.worst_corner_urad))
-            });
-            let differences: Vec<&str> = question
-                .differences
-                .iter()
-                .map(|difference| difference.trim_end_matches('.'))
-                .collect();
-            let differences = if differences.is_empty() {
-                String::new()
-            } else {
-                format!("; {}", differences.join("; "))
-            };
-            format!(
-                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}{differences}",
-                question.model,
-                size(question.worst_corner_um)
-            )
-        }
-        Answer::Settled(settled) => {
-            let why = settled.error.iter().chain(&settled.reasons);
-            let words: Vec<&str> = why.map(String::as_str).collect();
-            let state = settled.state.name();
-            if words.is_empty() {
-                state.to_owned()
-            } else {
-                format!("{state}: {}", words.join(", "))
-            }
-        }
-        Answer::Reloaded(reloaded) if reloaded.unchanged => {
-            format!("model {}, nothing has changed", reloaded.model)
-        }
-        Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
-        Answer::Refusal(refusal) => refusal.error.clone(),
-    }
 }
 
 #[cfg(test)]

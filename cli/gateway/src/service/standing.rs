@@ -1,13 +1,16 @@
 //! What outlives a restart: a fault that nobody has acknowledged, and that a person disarmed it.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use volcomp_guard::{Reasons, SensorFlaw, State};
 use volcomp_runtime::Report;
 
-use super::{RETRY, Service};
+use super::Service;
 use crate::{
-    audit::{clerk::Receipt, slots, standing_file},
+    audit::{
+        clerk::{RETRY, Receipt},
+        slots, standing_file,
+    },
     documents::Standing,
 };
 
@@ -79,8 +82,8 @@ impl Service {
             }
             Some(Some(false)) => {
                 self.standing_lost = true;
-                if self.standing_tried.elapsed() > RETRY {
-                    self.standing_tried = Instant::now();
+                if self.since(self.standing_tried) > RETRY {
+                    self.standing_tried = self.clock.now();
                     self.write_standing();
                 }
             }

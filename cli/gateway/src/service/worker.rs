@@ -7,6 +7,7 @@ use std::{
         mpsc::{Receiver, sync_channel},
     },
     thread,
+    time::{Duration, Instant},
 };
 
 /// Whether the last piece of work is still at it.
@@ -14,6 +15,18 @@ use std::{
 pub(super) struct Worker(Arc<AtomicBool>);
 
 impl Worker {
+    /// Waits until the last piece of work is done, for at most `patience`. Whether it is.
+    pub(super) fn settle(&self, patience: Duration) -> bool {
+        let end = Instant::now() + patience;
+        while self.0.load(Ordering::Acquire) {
+            if Instant::now() > end {
+                return false;
+            }
+            thread::sleep(Duration::from_micros(100));
+        }
+        true
+    }
+
     /// Begins a piece of work, whose result comes from the receiver. `None`: the last one is not done, or there is no
     /// thread to be had.
     pub(super) fn begin<T: Send + 'static>(

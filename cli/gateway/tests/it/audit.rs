@@ -128,7 +128,10 @@ fn hanging(dir: &Path) -> (Clerk, Disk) {
         of_log.waits.store(false, Ordering::Relaxed);
         file.sync_data()
     });
-    (Clerk::start(log).expect("a thread"), disk)
+    (
+        Clerk::start(log, volcomp_port::Clock::system()).expect("a thread"),
+        disk,
+    )
 }
 
 fn entry(what: &str) -> Entry {
@@ -205,7 +208,8 @@ fn a_record_that_fails_is_counted_in_the_next() {
         }
         file.sync_data()
     });
-    let clerk = Clerk::start(log).expect("a thread");
+    let clock = volcomp_port::Clock::manual();
+    let mut clerk = Clerk::start(log, clock.clone()).expect("a thread");
     for what in ["one", "two"] {
         let receipt = clerk.record(entry(what));
         soon(|| receipt.written() == Some(false));
@@ -213,8 +217,10 @@ fn a_record_that_fails_is_counted_in_the_next() {
     assert_eq!(clerk.trouble(), Some("the audit log cannot be written"));
     // The first try fails, too, and is no loss of its own.
     for _ in 0..2 {
-        soon(|| clerk.wants_another_try());
-        clerk.try_again(entry("again"));
+        assert!(clerk.settle(PATIENCE));
+        clerk.try_again(|| panic!("too soon"));
+        clock.advance(Duration::from_millis(101));
+        clerk.try_again(|| entry("again"));
         assert!(clerk.settle(PATIENCE));
     }
     assert_eq!(clerk.trouble(), None);

@@ -3,10 +3,11 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use volcomp_gateway::{
+    error::Failure,
     machine::{Machine, Turn},
     options::Options,
     service::Service,
-    slot::{Failure, Phase, Slot},
+    slot::{Phase, Slot},
 };
 
 use crate::controlled::{configuration, control};

@@ -39,6 +39,7 @@ mod interop;
 mod jumped;
 mod keys;
 mod linuxcnc;
+mod manual;
 mod models;
 mod online;
 #[cfg(feature = "opc-ua-server")]

@@ -7,9 +7,12 @@ use std::{
 };
 
 use volcomp_focas::simulator::{Options, Simulator, World};
+use volcomp_gateway::request::Ask;
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
     controlled::{configuration, control},
+    manual::{self, Gateway},
     program::{PATIENCE, Program, change, path},
 };
 
@@ -84,37 +87,6 @@ fn killed_in_the_middle_and_started_again_there_is_no_step() {
     });
     assert!(trace.len() > 500);
     no_step(&trace);
-}
-
-#[test]
-fn a_control_that_reboots_with_its_shift_cleared_is_ramped_in_again() {
-    let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.wait_for("compensating");
-    control.disconnect_all();
-    control
-        .world()
-        .write(volcomp_focas::PmcArea::R, 100, &[0; 6]);
-    // From zero: the first write after it is a small one.
-    let trace = watched(&control, || {
-        let arming =
-            program.wait(|state| state["state"] == "arming" || state["state"] == "holding");
-        arming.expect("it noticed");
-        program.wait_for("compensating");
-    });
-    let first = trace
-        .iter()
-        .find(|(_, shift)| *shift != 0.0)
-        .expect("it corrects again")
-        .1;
-    assert!(first.abs() <= 0.012, "{first}");
-    let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
-    assert!(
-        audit.contains("\"state\":\"holding\"")
-            || audit.contains("controller's correction changed")
-    );
 }
 
 /// Answers that take longer than a cycle: it corrects all the same, and says that cycles are missed.
@@ -286,28 +258,22 @@ fn a_second_signal_leaves_at_once() {
 #[test]
 fn its_end_leaves_alone_what_it_has_only_found() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    // 20 µm on X.
-    let words = [20, 0, 0, 0, 0, 0];
-    let area = volcomp_focas::PmcArea::R;
-    control.world().write(area, 100, &words);
-    let config = configuration(dir.path(), &control, "");
-    let found = |state: &serde_json::Value| {
-        let reasons = state["reasons"].to_string();
-        reasons.contains("a correction is applied") && !reasons.contains("watching the control")
-    };
-    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.wait(found).expect("it is told");
-    program.signal("TERM");
-    assert_eq!(program.end(), Some(0));
-    assert_eq!(control.world().shifts(), [0.020, 0.0, 0.0]);
+    let config = manual::configuration(dir.path(), "");
+    let mut gateway = Gateway::start(&config);
+    let mut found = PerChannel::ZERO;
+    found[0] = 0.020;
+    gateway.rig.overwrite(&found);
+    gateway.wait_until_says("a correction is applied");
+    gateway.watch();
+    let rig = gateway.stop();
+    assert_eq!(rig.controls.axes.applied(), found);
     // A person leads it out.
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.wait(found).expect("it is told");
-    assert_eq!(program.post("/api/disarm", "").status, 200);
-    let is_zero = |state: &serde_json::Value| state["correction_um"]["X"] == 0.0;
-    program.wait(is_zero).expect("ramped out");
-    assert_eq!(control.world().shifts(), [0.0; 3]);
+    let mut gateway = Gateway::again(rig, &config);
+    gateway.wait_until_says("a correction is applied");
+    gateway.watch();
+    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    gateway.wait("ramped out", |state| state["correction_um"]["X"] == 0.0);
+    assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
 /// The usual soft limit of descriptors is 1024, which the dashboards of 17 machines took, where far more are allowed.

@@ -1,83 +1,85 @@
 //! The audit log on disk when it is damaged, and when it cannot be written.
 
-use std::process::Command;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use volcomp_gateway::{audit::AuditLog, request::Ask};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::{configuration, control},
-    program::{Program, path},
+    manual::{Gateway, configuration},
+    standing::SmallDisk,
 };
+
+/// What the last record of a start says of the log that was found.
+fn found(log: &str) -> Value {
+    let line = log.lines().rfind(|line| line.contains("\"started\""));
+    let (_, record) = line.and_then(|line| line.split_once(' ')).expect("a start");
+    let record: Value = serde_json::from_str(record).expect("JSON");
+    record["details"]["what"].clone()
+}
 
 #[test]
 fn a_torn_log_is_cut_and_a_forged_one_put_aside() {
     let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
     let log = dir.path().join("audit/audit.log");
-    let whole = {
-        let mut program = Program::simulated(dir.path());
-        program.wait_for("compensating");
-        program.signal("INT");
-        assert_eq!(program.end(), Some(0));
-        std::fs::read_to_string(&log).expect("a log")
-    };
-    std::fs::write(&log, &whole[..whole.len() - 40]).expect("writable");
-    let restarted = Program::simulated(dir.path());
-    assert!(restarted.log().contains("torn tail"), "{}", restarted.log());
-    drop(restarted);
-    let again = std::fs::read_to_string(&log).expect("a log");
-    let last_line = whole[..whole.len() - 40].rfind('\n').expect("lines");
-    let kept = &whole[..=last_line];
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    let rig = gateway.stop();
+    let whole = std::fs::read_to_string(&log).expect("a log");
+    let torn = &whole[..whole.len() - 40];
+    std::fs::write(&log, torn).expect("writable");
+    let gateway = Gateway::again(rig, &config);
+    let again = gateway.audit();
+    let kept = &whole[..=torn.rfind('\n').expect("lines")];
     assert!(again.starts_with(kept) && again.len() > kept.len());
+    assert_eq!(found(&again)["cut_bytes"], torn.len() - kept.len());
+    let rig = gateway.stop();
     // Somebody changes a record.
-    std::fs::write(
-        &log,
-        again.replacen("\"who\":\"auto_arm\"", "\"who\":\"nobody\"", 1),
-    )
-    .expect("writable");
-    let restarted = Program::simulated(dir.path());
-    assert!(
-        restarted.log().contains("does not belong to the chain"),
-        "{}",
-        restarted.log()
-    );
-    assert!(dir.path().join("audit/audit.broken-1.log").exists());
+    let text = std::fs::read_to_string(&log).expect("a log");
+    let forged = text.replacen("\"who\":\"auto_arm\"", "\"who\":\"nobody\"", 1);
+    assert_ne!(forged, text);
+    std::fs::write(&log, forged).expect("writable");
+    let gateway = Gateway::again(rig, &config);
+    let aside = dir.path().join("audit/audit.broken-1.log");
+    assert!(aside.exists());
+    let broken = found(&gateway.audit())["broken"].clone();
+    assert_eq!(broken["aside"], json!(aside.display().to_string()));
+    assert!(broken["line"].as_u64() > Some(0), "{broken}");
 }
 
-/// A file that may not grow stands for a disk that is full.
 #[test]
 fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let audit = dir.path().join("audit");
-    let mut shell = Command::new("bash");
-    // 40 blocks of a KiB, of which what outlives a restart takes 32; without the signal a write fails instead.
-    let limited = "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\"";
-    shell.args(["-c", limited, env!("CARGO_BIN_EXE_volcomp-gateway")]);
-    let mut program = Program::spawn(shell, dir.path(), &["--config", path(&config)]);
-    program.wait_for("compensating");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let config = configuration(dir.path(), "auto_arm = true");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    disk.fill(0);
+    gateway.run(Duration::from_secs(30));
+    assert_eq!(gateway.state()["state"], "compensating");
+    // Records find room until the last block is full.
     let mut refused = None;
-    for _ in 0..200 {
-        // Busy, it may say that a cycle or the disk is late, or refuse for as long as it does not know what positions contain:
-        // it disarms all the same, and may be asked to arm again.
-        let disarmed = program.post("/api/disarm", "");
-        assert!([200, 503].contains(&disarmed.status), "{}", disarmed.body);
-        program.wait_for("disarmed");
-        let armed = program.post("/api/arm", "");
-        assert!([200, 503, 409].contains(&armed.status), "{}", armed.body);
-        if armed.body.contains("audit log cannot be written") {
-            refused = Some(armed);
+    for _ in 0..50 {
+        assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+        gateway.wait_for("disarmed");
+        assert_eq!(gateway.shifts(), PerChannel::ZERO);
+        let (status, answer) = gateway.ask(Ask::Arm(None));
+        if status != 200 {
+            refused = Some((status, answer));
             break;
         }
     }
-    let refused = refused.expect("the log is full by now");
-    assert_eq!(refused.status, 409, "{}", refused.body);
-    let state = program
-        .wait(|state| state["reasons"].to_string().contains("audit log"))
-        .expect("it says so");
-    assert_eq!(state["state"], "disarmed");
-    // What is in the log is whole. While the program runs it tries again now and then, and a record is torn in the middle
-    // of being written.
-    program.signal("TERM");
-    assert!(program.end().is_some(), "it ends");
-    let (_, found) = volcomp_gateway::audit::AuditLog::open(&audit).expect("readable");
+    let (status, answer) = refused.expect("the log is full by now");
+    assert_eq!(status, 409, "{answer}");
+    let words = "audit log cannot be written";
+    assert!(answer.to_string().contains(words), "{answer}");
+    assert_eq!(gateway.state()["state"], "disarmed");
+    // What is in the log is whole.
+    drop(gateway);
+    let (_, found) = AuditLog::open(&disk.0).expect("readable");
     assert_eq!((found.cut_bytes, found.broken), (0, None));
 }

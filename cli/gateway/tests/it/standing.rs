@@ -5,28 +5,18 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::Command,
-    sync::Arc,
+    sync::atomic::Ordering,
     time::Duration,
 };
 
-use volcomp_focas::simulator::{Options, Simulator, World};
-use volcomp_test_support::{peers, until};
+use volcomp_gateway::request::Ask;
+use volcomp_test_support::peers;
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::{configuration, control},
+    manual::{Gateway, configuration, says},
     program::{MACHINE, Program, change, path, token_file},
 };
-
-fn started(config: &Path) -> Program {
-    let program = Program::start(
-        config.parent().expect("a folder"),
-        &["--config", path(config)],
-    );
-    program
-        .wait(|state| state["error_um"].is_array())
-        .expect("it sees the machine");
-    program
-}
 
 /// What stands by the file: the text with the highest count of its two slots.
 pub(crate) fn kept(file: &Path) -> String {
@@ -77,38 +67,35 @@ impl Drop for SmallDisk {
     }
 }
 
-fn says(state: &serde_json::Value, words: &str) -> bool {
-    state["reasons"].to_string().contains(words)
+const DISARMED: &str = "disarmed by a person";
+const UNWRITTEN: &str = "audit log cannot be written";
+
+/// A gateway that compensates, and arms by itself.
+fn compensating(dir: &Path) -> (PathBuf, Gateway) {
+    let config = configuration(dir, "auto_arm = true");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    (config, gateway)
 }
 
 /// Before, a restart with `auto_arm` armed what a person had disarmed.
 #[test]
 fn a_persons_disarming_outlives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let mut program = started(&config);
-    program.wait_for("compensating");
-    assert_eq!(program.post("/api/disarm", "").status, 200);
-    program.wait_for("disarmed");
-    program.running.kill();
-    drop(program);
-    let mut program = started(&config);
-    let told = program.wait(|state| says(state, "disarmed by a person"));
-    told.expect("it says why");
-    std::thread::sleep(Duration::from_millis(2500));
-    assert_eq!(program.state()["state"], "disarmed");
-    assert_eq!(control.world().shifts(), [0.0; 3]);
+    let (config, mut gateway) = compensating(dir.path());
+    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    gateway.wait_for("disarmed");
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.wait_until_says(DISARMED);
+    gateway.run(Duration::from_secs(10));
+    assert_eq!(gateway.state()["state"], "disarmed");
+    assert_eq!(gateway.shifts(), PerChannel::ZERO);
     // Armed by a person again it arms by itself after the next restart.
-    program.must_arm();
-    program.wait_for("compensating");
-    program
-        .wait(|state| !says(state, "disarmed by a person"))
-        .expect("past");
-    program.signal("TERM");
-    assert_eq!(program.end(), Some(0));
-    drop(program);
-    started(&config).wait_for("compensating");
+    gateway.must_arm();
+    gateway.wait_for("compensating");
+    gateway.wait_until_silent_of(DISARMED);
+    let mut gateway = Gateway::again(gateway.stop(), &config);
+    gateway.wait_for("compensating");
 }
 
 /// A person's disarming that could not be written, since the disk was full, was never written again: after a kill and a
@@ -116,89 +103,59 @@ fn a_persons_disarming_outlives_a_restart() {
 #[test]
 fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let mut program = started(&config);
-    program.wait_for("compensating");
+    let (config, mut gateway) = compensating(dir.path());
     // A folder of this name: the file cannot take its place.
     let file = dir.path().join("audit/standing.slots");
     std::fs::remove_file(&file).expect("it took its room at the start");
     std::fs::create_dir(&file).expect("nothing stands");
-    assert_eq!(program.post("/api/disarm", "").status, 200);
-    program.wait_for("disarmed");
-    let told = program.wait(|state| says(state, "audit log cannot be written"));
-    told.expect("it is told while it is not written");
+    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    gateway.wait_for("disarmed");
+    gateway.wait_until_says(UNWRITTEN);
     std::fs::remove_dir(&file).expect("empty");
-    let past = program.wait(|state| !says(state, "audit log cannot be written"));
-    past.expect("it is written then");
-    program.running.kill();
-    drop(program);
+    gateway.wait_until_silent_of(UNWRITTEN);
     let text = kept(&file);
     assert!(text.contains("\"disarmed_by\":\"anna\""), "{text}");
-    let program = started(&config);
-    std::thread::sleep(Duration::from_millis(2500));
-    assert_eq!(program.state()["state"], "disarmed");
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.run(Duration::from_secs(10));
+    assert_eq!(gateway.state()["state"], "disarmed");
 }
 
-/// A gateway that compensates, whose disk has become full: the disk, its configuration, and itself.
-fn on_a_full_disk(dir: &Path, control: &Simulator) -> Option<(SmallDisk, PathBuf, Program)> {
-    let disk = SmallDisk::at(dir.join("audit"))?;
-    let config = configuration(dir, control, "auto_arm = true");
-    let program = started(&config);
-    program.wait_for("compensating");
-    disk.fill(0);
-    Some((disk, config, program))
-}
-
-/// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again.
+/// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again. A fault there
+/// is one after a power failure, too.
 #[test]
 fn a_persons_disarming_is_kept_on_a_full_disk() {
-    let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let Some((disk, config, mut program)) = on_a_full_disk(dir.path(), &control) else {
-        return;
-    };
-    let file = disk.0.join("standing.slots");
-    assert_eq!(program.post("/api/disarm", "").status, 200);
-    program.wait_for("disarmed");
-    let disarmed = "\"disarmed_by\":\"anna\"";
-    until("it is written down", Duration::from_secs(10), || {
-        kept(&file).contains(disarmed)
-    });
-    program.running.kill();
-    drop(program);
-    disk.make_room();
-    let program = started(&config);
-    let told = program.wait(|state| says(state, "disarmed by a person"));
-    assert_eq!(told.expect("it is remembered")["state"], "disarmed");
-    assert!(kept(&file).contains(disarmed));
-}
-
-/// A fault on a full disk is one after a power failure, too.
-#[test]
-fn a_fault_is_kept_on_a_full_disk() {
-    let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let Some((disk, config, mut program)) = on_a_full_disk(dir.path(), &control) else {
-        return;
-    };
-    let file = disk.0.join("standing.slots");
-    // Somebody else writes 30 mm into the word of Y.
-    until("it is a fault", Duration::from_secs(10), || {
-        control.world().set_shift(1, 30_000);
-        program.state()["state"] == "faulted"
-    });
-    until("it is written down", Duration::from_secs(10), || {
-        kept(&file).contains("\"faulted\":[")
-    });
-    program.running.kill();
-    drop(program);
-    control.world().set_shift(1, 0);
-    disk.make_room();
-    let program = started(&config);
-    let told = program.wait(|state| says(state, "faulted before the restart"));
-    assert_eq!(told.expect("it is remembered")["state"], "faulted");
-    assert_eq!(program.arm().status, 409);
+    for (is_fault, written, told, state) in [
+        (false, "\"disarmed_by\":\"anna\"", DISARMED, "disarmed"),
+        (
+            true,
+            "\"faulted\":[",
+            "faulted before the restart",
+            "faulted",
+        ),
+    ] {
+        let dir = tempfile::tempdir().expect("writable");
+        let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+            return;
+        };
+        let (config, mut gateway) = compensating(dir.path());
+        disk.fill(0);
+        if is_fault {
+            gateway.fault();
+        } else {
+            assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+            gateway.wait_for("disarmed");
+        }
+        gateway.run(Duration::from_millis(100));
+        let text = kept(&disk.0.join("standing.slots"));
+        assert!(text.contains(written), "{text}");
+        disk.make_room();
+        let mut gateway = gateway.killed_and_started(&config);
+        assert_eq!(gateway.wait_until_says(told)["state"], state);
+        if is_fault {
+            gateway.watch();
+            assert_eq!(gateway.ask(Ask::Arm(None)).0, 409);
+        }
+    }
 }
 
 /// Where there is no room for what may have to be kept, nothing is armed; once there is, it arms.
@@ -210,19 +167,17 @@ fn without_room_for_what_stands_it_does_not_arm() {
     };
     // Enough for some records.
     disk.fill(24 * 1024);
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let program = started(&config);
-    let told = program.wait(|state| says(state, "audit log cannot be written"));
-    told.expect("it is told");
-    let refused = program.arm();
-    assert_eq!(refused.status, 409, "{}", refused.body);
-    assert_eq!(program.state()["state"], "disarmed");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_until_says(UNWRITTEN);
+    gateway.watch();
+    let (status, refused) = gateway.ask(Ask::Arm(None));
+    assert_eq!(status, 409, "{refused}");
+    assert_eq!(gateway.state()["state"], "disarmed");
     disk.make_room();
-    let past = program.wait(|state| !says(state, "audit log cannot be written"));
-    past.expect("there is room");
-    program.must_arm();
-    program.wait_for("compensating");
+    gateway.wait_until_silent_of(UNWRITTEN);
+    gateway.must_arm();
+    gateway.wait_for("compensating");
 }
 
 /// A person who disarms while the gateway already stops (it still ramps out, and still listens) has disarmed: before, the
@@ -230,81 +185,64 @@ fn without_room_for_what_stands_it_does_not_arm() {
 #[test]
 fn disarming_while_it_stops_outlives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let config = configuration(dir.path(), "auto_arm = true");
     change(&config, "ramp_s = 0.1", "ramp_s = 2.0");
-    let mut program = started(&config);
-    program.wait_for("compensating");
-    program.signal("TERM");
-    program.wait_for("ramping-out");
-    assert_eq!(program.post("/api/disarm", "").status, 200);
-    assert_eq!(program.post("/api/acknowledge", "").status, 503);
-    assert_eq!(program.end(), Some(0));
-    drop(program);
-    let program = started(&config);
-    std::thread::sleep(Duration::from_millis(2500));
-    let state = program.state();
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    let mut asked = Vec::new();
+    let rig = gateway.stop_while(|begin| {
+        if asked.is_empty() {
+            asked = vec![begin(Ask::Disarm), begin(Ask::Acknowledge)];
+        }
+    });
+    let answers = asked
+        .iter_mut()
+        .map(|wait| wait.try_recv().expect("answered").status);
+    assert_eq!(answers.collect::<Vec<_>>(), [200, 503]);
+    let mut gateway = Gateway::again(rig, &config);
+    gateway.run(Duration::from_secs(10));
+    let state = gateway.state();
     assert_eq!(state["state"], "disarmed", "{state}");
-    assert!(says(&state, "disarmed by a person"), "{state}");
+    assert!(says(&state, DISARMED), "{state}");
 }
 
 /// Before, killing a gateway was a way to acknowledge its fault.
 #[test]
 fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut world = World::new(&['X', 'Y', 'Z']);
-    // Only the position of an axis that moves shows that it does not contain the correction.
-    world.motion =
-        Arc::new(|elapsed| vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]);
-    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
-    let config = configuration(dir.path(), &control, "auto_arm = false");
-    change(&config, "test_shift_um = 0", "test_shift_um = 5");
-    change(&config, "axes =", "includes_correction = true\naxes =");
-    let mut program = started(&config);
-    let begun = program.state()["positions_mm"]["X"].as_f64();
-    program
-        .wait(|state| state["positions_mm"]["X"].as_f64() > begun)
-        .expect("X moves");
-    program.must_arm();
-    program.wait_for("faulted");
-    std::thread::sleep(Duration::from_millis(300));
-    program.running.kill();
-    drop(program);
-    change(&config, "includes_correction = true\n", "");
-    change(&config, "auto_arm = false", "auto_arm = true");
-    let program = started(&config);
-    let state = program.wait_for("faulted");
-    assert!(says(&state, "faulted before the restart"), "{state}");
-    assert!(says(&state, "positions contradict"), "{state}");
-    std::thread::sleep(Duration::from_millis(1500));
-    assert_eq!(program.state()["state"], "faulted", "auto_arm waits");
-    let refused = program.post("/api/arm", "");
-    assert_eq!(refused.status, 409, "{}", refused.body);
-    assert!(
-        refused.body.contains("acknowledge the fault first"),
-        "{}",
-        refused.body
-    );
+    let (config, mut gateway) = compensating(dir.path());
+    let state = gateway.fault();
+    let why = state["reasons"][0].as_str().expect("a reason").to_owned();
+    gateway.run(Duration::from_millis(300));
+    let mut gateway = gateway.killed_and_started(&config);
+    let state = gateway.wait_for("faulted");
+    for words in ["faulted before the restart", &why] {
+        assert!(says(&state, words), "{words}: {state}");
+    }
+    gateway.run(Duration::from_secs(10));
+    assert_eq!(gateway.state()["state"], "faulted", "auto_arm waits");
+    let (status, refused) = gateway.ask(Ask::Arm(None));
+    assert_eq!(status, 409, "{refused}");
+    let words = "acknowledge the fault first";
+    assert!(refused.to_string().contains(words), "{refused}");
     // While an emergency stop is on it could be acknowledged all the same.
-    control.world().set_emergency_stop(true);
-    program
-        .wait(|state| says(state, "emergency stop"))
-        .expect("it is seen");
-    let refused = program.post("/api/acknowledge", "");
-    assert_eq!(refused.status, 409, "{}", refused.body);
-    assert!(refused.body.contains("still faulted"), "{}", refused.body);
-    assert_eq!(program.state()["state"], "faulted");
-    control.world().set_emergency_stop(false);
-    program
-        .wait(|state| !says(state, "emergency stop"))
-        .expect("it is released");
-    let acknowledged = program.post("/api/acknowledge", "");
-    assert_eq!(acknowledged.status, 200, "{}", acknowledged.body);
-    program
-        .wait(|state| state["state"] != "faulted")
-        .expect("past");
-    program.must_arm();
-    program.wait_for("compensating");
+    let stop = |gateway: &Gateway, is_on| {
+        let switch = &gateway.rig.controls.emergency_stop;
+        switch.store(is_on, Ordering::Relaxed);
+    };
+    stop(&gateway, true);
+    gateway.wait_until_says("emergency stop");
+    let (status, refused) = gateway.ask(Ask::Acknowledge);
+    assert_eq!(status, 409, "{refused}");
+    assert!(refused.to_string().contains("still faulted"), "{refused}");
+    assert_eq!(gateway.state()["state"], "faulted");
+    stop(&gateway, false);
+    gateway.wait_until_silent_of("emergency stop");
+    let (status, acknowledged) = gateway.ask(Ask::Acknowledge);
+    assert_eq!(status, 200, "{acknowledged}");
+    gateway.wait("past", |state| state["state"] != "faulted");
+    gateway.must_arm();
+    gateway.wait_for("compensating");
 }
 
 /// Nobody knows what lines that are not reached were left with. An orderly end of a run that never knew it wrote down zero,

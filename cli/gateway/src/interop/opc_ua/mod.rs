@@ -69,7 +69,7 @@ impl Bound {
     ) -> Result<runtime::Serving, GatewayError> {
         let (shape, published) = (shape.clone(), published.clone());
         let own = tracing::dispatcher::get_default(Clone::clone);
-        runtime::start_with("volcomp-opcua", move || async move {
+        runtime::start("volcomp-opcua", move || async move {
             // The library would tell every connection to the log of the gateway.
             let silent = set_default(NoSubscriber::default());
             let ended = self.run(&shape, &published).await;

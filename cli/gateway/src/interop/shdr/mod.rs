@@ -33,7 +33,7 @@ impl Bound {
         published: Published,
     ) -> Result<runtime::Serving, GatewayError> {
         let items = Arc::new(Items::of(shape));
-        runtime::start("volcomp-shdr", async move {
+        runtime::start("volcomp-shdr", move || async move {
             match tokio::net::TcpListener::from_std(self.0) {
                 Ok(listener) => server::serve(listener, items, published).await,
                 Err(e) => tracing::error!("SHDR: {e}"),

@@ -1,16 +1,84 @@
+//! What the two threads of a fleet share, and which of them waits for the disk.
+//!
 //! A disk that hangs answers nothing, not even that it fails: whoever waits for it says so first, and another thread tells it.
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
     time::{Duration, Instant},
 };
 
-use super::Shared;
+use crate::published::Published;
 
+/// The seconds between two conditions where the manifest does not say.
+const CONDITION_S: u64 = 1;
+/// The seconds between two whole states where the manifest does not say.
+const TELEMETRY_S: u64 = 10;
 /// A disk that has not answered for so long is said to hang.
 const HANGS_AFTER: Duration = Duration::from_secs(3);
 /// How often it is looked at.
 const LOOK: Duration = Duration::from_millis(500);
+
+/// What both threads know.
+pub(super) struct Shared {
+    pub(super) published: Published,
+    /// The version of the manifest in force.
+    pub(super) version: AtomicU64,
+    /// The highest version that was heard and forbids correcting; 0: none. An older one that is put in force meanwhile lifts
+    /// nothing.
+    forbidding: AtomicU64,
+    condition_s: AtomicU64,
+    telemetry_s: AtomicU64,
+    /// What waits for the disk while something is put in force.
+    pub(super) acting: Arc<AtDisk>,
+    /// What waits for the disk while the centre is told something.
+    pub(super) telling: Arc<AtDisk>,
+}
+
+impl Shared {
+    /// Of a start, with the version of the manifest in force; 0: none.
+    pub(super) fn new(published: Published, version: u64) -> Self {
+        Self {
+            published,
+            version: AtomicU64::new(version),
+            forbidding: AtomicU64::new(0),
+            condition_s: AtomicU64::new(CONDITION_S),
+            telemetry_s: AtomicU64::new(TELEMETRY_S),
+            acting: Arc::default(),
+            telling: Arc::default(),
+        }
+    }
+
+    pub(super) fn version(&self) -> u64 {
+        self.version.load(Ordering::Relaxed)
+    }
+
+    /// Notes that a version forbids correcting.
+    pub(super) fn forbid(&self, version: u64) {
+        self.forbidding.fetch_max(version, Ordering::Relaxed);
+    }
+
+    /// Whether a newer version than this one forbids correcting.
+    pub(super) fn is_forbidden_after(&self, version: u64) -> bool {
+        self.forbidding.load(Ordering::Relaxed) > version
+    }
+
+    /// The times between two conditions and two whole states, at least a second each.
+    pub(super) fn pace(&self) -> [Duration; 2] {
+        [&self.condition_s, &self.telemetry_s]
+            .map(|s| Duration::from_secs(s.load(Ordering::Relaxed).max(1)))
+    }
+
+    pub(super) fn set_pace(&self, condition_s: Option<u32>, telemetry_s: Option<u32>) {
+        let set = |to: &AtomicU64, value: Option<u32>, default| {
+            to.store(value.map_or(default, u64::from), Ordering::Relaxed);
+        };
+        set(&self.condition_s, condition_s, CONDITION_S);
+        set(&self.telemetry_s, telemetry_s, TELEMETRY_S);
+    }
+}
 
 /// Since when a thread waits for the disk.
 #[derive(Default)]

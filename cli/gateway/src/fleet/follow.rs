@@ -1,21 +1,32 @@
-//! Puts manifests in force, one after the other: on disk first, then its machine file, then the request to the service, then
-//! on disk that it is in force. What fails for want of a disk, a server or a cycle is tried again; what is refused is not.
+//! What the centre wants: values of the machine's key are judged by their signature, their addressee and their version, by no
+//! clock; manifests are put in force one after the other: on disk first, then its machine file, then the request to the service,
+//! then on disk that it is in force.
+//!
+//! What forbids correcting is ordered before anything is written or fetched. What fails for want of a disk, a server or a cycle
+//! is tried again; what is refused is not.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    sync::{Arc, mpsc::TrySendError},
+    time::Duration,
+};
 
+use sha2::{Digest, Sha256};
 use tokio::{
     sync::{
-        mpsc::{Receiver, UnboundedReceiver, UnboundedSender},
+        mpsc::{self, Receiver, UnboundedReceiver, UnboundedSender},
         oneshot,
     },
     time::Instant,
 };
-use volcomp_fleet::{Acknowledgement, LinkError, MachineSender, Outcome, largest_moves};
+use volcomp_fleet::{
+    Accepted, Acknowledgement, Desired, LinkError, MachineLink, MachineSender, Manifest,
+    NotAccepted, Outcome, Trust, largest_moves,
+};
 use volcomp_runtime::DisarmSwitch;
+use volcomp_vocabulary::AxisName;
 
 use super::{
-    Shared,
-    hear::{Heard, Judged, who},
+    shared::Shared,
     store::{Held, Kept, Standing, Store},
 };
 use crate::{
@@ -25,6 +36,186 @@ use crate::{
 
 /// What could not be done is tried again after so long.
 const AGAIN: Duration = Duration::from_secs(2);
+/// So many values that change nothing wait to be answered; further ones are not answered.
+const OTHERS: usize = 4;
+/// The pause after a value that changes nothing, so that a flood of them costs little.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Where requests to the service go.
+#[derive(Clone)]
+pub(super) struct Service {
+    pub(super) asks: Asks,
+    pub(super) switch: DisarmSwitch,
+}
+
+impl Service {
+    fn ask(
+        &self,
+        ask: CentreAsk,
+        who: String,
+        answer: Option<oneshot::Sender<Reply>>,
+    ) -> Result<(), TrySendError<Asked>> {
+        let asked = Asked::new(Ask::Centre(ask), who, answer, &self.switch);
+        self.asks.try_send(asked)
+    }
+}
+
+/// A value that was judged.
+enum Heard {
+    /// A new manifest.
+    New(Box<Judged>),
+    /// The manifest that was accepted last, again.
+    Again(Box<Judged>),
+    /// One that is not accepted.
+    Refused {
+        /// The version that it has, as far as that can be read.
+        version: u64,
+        /// The checksum of the value.
+        value_sha256: String,
+        /// Who signed it, for the audit log.
+        who: String,
+        /// Why, in words.
+        why: String,
+    },
+}
+
+/// A manifest that a trusted key has signed for this machine.
+#[derive(Clone)]
+struct Judged {
+    held: Held,
+    /// Its machine file, where it came with it; it fits the checksum.
+    model: Option<String>,
+    value_sha256: String,
+}
+
+/// The side that hears.
+pub(super) struct Hearer {
+    trust: Trust,
+    newest: Option<Held>,
+    service: Service,
+    shared: Arc<Shared>,
+}
+
+/// Who sent what no trusted key has signed.
+const UNKNOWN: &str = "unknown";
+/// The longest reason that is told, characters: some say what they found, which may be anything.
+const LONGEST: usize = 300;
+
+/// Who asks, in the audit log: the centre, by the beginning of its key.
+fn who(key: &str) -> String {
+    format!("centre {}", key.get(..8).unwrap_or(UNKNOWN))
+}
+
+/// Who signed what is not accepted, as far as that is known.
+fn signer(error: &NotAccepted, key: &str) -> String {
+    match error {
+        NotAccepted::Document(_) | NotAccepted::Signature | NotAccepted::Key { .. } => {
+            UNKNOWN.to_owned()
+        }
+        _ => who(key),
+    }
+}
+
+fn shortened(error: &NotAccepted) -> String {
+    let text = error.to_string();
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}
+
+impl Hearer {
+    pub(super) fn new(
+        trust: Trust,
+        axes: Vec<AxisName>,
+        kept: &Kept,
+        service: Service,
+        shared: Arc<Shared>,
+    ) -> Self {
+        Self {
+            trust: Trust {
+                axes,
+                highest: kept.standing.highest,
+                ..trust
+            },
+            newest: kept.newest.clone(),
+            service,
+            shared,
+        }
+    }
+
+    /// What a value is.
+    fn judge(&mut self, value: &[u8]) -> Heard {
+        let value_sha256 = crate::hex(&Sha256::digest(value));
+        let parsed = Desired::parse(value);
+        let mut desired = match parsed {
+            Ok(desired) => desired,
+            Err(e) => {
+                return Heard::Refused {
+                    version: 0,
+                    value_sha256,
+                    who: UNKNOWN.to_owned(),
+                    why: shortened(&NotAccepted::Document(e)),
+                };
+            }
+        };
+        match self.trust.accept(&desired) {
+            Ok(Accepted { manifest, model }) => {
+                desired.model = None;
+                self.trust.highest = manifest.version;
+                let held = Held { desired, manifest };
+                self.newest = Some(held.clone());
+                Heard::New(Box::new(Judged {
+                    held,
+                    model,
+                    value_sha256,
+                }))
+            }
+            Err(error) => {
+                let manifest = serde_json::from_str::<Manifest>(&desired.manifest).ok();
+                let is_newest = matches!(&error, NotAccepted::Version { found, highest } if found == highest)
+                    && (self.newest.as_ref())
+                        .is_none_or(|newest| newest.desired.manifest == desired.manifest);
+                let version = manifest.as_ref().map_or(0, |manifest| manifest.version);
+                match manifest {
+                    // Its signature has been judged before its version.
+                    Some(manifest) if is_newest => {
+                        let model = (desired.model.take())
+                            .filter(|text| manifest.model.is(text.as_bytes()));
+                        let held = Held { desired, manifest };
+                        Heard::Again(Box::new(Judged {
+                            held,
+                            model,
+                            value_sha256,
+                        }))
+                    }
+                    _ => Heard::Refused {
+                        version,
+                        value_sha256,
+                        who: signer(&error, &desired.key),
+                        why: shortened(&error),
+                    },
+                }
+            }
+        }
+    }
+
+    /// Has the correction ramped out and arming forbidden, before anything else is done by a manifest.
+    async fn disable(&self, judged: &Judged) {
+        // Noted first: the actor, which may be putting an older version in force, runs on this thread, too, and asks for
+        // nothing any more that would lift it.
+        self.shared.forbid(judged.held.manifest.version);
+        let key = &judged.held.desired.key;
+        let mut sent = self.service.ask(CentreAsk::Disable, who(key), None);
+        while let Err(error) = sent {
+            let TrySendError::Full(asked) = error else {
+                return;
+            };
+            tokio::time::sleep(Duration::from_millis(5)).await;
+            sent = self.service.asks.try_send(asked);
+        }
+    }
+}
 
 /// What became of a manifest, in words.
 pub(super) fn in_words(outcome: &Outcome) -> String {
@@ -45,23 +236,10 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
 /// Something that is tried again later, in words.
 struct Later(String);
 
-/// What the side that acts is made of.
-pub(super) struct Parts {
-    pub(super) store: Store,
-    /// What the folder holds of earlier runs.
-    pub(super) kept: Kept,
-    pub(super) asks: Asks,
-    pub(super) switch: DisarmSwitch,
-    pub(super) shared: Arc<Shared>,
-    /// Where answers to the centre go.
-    pub(super) acknowledge: UnboundedSender<Acknowledgement>,
-}
-
 /// The side that acts. State: what stands in the folder, and the manifest at hand.
 pub(super) struct Actor {
     store: Store,
-    asks: Asks,
-    switch: DisarmSwitch,
+    service: Service,
     shared: Arc<Shared>,
     acknowledge: UnboundedSender<Acknowledgement>,
     standing: Standing,
@@ -79,15 +257,13 @@ pub(super) struct Actor {
 }
 
 impl Actor {
-    pub(super) fn new(parts: Parts) -> Self {
-        let Parts {
-            store,
-            kept,
-            asks,
-            switch,
-            shared,
-            acknowledge,
-        } = parts;
+    pub(super) fn new(
+        store: Store,
+        kept: Kept,
+        service: Service,
+        shared: Arc<Shared>,
+        acknowledge: UnboundedSender<Acknowledgement>,
+    ) -> Self {
         if let Some(newest) = &kept.newest {
             let manifest = &newest.manifest;
             shared.set_pace(manifest.condition_s, manifest.telemetry_s);
@@ -101,8 +277,7 @@ impl Actor {
         });
         Self {
             store,
-            asks,
-            switch,
+            service,
             shared,
             acknowledge,
             standing: kept.standing,
@@ -116,7 +291,7 @@ impl Actor {
     }
 
     /// Acts for ever.
-    pub(super) async fn run(
+    async fn run(
         mut self,
         sender: MachineSender,
         mut accepted: UnboundedReceiver<Box<Judged>>,
@@ -321,8 +496,7 @@ impl Actor {
     async fn ask(&self, ask: CentreAsk, held: &Held) -> Result<Reply, Later> {
         let (answer, answered) = oneshot::channel();
         let who = who(&held.desired.key);
-        let asked = Asked::new(Ask::Centre(ask), who, Some(answer), &self.switch);
-        if self.asks.try_send(asked).is_err() {
+        if self.service.ask(ask, who, Some(answer)).is_err() {
             return Err(Later("too many requests wait".to_owned()));
         }
         answered
@@ -332,8 +506,7 @@ impl Actor {
 
     /// Something for the audit log, whose answer nobody waits for.
     fn tell(&self, ask: CentreAsk, who: String) {
-        let asked = Asked::new(Ask::Centre(ask), who, None, &self.switch);
-        if self.asks.try_send(asked).is_err() {
+        if self.service.ask(ask, who, None).is_err() {
             tracing::warn!("fleet: too many requests wait");
         }
     }
@@ -391,5 +564,37 @@ fn needs_confirmation(question: &Question) -> Outcome {
         hash: question.model.clone(),
         worst_um: text(question.worst_corner_um),
         worst_urad: text(question.worst_corner_urad),
+    }
+}
+
+/// Hears values for ever. The actor works beside it, so that nothing it waits for keeps the next value from being heard.
+pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Actor) {
+    let sender: MachineSender = link.sender();
+    // What is accepted is signed by a trusted key, each with a higher version: these are few, and none is left out.
+    let (accept, accepted) = mpsc::unbounded_channel();
+    let (tell, others) = mpsc::channel(OTHERS);
+    let hearing = async {
+        loop {
+            let value = link.next_desired().await;
+            match hearer.judge(&value) {
+                Heard::New(judged) => {
+                    if !judged.held.manifest.enable {
+                        hearer.disable(&judged).await;
+                    }
+                    if accept.send(judged).is_err() {
+                        return;
+                    }
+                }
+                other => {
+                    // Where too many wait it is not answered.
+                    let _ = tell.try_send(other);
+                    tokio::time::sleep(PAUSE).await;
+                }
+            }
+        }
+    };
+    tokio::select! {
+        () = hearing => {}
+        () = actor.run(sender, accepted, others) => {}
     }
 }

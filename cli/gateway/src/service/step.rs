@@ -1,0 +1,283 @@
+//! Requests on their way, step by step, and what they are answered.
+
+use std::{
+    sync::mpsc::Receiver,
+    time::{Duration, Instant},
+};
+
+use tokio::sync::oneshot;
+use volcomp_guard::{End, Reasons, Request, State};
+
+use crate::{
+    audit::clerk::Receipt,
+    config::Config,
+    documents::{Answer, ModelSource, Question, Refusal, Settled},
+    error::GatewayError,
+    identity::Judged,
+    plan::Plan,
+    request::{ModelAsk, Reply},
+};
+
+/// Files are read and compared within this, or the request is given up.
+pub(super) const FILES: Duration = Duration::from_secs(8);
+
+/// Who asks where nobody does.
+pub(super) const AUTO_ARM: &str = "auto_arm";
+
+/// A request on its way.
+pub(super) struct Underway {
+    pub(super) who: String,
+    pub(super) answer: Option<oneshot::Sender<Reply>>,
+    /// How often disarming had been ordered when the request was made.
+    pub(super) disarms: u64,
+    pub(super) step: Step,
+}
+
+/// How far a request is.
+pub(super) enum Step {
+    /// Arming: the model that was armed last is read and compared.
+    Comparing(Comparing),
+    /// Arming: its record is written.
+    Recording(Recording),
+    /// A reload: the files are read and compared.
+    Reading(Reading),
+    /// A reload: its record is written.
+    Keeping(Box<Keeping>),
+    /// The order was given.
+    Effect(Effect),
+}
+
+/// An order whose effect is waited for.
+#[derive(Clone, Copy)]
+pub(super) struct Effect {
+    pub(super) request: Request,
+    /// The number of the last cycle before the order.
+    pub(super) cycle: u64,
+    /// Until then it has an effect, or none; a request other than disarming is not carried out later.
+    pub(super) until: Instant,
+}
+
+/// What becomes of a request when it is looked at.
+pub(super) enum Progress {
+    /// Nothing new.
+    Waits(Step),
+    /// The next step, to be looked at at once.
+    Next(Step),
+    /// The answer.
+    Done(Reply),
+}
+
+/// What comes of comparing: a question, or why there is no telling.
+pub(super) type Compared = Result<Option<Question>, String>;
+
+/// The comparison under way.
+pub(super) struct Comparing {
+    pub(super) told: Receiver<Compared>,
+    pub(super) until: Instant,
+}
+
+/// The record, and the files that say what is armed.
+pub(super) struct Recording {
+    pub(super) receipts: [Receipt; 3],
+    pub(super) written: [bool; 3],
+    pub(super) until: Instant,
+}
+
+/// What a reload would take, how far that moves the correction, and the question that comes first.
+pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
+
+/// Whose machine file it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Whose {
+    /// That of the configuration, which is read again with it.
+    Configured,
+    /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
+    Centre(Option<String>),
+    /// One that a person has chosen; nothing else changes.
+    Person(Box<ModelAsk>),
+}
+
+impl Whose {
+    /// Where a model comes from, and the same in words. `config` is what would be taken.
+    pub(super) fn origin(&self, config: &Config) -> (ModelSource, String) {
+        match self {
+            Self::Person(ask) => (ask.from, ask.file.clone()),
+            Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
+            Self::Configured => (config.machine_from(), config.machine.display().to_string()),
+        }
+    }
+}
+
+/// The files under way.
+pub(super) struct Reading {
+    pub(super) whose: Whose,
+    pub(super) told: Receiver<Planned>,
+    pub(super) until: Instant,
+}
+
+/// A plan that is taken as soon as its record is written, and what else must be.
+pub(super) struct Keeping {
+    pub(super) who: String,
+    pub(super) whose: Whose,
+    pub(super) plan: Box<Plan>,
+    /// How far it moves the correction, µm and µrad.
+    pub(super) worst: [Option<f64>; 2],
+    pub(super) receipts: Vec<Receipt>,
+    pub(super) until: Instant,
+}
+
+/// Whether a state is what a request asks for.
+pub(super) fn has_taken(request: Request, state: State) -> bool {
+    match request {
+        Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
+        Request::Disarm | Request::End => !state.is_armed(),
+        Request::Acknowledge => !matches!(state, State::Faulted(_)),
+    }
+}
+
+/// Why a request has not taken effect, in words; the reasons of the state say what stands against it.
+pub(super) fn refusal(request: Request, state: State) -> &'static str {
+    match (request, state) {
+        (Request::Acknowledge, _) => {
+            "still faulted: a fault ends when no interlock stands against it and it is known what the control applies"
+        }
+        (Request::Disarm | Request::End, _) => "not disarmed yet",
+        (_, State::Faulted(_)) => "not armed: acknowledge the fault first",
+        (_, State::RampingOut(End::Disarmed)) => {
+            "not armed: the correction still ramps to zero, and something stands against arming"
+        }
+        _ => "not armed: something stands against it",
+    }
+}
+
+/// Gives the answer to whoever asked.
+pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
+    match answer {
+        // Whoever asked may have gone.
+        Some(to) => drop(to.send(reply)),
+        None if who == AUTO_ARM => {}
+        None => tracing::info!("{who}: {}", in_words(&reply.answer)),
+    }
+}
+
+/// The answer while the control thread takes no orders.
+pub(super) fn no_orders() -> Reply {
+    refused(503, "the control thread takes no orders")
+}
+
+/// The answer when the audit log cannot be written.
+pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
+    let why = why.unwrap_or("the audit log cannot be written");
+    settled(409, state, Reasons::AUDIT, Some(why))
+}
+
+/// A refusal in words.
+pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Refusal(Refusal::new(why)),
+    }
+}
+
+pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Settled(Settled {
+            state: state.into(),
+            reasons: reasons.texts().map(str::to_owned).collect(),
+            error: error.map(str::to_owned),
+        }),
+    }
+}
+
+/// An answer for the log of the program.
+pub(super) fn in_words(answer: &Answer) -> String {
+    match answer {
+        Answer::Question(question) => {
+            let size = |size: Option<f64>| {
+                size.map_or("an unknown number of".to_owned(), |size| {
+                    format!("{size:.1}")
+                })
+            };
+            let limits: Vec<&str> = question.limits.keys().map(String::as_str).collect();
+            let limits = if limits.is_empty() {
+                String::new()
+            } else {
+                format!("; {} changed", limits.join(", "))
+            };
+            // Without limits for rotary axes none is corrected.
+            let rotary = question.confirm_urad.map_or(String::new(), |_| {
+                format!(" and {} µrad", size(question.worst_corner_urad))
+            });
+            let differences: Vec<&str> = question
+                .differences
+                .iter()
+                .map(|difference| difference.trim_end_matches('.'))
+                .collect();
+            let differences = if differences.is_empty() {
+                String::new()
+            } else {
+                format!("; {}", differences.join("; "))
+            };
+            format!(
+                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}{differences}",
+                question.model,
+                size(question.worst_corner_um)
+            )
+        }
+        Answer::Settled(settled) => {
+            let why = settled.error.iter().chain(&settled.reasons);
+            let words: Vec<&str> = why.map(String::as_str).collect();
+            let state = settled.state.name();
+            if words.is_empty() {
+                state.to_owned()
+            } else {
+                format!("{state}: {}", words.join(", "))
+            }
+        }
+        Answer::Reloaded(reloaded) if reloaded.unchanged => {
+            format!("model {}, nothing has changed", reloaded.model)
+        }
+        Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
+        Answer::Refusal(refusal) => refusal.error.clone(),
+    }
+}
+
+/// The answer while the disk does not answer.
+pub(super) fn disk_silent() -> Reply {
+    refused(503, "the disk with the files does not answer: try again")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::has_taken;
+    use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
+
+    /// Every state with every request: whether the request has what it asks for.
+    #[test]
+    fn every_state_and_every_request() {
+        let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];
+        // State, then whether it is armed, disarmed, without a fault.
+        let table = [
+            (State::Disarmed, [false, true, true]),
+            (State::Arming(Phase::Proving), [true, false, true]),
+            (State::Arming(Phase::Ramping), [true, false, true]),
+            (State::Compensating, [true, false, true]),
+            (State::Holding(Hold::Stale), [true, false, true]),
+            (State::Holding(Hold::Lost), [true, false, true]),
+            (State::Holding(Hold::Interlocked), [true, false, true]),
+            (State::Holding(Hold::Unconfirmed), [true, false, true]),
+            (State::RampingOut(End::Disarmed), [false, true, true]),
+            // It corrects again by itself when positions come back.
+            (State::RampingOut(End::Lost), [true, false, true]),
+            (State::Faulted(Cause::DoesNotStick), [false, true, false]),
+            (State::Faulted(Cause::Contradiction), [false, true, false]),
+            (State::Faulted(Cause::BeyondLimit), [false, true, false]),
+            (State::Faulted(Cause::OtherGateway), [false, true, false]),
+        ];
+        for (state, expected) in table {
+            let found = [arm, disarm, acknowledge].map(|request| has_taken(request, state));
+            assert_eq!(found, expected, "{state:?}");
+        }
+    }
+}

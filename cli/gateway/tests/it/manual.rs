@@ -1,0 +1,274 @@
+//! A whole gateway in this process, on a simulated machine in the place of the configured one, by a clock that the test counts:
+//! cycle, service, audit log, models and files are those of the program; nothing waits for time to pass.
+
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use serde_json::Value;
+use tokio::sync::oneshot::{self, error::TryRecvError};
+use volcomp_gateway::{
+    machine::{Assembled, Machine, assemble, open_audit},
+    options::Options,
+    rehearse::Rig,
+    request::{Ask, Asked, Asks, Reply},
+    service::Life,
+};
+use volcomp_runtime::{ByHand, DisarmSwitch, start_by_hand};
+use volcomp_vocabulary::PerChannel;
+
+/// The longest time by the machine's clock in which something has to happen.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// The longest time for which a disk is waited for.
+const DISK: Duration = Duration::from_secs(60);
+
+pub(crate) struct Gateway {
+    pub(crate) rig: Rig,
+    pub(crate) parts: Assembled,
+    cycles: ByHand,
+    period: Duration,
+}
+
+/// Writes a configuration with its machine, for a controller that no device answers. It arms as soon as it may, with a short
+/// ramp, and holds 20 µm on Y.
+pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
+    std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
+    let text = format!(
+        r#"
+machine = "machine.toml"
+cycle_ms = 4.0
+{more}
+[guard]
+limit_um = 150.0
+limit_without_barrier_um = 150.0
+slew_um_per_s = 500.0
+hold_ms = 200
+zero_after_ms = 3000
+confirm_um = 10.0
+ramp_s = 0.1
+# It moves all the time.
+test_shift_um = 0
+[[controller]]
+url = "focas://127.0.0.1:1"
+axes = ["X", "Y", "Z"]
+heartbeat = {{ pmc = "R", at = 120 }}
+"#
+    );
+    let file = dir.join("G.toml");
+    std::fs::write(&file, text).expect("writable");
+    file
+}
+
+/// Whether the reasons of a state or an answer hold these words.
+pub(crate) fn says(state: &Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// The machine of a configuration.
+pub(crate) fn machine(config: &Path) -> Machine {
+    Machine {
+        options: Options {
+            config: Some(config.to_owned()),
+            ..Options::default()
+        },
+        proven_within: Duration::from_secs(4),
+    }
+}
+
+impl Gateway {
+    /// Starts it on a new machine.
+    pub(crate) fn start(config: &Path) -> Self {
+        Self::on(None, config)
+    }
+
+    /// Ends it as a power failure does, and starts it again on the same machine.
+    pub(crate) fn killed_and_started(self, config: &Path) -> Self {
+        let Self { rig, parts, .. } = self;
+        drop(parts);
+        rig.clock().advance(Duration::from_millis(100));
+        Self::on(Some(rig), config)
+    }
+
+    /// Starts it on a machine that it or another one has left.
+    pub(crate) fn again(rig: Rig, config: &Path) -> Self {
+        Self::on(Some(rig), config)
+    }
+
+    fn on(rig: Option<Rig>, config: &Path) -> Self {
+        let machine = machine(config);
+        let plan = machine.plan().unwrap_or_else(|e| panic!("{e}"));
+        let period = plan.config.cycle();
+        let rig = rig.unwrap_or_else(|| Rig::of(&plan).expect("a machine"));
+        let audit = open_audit(&plan.config).expect("writable");
+        let opened = rig.open(plan).expect("it fits");
+        let mut cycles = None;
+        let parts = assemble(&machine, opened, audit, &Life::default(), |cycle, _| {
+            let (handle, by_hand) = start_by_hand(cycle);
+            cycles = Some(by_hand);
+            Ok(handle)
+        });
+        Self {
+            rig,
+            parts: parts.expect("threads"),
+            cycles: cycles.expect("launched"),
+            period,
+        }
+    }
+
+    /// One cycle, and a turn of the service, whose disk and files are waited for.
+    pub(crate) fn step(&mut self) {
+        self.rig.clock().advance(self.period);
+        self.cycles.cycle();
+        self.parts.service.turn_within(Duration::ZERO);
+        assert!(self.parts.service.settle(DISK), "the disk hangs");
+    }
+
+    pub(crate) fn run(&mut self, time: Duration) {
+        let end = self.rig.clock().elapsed() + time;
+        while self.rig.clock().elapsed() < end {
+            self.step();
+        }
+    }
+
+    pub(crate) fn state(&self) -> Value {
+        serde_json::to_value(self.parts.published.latest()).expect("JSON")
+    }
+
+    /// Runs until the state is so.
+    pub(crate) fn wait(&mut self, what: &str, done: impl Fn(&Value) -> bool) -> Value {
+        let end = self.rig.clock().elapsed() + PATIENCE;
+        loop {
+            self.step();
+            let state = self.state();
+            if done(&state) {
+                return state;
+            }
+            assert!(self.rig.clock().elapsed() < end, "not {what}: {state}");
+        }
+    }
+
+    pub(crate) fn wait_for(&mut self, name: &str) -> Value {
+        self.wait(name, |state| state["state"] == name)
+    }
+
+    pub(crate) fn wait_until_says(&mut self, words: &str) -> Value {
+        self.wait(words, |state| says(state, words))
+    }
+
+    pub(crate) fn wait_until_silent_of(&mut self, words: &str) -> Value {
+        self.wait(words, |state| !says(state, words))
+    }
+
+    /// Asks as `anna`, and runs until it is answered: the status and the document.
+    pub(crate) fn ask(&mut self, ask: Ask) -> (u16, Value) {
+        let mut wait = self.begin(ask);
+        let end = self.rig.clock().elapsed() + PATIENCE;
+        loop {
+            match wait.try_recv() {
+                Ok(reply) => {
+                    let answer = serde_json::to_value(reply.answer).expect("JSON");
+                    return (reply.status, answer);
+                }
+                Err(TryRecvError::Empty) => self.step(),
+                Err(TryRecvError::Closed) => panic!("nobody answers"),
+            }
+            assert!(self.rig.clock().elapsed() < end, "no answer");
+        }
+    }
+
+    /// Asks as `anna`, without a cycle meanwhile.
+    pub(crate) fn begin(&self, ask: Ask) -> oneshot::Receiver<Reply> {
+        begin(&self.parts.asks, &self.parts.switch, ask)
+    }
+
+    /// Waits until it has watched the control for long enough.
+    pub(crate) fn watch(&mut self) {
+        self.wait("watched", |state| {
+            state["error_um"].is_array() && !says(state, "watching")
+        });
+    }
+
+    /// Arms it once it has watched the control for long enough.
+    pub(crate) fn must_arm(&mut self) -> Value {
+        self.watch();
+        let (status, answer) = self.ask(Ask::Arm(None));
+        assert_eq!(status, 200, "{answer}");
+        answer
+    }
+
+    /// Somebody else writes 30 mm into the word of Y, until it is a fault.
+    pub(crate) fn fault(&mut self) -> Value {
+        let mut far = PerChannel::ZERO;
+        far[1] = 30.0;
+        for _ in 0..2500 {
+            self.rig.overwrite(&far);
+            self.step();
+            if self.state()["state"] == "faulted" {
+                self.rig.overwrite(&PerChannel::ZERO);
+                return self.state();
+            }
+        }
+        panic!("no fault: {}", self.state());
+    }
+
+    /// One cycle of which the service sees nothing yet.
+    pub(crate) fn cycle_alone(&mut self) {
+        self.rig.clock().advance(self.period);
+        self.cycles.cycle();
+    }
+
+    /// The control thread hangs for so long.
+    pub(crate) fn hang(&mut self, time: Duration) {
+        let end = self.rig.clock().elapsed() + time;
+        while self.rig.clock().elapsed() < end {
+            self.rig.clock().advance(self.period);
+            self.parts.service.turn_within(Duration::ZERO);
+            assert!(self.parts.service.settle(DISK), "the disk hangs");
+        }
+    }
+
+    /// Stops it as a signal does, and runs its last cycles.
+    pub(crate) fn stop(self) -> Rig {
+        self.stop_while(|_| {})
+    }
+
+    /// The same, while something else is done between its last cycles.
+    pub(crate) fn stop_while(
+        mut self,
+        mut act: impl FnMut(&dyn Fn(Ask) -> oneshot::Receiver<Reply>),
+    ) -> Rig {
+        let (clock, period) = (self.rig.clock().clone(), self.period);
+        let (asks, switch) = (self.parts.asks.clone(), self.parts.switch.clone());
+        let begin = |ask| begin(&asks, &switch, ask);
+        let cycles = &mut self.cycles;
+        let ended = self.parts.service.stop(&mut || {
+            for _ in 0..10 {
+                clock.advance(period);
+                cycles.cycle();
+            }
+            act(&begin);
+            false
+        });
+        assert!(ended);
+        self.rig
+    }
+
+    /// What the axes have got, mm.
+    pub(crate) fn shifts(&self) -> PerChannel<f64> {
+        self.rig.controls.axes.applied()
+    }
+
+    /// The audit log so far.
+    pub(crate) fn audit(&self) -> String {
+        let folder = self.parts.config.audit_dir();
+        std::fs::read_to_string(folder.join("audit.log")).expect("a log")
+    }
+}
+
+fn begin(asks: &Asks, switch: &DisarmSwitch, ask: Ask) -> oneshot::Receiver<Reply> {
+    let (answer, wait) = oneshot::channel();
+    let asked = Asked::new(ask, "anna", Some(answer), switch);
+    assert!(asks.try_send(asked).is_ok(), "too many wait");
+    wait
+}
