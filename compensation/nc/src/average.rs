@@ -23,7 +23,7 @@ use crate::{
     motion::{Made, Path, half_deep},
     notes::Note,
     number::Number,
-    program::run_beside,
+    program::run_in_parallel,
     setup::SetUp,
 };
 
@@ -280,7 +280,7 @@ fn at_places(
     }
     let limits = (Dialect::Rs274, job.most_blocks);
     let (machine, temperatures) = (&job.corrector.machine, &job.corrector.temperatures);
-    let (found, failed) = run_beside(machine, temperatures, limits, programs, |motions| {
+    let (found, failed) = run_in_parallel(machine, temperatures, limits, programs, |motions| {
         while let Ok(made) = motions[0].recv() {
             let beside = match motions.get(1).map(Receiver::recv) {
                 Some(Ok(beside)) if beside.line == made.line => Some(beside),

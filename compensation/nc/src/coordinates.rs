@@ -127,15 +127,19 @@ impl Frame {
     #[inline]
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
-        for (i, centre) in self.centre.into_iter().enumerate() {
-            at[i] -= centre;
-        }
-        at = turned(&at, self.rotation_deg);
-        for (i, centre) in self.centre.into_iter().enumerate() {
-            at[i] += centre;
-        }
+        self.turn_about_centre(&mut at, self.rotation_deg);
         let at = std::array::from_fn(|i| at[i] + self.work[i] + self.tool[i]);
         self.tip.as_ref().map_or(at, |tip| tip.to_axes(&at))
+    }
+
+    #[inline]
+    fn turn_about_centre(&self, at: &mut Axes, angle_deg: f64) {
+        let [x, y] = self.centre;
+        at[0] -= x;
+        at[1] -= y;
+        *at = turned(at, angle_deg);
+        at[0] += x;
+        at[1] += y;
     }
 
     /// The frame of the work offset and the tool alone, without shifts and rotations.
@@ -154,13 +158,7 @@ impl Frame {
         let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
         let control = control.as_ref().unwrap_or(machine);
         let mut at: Axes = std::array::from_fn(|i| control[i] - self.work[i] - self.tool[i]);
-        for (i, centre) in self.centre.into_iter().enumerate() {
-            at[i] -= centre;
-        }
-        at = turned(&at, -self.rotation_deg);
-        for (i, centre) in self.centre.into_iter().enumerate() {
-            at[i] += centre;
-        }
+        self.turn_about_centre(&mut at, -self.rotation_deg);
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 

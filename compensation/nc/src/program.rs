@@ -349,9 +349,9 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
 /// Motions that wait between two threads.
 const WAITING: usize = 1024;
 
-/// Runs programs beside each other, each with its set-up, on a machine without errors, so that no line is changed. `take` receives their
-/// motions. Its result, and what the first run that failed says.
-pub(crate) fn run_beside<T>(
+/// Runs programs in parallel, each with its set-up, on a machine without errors, so that no line is changed. `take` receives their
+/// motions. Returns its result, and the error of the first run that failed.
+pub(crate) fn run_in_parallel<T>(
     machine: &Machine,
     temperatures: &Temperatures,
     (dialect, most_blocks): (Dialect, u64),

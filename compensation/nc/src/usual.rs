@@ -147,17 +147,6 @@ impl Interpreter {
             modal,
             dialect,
             points,
-            control: _,
-            extruder: _,
-            frame: _,
-            position: _,
-            known: _,
-            rests: _,
-            parameters: _,
-            tools: _,
-            notes: _,
-            in_spindle: _,
-            changes_tools: _,
             ..
         } = self;
         let Modal {

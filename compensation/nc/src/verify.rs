@@ -15,7 +15,7 @@ use crate::{
     inspect::{Collector, Inspected, Part},
     modal::{SYSTEMS, name_of_offset},
     motion::{Made, Move, Path, at_height},
-    program::run_beside,
+    program::run_in_parallel,
     reversal::{Carriages, SAME, Turns, steps_of},
     setup::SetUp,
 };
@@ -115,7 +115,7 @@ fn compare(
 ) -> Result<Verification, NcError> {
     let truth = Corrector::new(of.truth, of.temperatures, 1.0)?;
     let comparison = Comparison::new(truth, &of, averages);
-    let (compared, failed) = run_beside(
+    let (compared, failed) = run_in_parallel(
         of.truth,
         of.temperatures,
         (of.dialect, of.most_blocks),
