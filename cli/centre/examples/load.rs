@@ -134,7 +134,7 @@ impl Bench {
             centre,
             machines,
             key,
-            database: config.store,
+            database: config.store.file,
             store,
         }
     }

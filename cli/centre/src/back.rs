@@ -5,11 +5,10 @@ use std::collections::BTreeSet;
 use volcomp_fleet::{MachineId, Outcome};
 
 use crate::{
-    clock::now_s,
     drift::in_force,
     models::{NoModel, fits},
     records::{Live, Model, Version},
-    rollout::{NewRollout, Rollout, Rules},
+    rollout::{Rollout, Rules},
     store::{Store, StoreError},
 };
 
@@ -61,10 +60,7 @@ pub enum NoWayBack {
     Model(#[from] NoModel),
     /// There is no such machine, or it has had one model alone.
     #[error("{machine}: found no model that it has had in force before the one that it has now")]
-    None {
-        /// The machine.
-        machine: MachineId,
-    },
+    None { machine: MachineId },
 }
 
 /// The version whose model a machine can be given back; `None`: it has had no other in force, or what it had was broken off.
@@ -96,27 +92,12 @@ pub fn start(
         machine: machine.clone(),
     };
     let known = store.machine(machine)?.ok_or_else(none)?;
-    let live = store
-        .live()?
-        .into_iter()
-        .find(|live| live.machine == *machine);
+    let live = store.live_of(machine)?;
     let version = way(store, machine, live.as_ref())?.ok_or_else(none)?;
     let model = store.model(&version.model)?.ok_or_else(none)?;
     fits(&model, &known)?;
     let machines = [(machine.clone(), true)];
-    let rollout = store.start_rollout(|id| {
-        let (model, by) = (model.sha256.clone(), by.to_owned());
-        Rollout::new(
-            id,
-            NewRollout {
-                model,
-                machines: &machines,
-                rules,
-                by,
-                since_s: now_s(),
-            },
-        )
-    })?;
+    let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
     Ok((rollout, model))
 }
 
@@ -144,16 +125,7 @@ mod tests {
     }
 
     fn live(version: u64) -> Live {
-        Live {
-            machine: "mill-1".parse().expect("a name"),
-            heard_s: 0.0,
-            instance: String::new(),
-            version,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        }
+        Live::new("mill-1".parse().expect("a name"), 0.0, version)
     }
 
     fn found(versions: &[Version], live: Option<&Live>, broken_off: &[u64]) -> Option<u64> {

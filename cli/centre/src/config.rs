@@ -1,74 +1,176 @@
-//! The configuration of the centre: `centre.toml`.
+//! The configuration of the centre: `centre.toml`. The manual describes the keys.
 
 use std::{
+    net::SocketAddr,
     path::{Path, PathBuf},
     time::Duration,
 };
 
-use volcomp_document::{Document, InputError, ReadError, Section, Value};
-use volcomp_fleet::{ADDRESSES, Keeping, wrong_address};
+use serde::Deserialize;
+use volcomp_document::{Document, InputErrors, Mistakes, ReadError};
+use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, wrong_address};
 
-pub use crate::{
-    config_page::PageConfig,
-    config_server::{ClusterConfig, ServerConfig},
+use crate::{
+    rollout::{NoRules, Rules},
+    store::Keep,
 };
-use crate::{rollout::Rules, store::Keep};
-
-/// A day, s.
-const DAY_S: f64 = 86_400.0;
 
 /// Why there is no configuration.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// A place in the file.
+    /// Places in the file.
     #[error(transparent)]
-    Input(#[from] InputError),
-    /// The file cannot be read.
+    Input(#[from] InputErrors),
     #[error(transparent)]
     Read(#[from] ReadError),
 }
 
+/// The table `[store]`.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
+pub struct StoreConfig {
+    pub file: PathBuf,
+}
+
+impl Default for StoreConfig {
+    fn default() -> Self {
+        Self {
+            file: "centre.db".into(),
+        }
+    }
+}
+
 /// The table `[nats]`: the server as a client sees it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct NatsConfig {
     /// The addresses, separated by commas.
     pub url: String,
-    /// The file with the seed of the nkey of the centre, mode 0600.
     pub nkey_file: PathBuf,
-    /// Certificates that are trusted besides those of the system, PEM.
     pub ca: Option<PathBuf>,
+    replicas: usize,
+    telemetry_d: f64,
+    telemetry_gib: i64,
+    audit_d: f64,
+}
+
+impl Default for NatsConfig {
+    fn default() -> Self {
+        let keeping = Keeping::default();
+        let days = |duration: Duration| duration.as_secs_f64() / 86_400.0;
+        Self {
+            url: String::new(),
+            nkey_file: "centre.nkey".into(),
+            ca: None,
+            replicas: keeping.replicas,
+            telemetry_d: days(keeping.telemetry),
+            telemetry_gib: keeping.telemetry_bytes >> 30,
+            audit_d: days(keeping.audit),
+        }
+    }
+}
+
+impl NatsConfig {
     /// How long and how much the server keeps.
-    pub keeping: Keeping,
+    pub fn keeping(&self) -> Keeping {
+        let days = |days: f64| Duration::from_secs_f64(days * 86_400.0);
+        Keeping {
+            replicas: self.replicas,
+            telemetry: days(self.telemetry_d),
+            telemetry_bytes: self.telemetry_gib << 30,
+            audit: days(self.audit_d),
+        }
+    }
 }
 
 /// The table `[keys]`: the keys that sign.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct KeysConfig {
-    /// The folder of the key files.
     pub folder: PathBuf,
     /// The name of the key that signs.
     pub sign_with: String,
 }
 
-/// The configuration.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Config {
-    /// The file that it was read from.
-    pub file: PathBuf,
-    /// Where the centre remembers.
+impl Default for KeysConfig {
+    fn default() -> Self {
+        Self {
+            folder: "keys".into(),
+            sign_with: "main".to_owned(),
+        }
+    }
+}
+
+/// The table `[server]`: what `nats-config` writes beside the users.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
+pub struct ServerConfig {
+    pub name: String,
+    pub listen: String,
+    /// The folder of its streams.
     pub store: PathBuf,
-    /// How long it remembers.
+    certificate: Option<PathBuf>,
+    key: Option<PathBuf>,
+    /// The name of the cluster.
+    pub cluster: Option<String>,
+    pub cluster_listen: String,
+    pub routes: Vec<String>,
+}
+
+impl Default for ServerConfig {
+    fn default() -> Self {
+        Self {
+            name: "centre".to_owned(),
+            listen: "127.0.0.1:4222".to_owned(),
+            store: "streams".into(),
+            certificate: None,
+            key: None,
+            cluster: None,
+            cluster_listen: String::new(),
+            routes: Vec::new(),
+        }
+    }
+}
+
+impl ServerConfig {
+    /// TLS towards clients, and between the servers of a cluster.
+    pub fn tls(&self) -> Option<ServerTls> {
+        let (certificate, key) = self.certificate.clone().zip(self.key.clone())?;
+        Some(ServerTls { certificate, key })
+    }
+}
+
+/// The table `[page]`: where the web interface is served, and under which names.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct PageConfig {
+    pub listen: SocketAddr,
+    tls_certificate: Option<PathBuf>,
+    tls_key: Option<PathBuf>,
+    /// Host names, besides addresses, under which browsers may ask.
+    #[serde(default)]
+    pub hosts: Vec<String>,
+}
+
+impl PageConfig {
+    /// Certificate and key, PEM.
+    pub fn tls(&self) -> Option<(&Path, &Path)> {
+        self.tls_certificate.as_deref().zip(self.tls_key.as_deref())
+    }
+}
+
+/// The configuration.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    pub store: StoreConfig,
     pub keep: Keep,
-    /// The server.
     pub nats: NatsConfig,
-    /// The keys.
     pub keys: KeysConfig,
     /// The rules of roll-outs that state none.
     pub rollout: Rules,
-    /// What `nats-config` writes.
     pub server: ServerConfig,
-    /// The page; `None`: there is none.
     pub page: Option<PageConfig>,
 }
 
@@ -79,180 +181,107 @@ impl Config {
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let document = Document::read(path)?;
+        let (mut config, mut mistakes) = document.structure::<Self>(|key| {
+            (key == "store.postgres")
+                .then_some("PostgreSQL is not supported any more, expected `file`, a SQLite file")
+        })?;
+        config.check(&mut mistakes);
         // The server reads what `nats-config` prints in a folder of its own: its paths begin at the root.
         let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let folder = whole.parent().unwrap_or(Path::new("."));
-        let mut config = document.decode(|root| decode(&root, folder))?;
-        path.clone_into(&mut config.file);
-        Ok(config)
-    }
-}
-
-fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
-    root.allow(&["store", "keep", "nats", "keys", "rollout", "server", "page"])?;
-    let of = |key: &str| root.section(key);
-    let store = match of("store")? {
-        Some(section) => store(&section, folder)?,
-        None => folder.join("centre.db"),
-    };
-    let nats = match of("nats")? {
-        Some(section) => nats(&section, folder)?,
-        None => return Err(root.error("found no [nats], expected the table with its url")),
-    };
-    Ok(Config {
-        file: PathBuf::new(),
-        store,
-        keep: (of("keep")?.map(|section| keep(&section)).transpose()?).unwrap_or_default(),
-        nats,
-        keys: match of("keys")? {
-            Some(section) => keys(&section, folder)?,
-            None => KeysConfig {
-                folder: folder.join("keys"),
-                sign_with: "main".to_owned(),
-            },
-        },
-        page: (of("page")?.map(|section| PageConfig::decode(&section, folder))).transpose()?,
-        rollout: (of("rollout")?.map(|section| rules(&section)).transpose()?).unwrap_or_default(),
-        server: match of("server")? {
-            Some(section) => ServerConfig::decode(&section, folder)?,
-            None => ServerConfig::alone(folder),
-        },
-    })
-}
-
-pub(crate) fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
-    Ok(folder.join(value.text()?))
-}
-
-fn store(section: &Section<'_>, folder: &Path) -> Result<PathBuf, InputError> {
-    if let Some(value) = section.get("postgres") {
-        return Err(
-            value.error("PostgreSQL is not supported any more, expected `file`, a SQLite file")
-        );
-    }
-    section.allow(&["file"])?;
-    match section.get("file") {
-        Some(file) => path(&file, folder),
-        None => Ok(folder.join("centre.db")),
-    }
-}
-
-fn keep(section: &Section<'_>) -> Result<Keep, InputError> {
-    section.allow(&["raw_h", "minutes_d", "telemetry_h", "telemetry_hourly_d"])?;
-    let default = Keep::default();
-    let days = |key, default_s: f64| {
-        Ok::<_, InputError>(section.number_or(key, 1.0..=36_600.0, default_s / DAY_S)? * DAY_S)
-    };
-    let hours = |key, default_s: f64| {
-        Ok::<_, InputError>(section.number_or(key, 1.0..=8784.0, default_s / 3600.0)? * 3600.0)
-    };
-    Ok(Keep {
-        raw_s: hours("raw_h", default.raw_s)?,
-        minutes_s: days("minutes_d", default.minutes_s)?,
-        telemetry_s: hours("telemetry_h", default.telemetry_s)?,
-        telemetry_hourly_s: days("telemetry_hourly_d", default.telemetry_hourly_s)?,
-    })
-}
-
-/// The addresses of the servers.
-fn url(value: &Value<'_>) -> Result<String, InputError> {
-    let text = value.text()?;
-    match wrong_address(text) {
-        None => Ok(text.to_owned()),
-        Some(found) => Err(value.error(format!("found {found:?}, expected {ADDRESSES}"))),
-    }
-}
-
-fn nats(section: &Section<'_>, folder: &Path) -> Result<NatsConfig, InputError> {
-    section.allow(&[
-        "url",
-        "nkey_file",
-        "ca",
-        "replicas",
-        "telemetry_d",
-        "telemetry_gib",
-        "audit_d",
-    ])?;
-    let default = Keeping::default();
-    let days = |key, default: Duration| {
-        let days = section.number_or(key, 0.01..=3660.0, default.as_secs_f64() / DAY_S)?;
-        Ok::<_, InputError>(Duration::from_secs_f64(days * DAY_S))
-    };
-    let gib: i64 = section.whole_or("telemetry_gib", 1..=65_536, default.telemetry_bytes >> 30)?;
-    let replicas = match section.get("replicas") {
-        Some(value) => match value.whole(1..=5)? {
-            replicas @ (1 | 3 | 5) => replicas,
-            other => {
-                return Err(value.error(format!("found {other}, expected 1, 3 or 5")));
-            }
-        },
-        None => default.replicas,
-    };
-    Ok(NatsConfig {
-        url: url(&section.require("url")?)?,
-        nkey_file: match section.get("nkey_file") {
-            Some(file) => path(&file, folder)?,
-            None => folder.join("centre.nkey"),
-        },
-        ca: section.optional("ca", |value| path(value, folder))?,
-        keeping: Keeping {
-            replicas,
-            telemetry: days("telemetry_d", default.telemetry)?,
-            telemetry_bytes: gib << 30,
-            audit: days("audit_d", default.audit)?,
-        },
-    })
-}
-
-fn keys(section: &Section<'_>, folder: &Path) -> Result<KeysConfig, InputError> {
-    section.allow(&["folder", "sign_with"])?;
-    Ok(KeysConfig {
-        folder: match section.get("folder") {
-            Some(value) => path(&value, folder)?,
-            None => folder.join("keys"),
-        },
-        sign_with: match section.get("sign_with") {
-            Some(value) => value.text()?.to_owned(),
-            None => "main".to_owned(),
-        },
-    })
-}
-
-fn rules(section: &Section<'_>) -> Result<Rules, InputError> {
-    section.allow(&[
-        "waves",
-        "soak_s",
-        "answer_s",
-        "tolerate",
-        "residual_ratio",
-        "residual_um",
-    ])?;
-    let default = Rules::default();
-    let waves = match section.get("waves") {
-        None => default.waves,
-        Some(value) => {
-            let waves: Result<Vec<u32>, InputError> = value
-                .items()?
-                .iter()
-                .map(|item| item.whole(1..=100))
-                .collect();
-            let waves = waves?;
-            if !Rules::are_waves(&waves) {
-                return Err(value.error(format!("found {waves:?}, expected {}", Rules::WAVES)));
-            }
-            waves
+        for path in config.paths() {
+            *path = folder.join(&*path);
         }
-    };
-    Ok(Rules {
-        waves,
-        soak_s: section.number_or("soak_s", Rules::SOAK_S, default.soak_s)?,
-        answer_s: section.number_or("answer_s", Rules::ANSWER_S, default.answer_s)?,
-        tolerate: section.whole_or("tolerate", Rules::TOLERATE, default.tolerate)?,
-        residual_ratio: section.number_or(
-            "residual_ratio",
-            Rules::RESIDUAL_RATIO,
-            default.residual_ratio,
-        )?,
-        residual_um: section.number_or("residual_um", Rules::RESIDUAL_UM, default.residual_um)?,
-    })
+        Ok(mistakes.none_or(config)?)
+    }
+
+    fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
+        let Self {
+            store,
+            nats,
+            keys,
+            server,
+            page,
+            ..
+        } = self;
+        let page = (page.iter_mut())
+            .flat_map(|page| [page.tls_certificate.as_mut(), page.tls_key.as_mut()]);
+        let stated = [
+            nats.ca.as_mut(),
+            server.certificate.as_mut(),
+            server.key.as_mut(),
+        ];
+        [
+            &mut store.file,
+            &mut nats.nkey_file,
+            &mut keys.folder,
+            &mut server.store,
+        ]
+        .into_iter()
+        .chain(stated.into_iter().chain(page).flatten())
+    }
+
+    fn check(&self, mistakes: &mut Mistakes<'_>) {
+        let (keep, nats, server) = (&self.keep, &self.nats, &self.server);
+        if mistakes.states("nats") {
+            mistakes.require("nats", "url");
+        } else {
+            mistakes.add("nats", "found no [nats], expected the table with its url");
+        }
+        if let Some(found) = wrong_address(&nats.url).filter(|_| mistakes.states("nats.url")) {
+            mistakes.add("nats.url", format!("found {found:?}, expected {ADDRESSES}"));
+        }
+        if !matches!(nats.replicas, 1 | 3 | 5) {
+            let found = format!("found {}, expected 1, 3 or 5", nats.replicas);
+            mistakes.add("nats.replicas", found);
+        }
+        mistakes.range("nats.telemetry_d", nats.telemetry_d, 0.01..=3660.0);
+        mistakes.range("nats.audit_d", nats.audit_d, 0.01..=3660.0);
+        mistakes.whole("nats.telemetry_gib", nats.telemetry_gib, 1..=65_536);
+        for (key, hours) in [
+            ("keep.raw_h", keep.raw_h),
+            ("keep.telemetry_h", keep.telemetry_h),
+        ] {
+            mistakes.range(key, hours, 1.0..=8784.0);
+        }
+        for (key, days) in [
+            ("keep.minutes_d", keep.minutes_d),
+            ("keep.telemetry_hourly_d", keep.telemetry_hourly_d),
+        ] {
+            mistakes.range(key, days, 1.0..=36_600.0);
+        }
+        if let Err(NoRules {
+            key,
+            found,
+            expected,
+        }) = self.rollout.check()
+        {
+            mistakes.add(
+                &format!("rollout.{key}"),
+                format!("found {found}, expected {expected}"),
+            );
+        }
+        if server.certificate.is_some() != server.key.is_some() {
+            mistakes.add(
+                "server",
+                "found one of certificate and key, expected both or neither",
+            );
+        }
+        if server.cluster.is_some() {
+            mistakes.require("server", "cluster_listen");
+            mistakes.require("server", "routes");
+        }
+        let Some(page) = &self.page else { return };
+        if page.tls_certificate.is_some() != page.tls_key.is_some() {
+            mistakes.add(
+                "page",
+                "found one of tls_certificate and tls_key, expected both or neither",
+            );
+        } else if page.tls_key.is_none() && !page.listen.ip().is_loopback() {
+            mistakes.add(
+                "page.listen",
+                "others can reach this address, expected tls_certificate and tls_key (volcomp-centre tls-init makes a pair)",
+            );
+        }
+    }
 }

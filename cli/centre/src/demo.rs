@@ -1,31 +1,31 @@
 //! The demonstration: a server, three simulated machines and the page, in a folder that is removed at the end.
 
-mod confirm;
 mod machine;
 
 use std::{
+    collections::HashMap,
     net::{SocketAddr, TcpListener as StdListener},
     path::Path,
     sync::Arc,
+    time::{Duration, Instant},
 };
 
 use tempfile::TempDir;
 use tokio::task::JoinHandle;
 use volcomp_fleet::{
-    Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
+    Identity, Keeping, LinkSettings, MachineId, MachineUser, ServerSettings,
     server::{Server, ServerError},
 };
+use volcomp_model::Machine as ModelMachine;
 
-pub use self::confirm::CONFIRMS_AFTER;
 use self::machine::Simulated;
 use crate::{
-    clock::now_s,
     engine::{Engine, EngineError, Running, Settings},
     http::{PageSettings, PageState, router},
     keys::Key,
     models::{NewModel, NoModel},
     records::{Machine, Origin},
-    rollout::{NewRollout, Rollout, Rules},
+    rollout::{Rules, Step, Wish},
     store::{Keep, Store, StoreError},
     users::{Password, Role, Token, hash},
 };
@@ -64,15 +64,12 @@ pub enum DemoError {
     /// A file, a folder or a socket.
     #[error("{what}: {source}")]
     Io {
-        /// What it was.
         what: String,
         /// Why it failed.
         source: std::io::Error,
     },
-    /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The engine does not start.
     #[error(transparent)]
     Engine(#[from] EngineError),
     /// A built-in model is none.
@@ -81,6 +78,10 @@ pub enum DemoError {
     /// There are no random numbers, or keys.
     #[error("a key: {0}")]
     Key(String),
+}
+
+fn drawn() -> Result<Token, DemoError> {
+    Token::draw().map_err(|e| DemoError::Key(e.to_string()))
 }
 
 fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> DemoError {
@@ -162,7 +163,9 @@ impl Demo {
         let engine = Engine::start(Arc::clone(&store), settings).await?;
         let mut tasks = Vec::new();
         for (machine, user, model) in &machines {
-            let simulated = Simulated::new(machine, model, trusted)?;
+            let truth = ModelMachine::parse(model, "built-in").map_err(NoModel::from)?;
+            let instance: String = drawn()?.text().chars().take(16).collect();
+            let simulated = Simulated::new(machine, truth, instance, trusted);
             tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
         }
         let page = PageState::new(
@@ -172,7 +175,7 @@ impl Demo {
                 ..PageSettings::default()
             },
         );
-        tasks.push(tokio::spawn(confirm::confirm(Arc::clone(&store))));
+        tasks.push(tokio::spawn(confirm(Arc::clone(&store))));
         tasks.push(tokio::spawn(Arc::clone(&page).refresh()));
         tasks.push(tokio::spawn(volcomp_web::serve(
             listener,
@@ -220,6 +223,11 @@ fn notice() -> String {
     )
 }
 
+fn built_in(text: &str, machine: &str) -> Result<NewModel, NoModel> {
+    let name = format!("{machine}.toml");
+    NewModel::of_text(text.to_owned(), machine, Origin::File { name }, ADMIN)
+}
+
 fn registered(
     name: &str,
     serial: &str,
@@ -228,7 +236,7 @@ fn registered(
     user: &nkeys::KeyPair,
 ) -> Result<Machine, DemoError> {
     let wrong = |e: volcomp_fleet::UnknownId| DemoError::Key(e.to_string());
-    let NewModel { model, .. } = NewModel::of_text(model.to_owned(), name, Origin::Form, ADMIN)?;
+    let NewModel { model, .. } = built_in(model, name)?;
     Ok(Machine {
         identity: Identity {
             site: SITE.parse().map_err(wrong)?,
@@ -255,9 +263,8 @@ fn prepared(
     machines: &[(Machine, nkeys::KeyPair, &str)],
 ) -> Result<(Arc<Store>, String), DemoError> {
     let store = Store::open(&folder.join("centre.sqlite"))?;
-    let drawn = Token::draw().map_err(|e| DemoError::Key(e.to_string()))?;
     // 80 bits, in groups that can be typed.
-    let letters: Vec<char> = drawn.text().chars().take(20).collect();
+    let letters: Vec<char> = drawn()?.text().chars().take(20).collect();
     let groups: Vec<String> = letters
         .chunks(5)
         .map(|group| group.iter().collect())
@@ -271,7 +278,7 @@ fn prepared(
     for (machine, _, text) in machines {
         store.put_machine(machine, ADMIN)?;
         let name = machine.identity.machine.to_string();
-        let mut new = NewModel::of_text((*text).to_owned(), &name, Origin::Form, ADMIN)?;
+        let mut new = built_in(text, &name)?;
         "2026-03-02".clone_into(&mut new.model.measured);
         let invented = "This model is part of the demonstration: nothing was measured, and the day of the measurement is invented";
         new.model.notes.push(invented.to_owned());
@@ -281,19 +288,71 @@ fn prepared(
             soak_s: 30.0,
             ..Rules::default()
         };
-        store.start_rollout(|number| {
-            let (model, by) = (new.model.sha256.clone(), ADMIN.to_owned());
-            Rollout::new(
-                number,
-                NewRollout {
-                    model,
-                    machines: &chosen,
-                    rules,
-                    by,
-                    since_s: now_s(),
-                },
-            )
-        })?;
+        store.begin_rollout(&new.model.sha256, &chosen, rules, ADMIN)?;
     }
     Ok((Arc::new(store), password))
+}
+
+/// For so long a person may confirm before the demonstration does.
+pub const CONFIRMS_AFTER: Duration = Duration::from_secs(20);
+/// Who has confirmed, in the audit log.
+const BY: &str = "demonstration";
+
+/// What waits: the roll-out, the machine and its hash.
+type Waiting = (u64, MachineId, String);
+
+/// Confirms what has waited for long enough, again and again, until the runtime ends.
+async fn confirm(store: Arc<Store>) {
+    let mut since: HashMap<Waiting, Instant> = HashMap::new();
+    let mut ticks = tokio::time::interval(Duration::from_secs(1));
+    ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        let store = Arc::clone(&store);
+        let looked = tokio::task::spawn_blocking(move || {
+            let looked = look(&store, &mut since);
+            (looked, since)
+        });
+        match looked.await {
+            Ok((looked, kept)) => {
+                since = kept;
+                if let Err(error) = looked {
+                    tracing::warn!("demo: {error}");
+                }
+            }
+            Err(error) => {
+                tracing::error!("demo: {error}");
+                return;
+            }
+        }
+    }
+}
+
+fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), StoreError> {
+    let mut waiting = Vec::new();
+    for id in store.open_rollouts()? {
+        let Some(rollout) = store.rollout(id)? else {
+            continue;
+        };
+        for target in rollout.targets {
+            if let Step::NeedsConfirmation { hash, .. } = target.step {
+                waiting.push((id, target.machine, hash));
+            }
+        }
+    }
+    since.retain(|known, _| waiting.contains(known));
+    for one in waiting {
+        let begun = *since.entry(one.clone()).or_insert_with(Instant::now);
+        if begun.elapsed() >= CONFIRMS_AFTER {
+            let (id, machine, hash) = one.clone();
+            match store.wish(id, &Wish::Confirm { machine, hash }, BY) {
+                // It has gone on, or stopped, since it was looked at.
+                Ok(()) | Err(StoreError::NotConfirmed { .. }) => {}
+                Err(error) => return Err(error),
+            }
+            // The engine takes it up within a second; where it does not, it is wished again after the same while.
+            since.insert(one, Instant::now());
+        }
+    }
+    Ok(())
 }

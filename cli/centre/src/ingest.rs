@@ -16,8 +16,8 @@ use crate::{
     instance::{Header, Instances},
     point,
     records::{ConditionMade, Live},
-    rollout::Seen,
-    store::{Store, StoreError, ingest as rows},
+    rollout::Observation,
+    store::{Store, StoreError, history, machines::put_live, models},
 };
 
 /// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
@@ -35,6 +35,8 @@ pub struct Heard {
     pub instances: Instances,
     /// What happened since the last look.
     pub since: Since,
+    /// When the last message came that could not be read, and why.
+    pub unreadable: Option<(Instant, String)>,
     /// When the newest condition was made, by a clock that does not jump; `None`: none came since the start of the program.
     /// Other messages say nothing of how the machine is now.
     pub told: Option<Instant>,
@@ -53,10 +55,6 @@ pub struct Since {
     pub faulted: Option<String>,
     /// The sum of the residuals that were known, µm, and how many.
     pub residual: (f64, u64),
-    /// How many messages could not be read.
-    pub unreadable: u64,
-    /// Why the last could not be read.
-    pub why_unreadable: String,
 }
 
 impl Since {
@@ -68,10 +66,6 @@ impl Since {
         }
         self.residual.0 += before.residual.0;
         self.residual.1 += before.residual.1;
-        self.unreadable += before.unreadable;
-        if self.why_unreadable.is_empty() {
-            self.why_unreadable = before.why_unreadable;
-        }
     }
 }
 
@@ -82,8 +76,6 @@ pub struct Taken {
     pub stored: u64,
     /// Messages that were stored before.
     pub twice: u64,
-    /// Answers to manifests.
-    pub answers: Vec<(MachineId, Acknowledgement)>,
 }
 
 /// Takes what machines say.
@@ -101,9 +93,8 @@ impl Ingest {
     /// The database cannot be read, or a row holds what this program does not write.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
-        for live in store.live()? {
-            let heard = machines.entry(live.machine.clone()).or_default();
-            heard.live = Some(live);
+        for (machine, live) in store.live()? {
+            machines.entry(machine).or_default().live = Some(live);
         }
         for (machine, instance) in store.instances()? {
             let heard = machines.entry(machine).or_default();
@@ -141,17 +132,17 @@ impl Ingest {
                     let same =
                         before.is_some_and(|before| before.instances.each.contains(instance));
                     if !same {
-                        rows::put_instance(database, machine, instance)?;
+                        history::put_instance(database, machine, instance)?;
                     }
                 }
                 for gone in before.iter().flat_map(|before| &before.instances.each) {
                     let mut kept = heard.instances.each.iter();
                     if !kept.any(|one| one.instance == gone.instance) {
-                        rows::remove_instance(database, machine, &gone.instance)?;
+                        history::remove_instance(database, machine, &gone.instance)?;
                     }
                 }
             }
-            Ok(taken)
+            Ok::<_, StoreError>(taken)
         })?;
         self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
@@ -171,9 +162,9 @@ impl Ingest {
             let heard = self.changed.iter();
             let heard = heard.filter_map(|name| self.machines.get(name)?.live.as_ref());
             for live in heard {
-                rows::put_live(database, live)?;
+                put_live(database, live)?;
             }
-            Ok(())
+            Ok::<_, StoreError>(())
         })?;
         self.changed.clear();
         Ok(())
@@ -200,11 +191,11 @@ impl Ingest {
     pub fn look(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
-    ) -> BTreeMap<MachineId, (Seen, Since)> {
+    ) -> BTreeMap<MachineId, (Observation, Since)> {
         let look = |(machine, heard): (&MachineId, &mut Heard)| {
             let since = std::mem::take(&mut heard.since);
             let (sum, count) = since.residual;
-            let seen = Seen {
+            let seen = Observation {
                 heard: (heard.told)
                     .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
                 version: heard.live.as_ref().map_or(0, |live| live.version),
@@ -240,7 +231,7 @@ impl Ingest {
 }
 
 fn one(
-    database: &mut crate::store::Database,
+    database: &rusqlite::Connection,
     taken: &mut Taken,
     heard: &mut Heard,
     message: &Received,
@@ -256,8 +247,8 @@ fn one(
         Ok(body) => body,
         Err(error) => {
             // What cannot be read is kept as it is, for a person.
-            heard.since.unreadable += 1;
-            heard.since.why_unreadable = format!("{}: {error}", message.kind.name());
+            let why = format!("{}: {error}", message.kind.name());
+            heard.unreadable = Some((Instant::now(), why));
             let text = String::from_utf8_lossy(&message.bytes);
             let text: String = text.chars().take(1000).collect();
             let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
@@ -266,36 +257,25 @@ fn one(
             let kind = message.kind.name();
             let key = format!("{kind} {} {}", message.sequence, message.stored_s);
             let text = document.to_string();
-            return rows::add_record(database, machine, message.stored_s, &text, Some(key));
+            return history::add_record(database, machine, message.stored_s, &text, Some(&key));
         }
     };
     let header = body.header(message);
     let Some(made) = heard.instances.take(&header) else {
         taken.twice += 1;
-        if let Body::Answer(envelope) = body {
-            // It may have been stored without a roll-out having heard of it. One that has takes no notice.
-            taken.answers.push((machine.clone(), envelope.body));
-        }
         return Ok(());
     };
     let at_s = made.at_s;
     taken.stored += 1;
-    let live = heard.live.get_or_insert_with(|| Live {
-        machine: machine.clone(),
-        heard_s: message.stored_s,
-        instance: String::new(),
-        version: 0,
-        model: String::new(),
-        condition: None,
-        lost: 0,
-        made: None,
-    });
+    let live = heard
+        .live
+        .get_or_insert_with(|| Live::new(machine.clone(), message.stored_s, 0));
     live.heard_s = live.heard_s.max(message.stored_s);
     match body {
         Body::Condition(envelope) => {
             let condition = envelope.body;
             let text = serde_json::to_string(&point::of(&condition, at_s))?;
-            rows::add_recent(database, machine, at_s, text)?;
+            history::add_recent(database, machine, at_s, &text)?;
             heard.since.conditions += 1;
             if condition.state == "faulted" {
                 heard.since.faulted = Some(condition.reasons.join("; "));
@@ -319,15 +299,20 @@ fn one(
             });
         }
         Body::Telemetry(envelope) => {
-            rows::add_telemetry(database, machine, at_s, envelope.body.get())?;
+            history::add_telemetry(database, machine, at_s, envelope.body.get())?;
         }
         Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);
-            rows::add_record(database, machine, at_s, &text, envelope.body.key())?;
+            history::add_record(
+                database,
+                machine,
+                at_s,
+                &text,
+                envelope.body.key().as_deref(),
+            )?;
         }
         Body::Answer(envelope) => {
-            rows::answer(database, machine, message.stored_s, &envelope.body)?;
-            taken.answers.push((machine.clone(), envelope.body));
+            models::answer(database, machine, message.stored_s, &envelope.body)?;
         }
     }
     Ok(())

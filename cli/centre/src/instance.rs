@@ -102,7 +102,6 @@ pub struct Instances {
 pub struct Header<'a> {
     /// What the gateway drew at its start.
     pub instance: &'a str,
-    /// Its number.
     pub number: u64,
     /// How long after the start it was made, s.
     pub uptime_s: f64,

@@ -1,6 +1,7 @@
 //! Issuing a manifest: a version that is higher than every one before, signed, and stored with its value in one transaction.
 //! From the store it goes to the server, now or as soon as that is there.
 
+use rusqlite::Connection;
 use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
 
 use crate::{
@@ -10,11 +11,11 @@ use crate::{
     models::{NoModel, fits},
     records::{Machine, Model, Version},
     store::{
-        Database, Issued, Store, StoreError,
-        desired::{clear_desired, newest, newest_version},
-        machines::machine_named,
+        Issued, Store, StoreError,
+        machines::{live_of, machine_named},
         models::{
-            add_version, change_version, live_of, model_of, next_version, text_of, versions_of,
+            add_version, change_version, clear_desired, model_of, newest, newest_version,
+            next_version, text_of, versions_of,
         },
     },
 };
@@ -23,7 +24,6 @@ use crate::{
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotIssued {
-    /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The model does not fit the machine.
@@ -31,18 +31,10 @@ pub enum NotIssued {
     Model(#[from] NoModel),
     /// There is no such machine or model.
     #[error("found no {what} {name}")]
-    Missing {
-        /// The kind of thing.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
+    Missing { what: &'static str, name: String },
     /// The machine has no model yet.
     #[error("{machine} has no model yet: expected a roll-out first")]
-    NoModelYet {
-        /// The machine.
-        machine: MachineId,
-    },
+    NoModelYet { machine: MachineId },
     /// The manifest cannot be written.
     #[error(transparent)]
     Manifest(#[from] volcomp_fleet::NotADesired),
@@ -51,11 +43,8 @@ pub enum NotIssued {
 /// What is to be issued.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
-    /// For this machine.
     pub machine: &'a Machine,
-    /// This model.
     pub model: &'a Model,
-    /// With this text.
     pub text: &'a str,
     /// The hash that a person has confirmed.
     pub confirm: Option<String>,
@@ -67,7 +56,7 @@ pub struct Order<'a> {
 
 /// Issues a manifest within a transaction.
 pub(crate) fn issue(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     order: &Order<'_>,
 ) -> Result<Issued, NotIssued> {
@@ -126,12 +115,12 @@ pub fn reissue(
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, NotIssued> {
-    store.write_or(|database| reissue_in(database, key, machine, by))
+    store.write(|database| reissue_in(database, key, machine, by))
 }
 
 /// The same within a transaction: the machine and its model are those that it has in this transaction.
 pub(crate) fn reissue_in(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     machine: &MachineId,
     by: &str,
@@ -160,7 +149,7 @@ pub(crate) fn reissue_in(
 
 /// Issues a model that the machine was to have before.
 fn issue_again(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     name: &MachineId,
     sha256: &str,
@@ -185,7 +174,7 @@ fn issue_again(
 /// Takes back what a roll-out has issued for a machine that does not have it in force: the model that it was to have before is
 /// issued once more; where there was none, nothing stands under its key.
 pub(crate) fn withdraw(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     machine: &MachineId,
     rollout: u64,
@@ -243,7 +232,7 @@ pub fn settle(
     machine: &MachineId,
     by: &str,
 ) -> Result<Option<Issued>, NotIssued> {
-    store.write_or(|database| {
+    store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
         // Where nothing is under its key it goes on with what it has.
@@ -326,10 +315,12 @@ mod tests {
             let text = format!(
                 "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
             );
-            let origin = Origin::Form;
+            let origin = Origin::File {
+                name: String::new(),
+            };
             let new = NewModel::of_text(text, "mill.toml", origin, "anna").expect("a model");
             self.store.add_model(&new.model, &new.text).expect("stored");
-            let issued = self.store.write_or(|database| {
+            let issued = self.store.write(|database| {
                 let order = Order {
                     machine: &self.machine,
                     model: &new.model,
@@ -391,16 +382,7 @@ mod tests {
         place.issue(2, 2, None);
         place.withdraw(2);
         // It has taken the new one meanwhile, and not the old one again yet.
-        let live = Live {
-            machine: place.name().clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version: 2,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(place.name().clone(), 1.0, 2);
         place.store.put_live(&[live]).expect("stored");
         let issued = reissue(&place.store, &place.key, place.name(), "anna").expect("issued");
         assert_eq!((issued.version, issued.model), (4, old));
@@ -419,16 +401,7 @@ mod tests {
         };
         place.store.put_machine(&disabled, "anna").expect("stored");
         assert!(matches!(settle(), Err(NotIssued::NoModelYet { .. })));
-        let live = Live {
-            machine: place.name().clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version: 1,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(place.name().clone(), 1.0, 1);
         place.store.put_live(&[live]).expect("stored");
         let issued = settle().expect("issued").expect("other settings");
         assert_eq!((issued.version, issued.model), (2, new));

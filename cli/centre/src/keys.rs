@@ -23,14 +23,10 @@ const END: &str = "key";
 pub enum KeyError {
     /// The file is there: a secret is never written over.
     #[error("{}: there already, kept", file.display())]
-    There {
-        /// The file.
-        file: PathBuf,
-    },
+    There { file: PathBuf },
     /// A file cannot be read or written.
     #[error("{}: {source}", .file.display())]
     File {
-        /// The file.
         file: PathBuf,
         /// What the operating system said.
         source: io::Error,
@@ -41,7 +37,6 @@ pub enum KeyError {
     /// It holds something else.
     #[error("{}: expected {expected}", .file.display())]
     Content {
-        /// The file.
         file: PathBuf,
         /// What it should hold.
         expected: &'static str,
@@ -62,7 +57,6 @@ pub enum KeyError {
 pub struct Key {
     /// The name of its file without the end.
     pub name: String,
-    /// The key.
     pub key: SigningKey,
 }
 

@@ -1,13 +1,11 @@
 #![doc = include_str!("../README.md")]
+#![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
 pub mod back;
 pub mod clock;
 pub mod command;
 pub mod config;
-mod config_page;
-mod config_server;
 pub mod demo;
-pub mod described;
 pub mod discover;
 pub mod drift;
 pub mod engine;
@@ -34,4 +32,23 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+/// Columns, each as wide as its widest cell; the last as wide as it is.
+pub(crate) fn columns(rows: &[Vec<String>]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> = (row.iter().zip(&widths))
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
+        text.push_str(cells.join("  ").trim_end());
+        text.push('\n');
+    }
+    text
 }

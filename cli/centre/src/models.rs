@@ -1,13 +1,16 @@
-//! Models: made from a calibration, or a machine file that was there; checked before anything is stored; compared.
+//! Models: machine files that are checked before anything is stored, described and compared.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use volcomp_calibrate::{CalibrateError, CalibrationFile, calibrate};
+use serde::Serialize;
 use volcomp_fleet::ModelRef;
 use volcomp_model::{Machine as ModelMachine, ModelError};
+use volcomp_sensitivity::{Expression, terms};
+use volcomp_vocabulary::Mm;
 
 use crate::{
-    clock::now_s,
+    clock::{date_s, now_s},
+    map::{ErrorMap, error_map},
     records::{Machine, Model, Origin},
 };
 
@@ -18,9 +21,9 @@ pub enum NoModel {
     /// The machine file is wrong.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// The calibration makes no machine file.
-    #[error(transparent)]
-    Calibration(Box<CalibrateError>),
+    /// The day of the measurements is none.
+    #[error("measured: found {found:?}, expected a day such as 2026-11-25")]
+    Day { found: String },
     /// The file cannot be read.
     #[error(transparent)]
     Read(#[from] volcomp_document::ReadError),
@@ -29,7 +32,6 @@ pub enum NoModel {
     Other {
         /// The name in the model.
         model: String,
-        /// The machine.
         machine: String,
         /// What differs.
         what: &'static str,
@@ -40,16 +42,9 @@ pub enum NoModel {
     },
 }
 
-impl From<CalibrateError> for NoModel {
-    fn from(error: CalibrateError) -> Self {
-        Self::Calibration(Box::new(error))
-    }
-}
-
 /// A model and its text, to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewModel {
-    /// What is known of it.
     pub model: Model,
     /// The text of the machine file.
     pub text: String,
@@ -62,8 +57,23 @@ impl NewModel {
     /// It is no machine file.
     pub fn of_text(text: String, file: &str, origin: Origin, by: &str) -> Result<Self, NoModel> {
         let machine = ModelMachine::parse(&text, file)?;
-        let notes = machine.notes();
-        Ok(Self::new(&machine, text, origin, by, notes))
+        let reference = ModelRef::of(text.as_bytes());
+        Ok(Self {
+            model: Model {
+                sha256: reference.sha256,
+                bytes: reference.bytes,
+                checksum: machine.checksum(),
+                name: machine.name.clone(),
+                structure: machine.chain().structure().to_string(),
+                axes: machine.axes().iter().map(|axis| axis.name).collect(),
+                origin,
+                measured: String::new(),
+                added_s: now_s(),
+                by: by.to_owned(),
+                notes: machine.notes(),
+            },
+            text,
+        })
     }
 
     /// Takes a machine file.
@@ -77,55 +87,22 @@ impl NewModel {
         Self::of_text(text, &name, origin, by)
     }
 
-    /// Makes a machine file from a calibration file and the measurements that it names; or from the folder that holds a
-    /// `calibration.toml`.
+    /// States the day of the measurements, and adds a note where the error is larger than any guard corrects.
     ///
     /// # Errors
-    /// The measurements make no machine file.
-    pub fn of_calibration(path: &Path, by: &str) -> Result<Self, NoModel> {
-        let path: PathBuf = if path.is_dir() {
-            path.join("calibration.toml")
-        } else {
-            path.to_owned()
-        };
-        let calibration = calibrate(&CalibrationFile::read(&path)?, |_, _| {})?;
-        let origin = Origin::Calibration {
-            path: path.display().to_string(),
-        };
-        let text = calibration.machine.to_toml();
-        Ok(Self::new(
-            &calibration.machine,
-            text,
-            origin,
-            by,
-            calibration.warnings,
-        ))
-    }
-
-    fn new(
-        machine: &ModelMachine,
-        text: String,
-        origin: Origin,
-        by: &str,
-        notes: Vec<String>,
-    ) -> Self {
-        let reference = ModelRef::of(text.as_bytes());
-        Self {
-            model: Model {
-                sha256: reference.sha256,
-                bytes: reference.bytes,
-                checksum: machine.checksum(),
-                name: machine.name.clone(),
-                structure: machine.chain().structure().to_string(),
-                axes: machine.axes().iter().map(|axis| axis.name).collect(),
-                origin,
-                measured: String::new(),
-                added_s: now_s(),
-                by: by.to_owned(),
-                notes,
-            },
-            text,
+    /// `measured` is neither empty nor a day.
+    pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, NoModel> {
+        if !measured.is_empty() && date_s(measured).is_none() {
+            return Err(NoModel::Day {
+                found: measured.to_owned(),
+            });
         }
+        measured.clone_into(&mut self.model.measured);
+        let machine = ModelMachine::parse(&self.text, "the machine file")?;
+        self.model
+            .notes
+            .extend(beyond_every_guard(&error_map(&machine)?));
+        Ok(self)
     }
 }
 
@@ -190,4 +167,48 @@ pub fn compare(one: &str, other: &str) -> Result<Vec<Line>, NoModel> {
         }
     });
     Ok(lines.collect())
+}
+
+/// What a machine file states.
+#[derive(Clone, Debug, Serialize)]
+pub struct Described {
+    /// The machine file.
+    pub text: String,
+    /// The structure code.
+    pub structure: String,
+    /// The type numbers, linear and rotary; `None`: none of the sixteen types.
+    pub type_numbers: Option<[u8; 2]>,
+    /// The first-order volumetric error as a formula: displacement along X, Y, Z, rotation about them (mm, rad).
+    pub formula: Vec<String>,
+    /// The coordinates of the tool tip in the formula, mm.
+    pub tool_mm: [f64; 3],
+}
+
+impl Described {
+    /// Describes a machine, whose file has this text.
+    pub fn new(machine: &ModelMachine, text: &str) -> Self {
+        let stated: Vec<_> = machine.locations().keys().copied().collect();
+        let expression = Expression::of(machine.chain(), &terms(machine.chain(), false, &stated));
+        let structure = machine.chain().structure();
+        Self {
+            text: text.to_owned(),
+            structure: structure.to_string(),
+            type_numbers: structure
+                .type_numbers()
+                .map(|numbers| [numbers.translational, numbers.rotary]),
+            formula: expression.text().to_vec(),
+            tool_mm: expression.tool_tip_mm(),
+        }
+    }
+}
+
+/// A note on a machine whose error is larger than any guard corrects: a unit is wrong, or a comma.
+pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
+    let largest_mm = map.largest_um[0] / 1000.0;
+    let Mm(most_mm) = volcomp_guard::ceiling::LIMIT;
+    (largest_mm > most_mm).then(|| {
+        format!(
+            "The error is up to {largest_mm:.1} mm in the work space. No guard corrects an axis by more than {most_mm} mm, and machines have some hundredths: check the numbers and their units."
+        )
+    })
 }

@@ -87,18 +87,18 @@ impl Machine {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Origin {
-    /// A machine file, taken as it is.
+    /// A machine file.
+    #[serde(alias = "form")]
     File {
-        /// Its name.
+        /// Its name; empty where the interface received a text alone.
+        #[serde(default)]
         name: String,
     },
-    /// A calibration file with its measurements.
+    /// A calibration file: in databases of earlier programs.
     Calibration {
         /// The path of the calibration file.
         path: String,
     },
-    /// The text of a machine file that the interface received without a name.
-    Form,
 }
 
 /// A model: the text of a machine file, stored once under its checksum.
@@ -133,7 +133,6 @@ pub struct Model {
 /// A manifest that was issued for a machine, and what became of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Version {
-    /// The machine.
     pub machine: MachineId,
     /// The version, larger than that of every one before.
     pub version: u64,
@@ -171,7 +170,6 @@ pub struct Version {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// To be known.
     Note,
     /// A person should look when there is time.
     Warning,
@@ -197,6 +195,8 @@ pub enum AlarmKind {
     Refused,
     /// A change must be confirmed by a person.
     NeedsConfirmation,
+    /// A roll-out waits for the machine to compensate.
+    Idle,
     /// A temperature is broken.
     Sensor,
     /// A message could not be read.
@@ -226,6 +226,7 @@ impl AlarmKind {
             Self::Clobbered => "clobbered",
             Self::Refused => "refused",
             Self::NeedsConfirmation => "needs-confirmation",
+            Self::Idle => "idle",
             Self::Sensor => "sensor",
             Self::Unreadable => "unreadable",
             Self::OtherModel => "other-model",
@@ -243,6 +244,7 @@ impl AlarmKind {
             Self::Due | Self::Gap => Severity::Note,
             Self::Silent
             | Self::NeedsConfirmation
+            | Self::Idle
             | Self::Sensor
             | Self::Unreadable
             | Self::OtherModel
@@ -275,7 +277,6 @@ pub struct Alarm {
     pub since_s: f64,
     /// When the cause went away, s; `None`: it is there.
     pub until_s: Option<f64>,
-    /// Who has seen it.
     pub seen_by: Option<String>,
 }
 
@@ -324,7 +325,6 @@ pub struct Point {
 /// What is known of a machine now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
-    /// The machine.
     pub machine: MachineId,
     /// When its last message was stored at the server, s.
     pub heard_s: f64,
@@ -353,6 +353,20 @@ pub struct ConditionMade {
 }
 
 impl Live {
+    /// A machine of which no more is known.
+    pub fn new(machine: MachineId, heard_s: f64, version: u64) -> Self {
+        Self {
+            machine,
+            heard_s,
+            instance: String::new(),
+            version,
+            model: String::new(),
+            condition: None,
+            lost: 0,
+            made: None,
+        }
+    }
+
     /// When the last condition was made. Of an older program: when the last message was stored.
     pub fn made(&self) -> Option<ConditionMade> {
         let stored = ConditionMade {

@@ -18,9 +18,7 @@ const LONGEST_DUE_DAYS: u32 = 36_500;
 pub struct NotRegistered {
     /// The key of the machine that is wrong.
     pub key: &'static str,
-    /// What it is.
     pub found: String,
-    /// What it should be.
     pub expected: String,
 }
 

@@ -21,7 +21,7 @@ async function modelsPage(page) {
     location.hash = `#model/${model.sha256}`;
     return added ? "added" : "it was there already";
   }) });
-  const origin = ({ kind, name: file, path }) => ({ form: "a text", file: `file ${file}`, calibration: `calibration ${path}` })[kind] || kind;
+  const origin = ({ kind, name: file, path }) => ({ file: file ? `file ${file}` : "a text", calibration: `calibration ${path}` })[kind] || kind;
   page.replaceChildren(
     make("div", { class: "head" }, make("h1", { textContent: "Models" })),
     panel("", models.length === 0 ? make("p", { class: "soft", textContent: "There is none yet." }) : table(["model", "name", "structure", "from", "measured", "added"], models.map((model) => make("tr", {}, cell(make("a", { href: `#model/${model.sha256}`, textContent: short(model.sha256) })), cell(model.name || "–", { class: "text" }), cell(model.structure), cell(origin(model.origin), { class: "text" }), cell(model.measured || "unknown"), cell(`${clock(model.added_s)}, ${model.by}`))))),

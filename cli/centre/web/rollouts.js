@@ -12,7 +12,7 @@ const STEP_NAMES = { waiting: "not sent yet", sent: "sent", "needs-confirmation"
 
 function stepWords(turn) {
   if (turn.step === "sent") return `Version ${turn.version} was sent; its answer has been awaited for ${lasting(turn.waited_s)}.`;
-  if (turn.step === "soaking") return `Version ${turn.version} is in force. The machine has been watched for ${lasting(turn.soaked_s)}; its mean residual is ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before it was ${fixed(turn.before_um, 1)} µm` : ""}.`;
+  if (turn.step === "soaking") return `Version ${turn.version} is in force. The machine has been watched for ${lasting(turn.soaked_s)}${turn.idle_s > 0 ? `, and has not compensated for ${lasting(turn.idle_s)}` : ""}; its mean residual is ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before it was ${fixed(turn.before_um, 1)} µm` : ""}.`;
   if (turn.step === "done") return `Version ${turn.version} is in force.`;
   if (turn.step === "out") return `${turn.why.slice(0, 1).toUpperCase()}${turn.why.slice(1)}${turn.excused ? " (the roll-out was let go on in spite of it)" : ""}.`;
   if (turn.step === "needs-confirmation") return `Version ${turn.version} would move the axes by up to ${movesOf(turn)}. It is not in force before a person confirms it: look at the map of the model first.`;

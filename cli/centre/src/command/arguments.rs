@@ -4,20 +4,22 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use super::{discover::DiscoverArguments, user::UserCommand};
+use crate::{
+    discover::{FASTEST_PER_SECOND, PER_SECOND, Subnet},
+    users::{Role, UserName},
+};
 
 const EXAMPLES: &str = "Examples:
   volcomp-centre key new main
   volcomp-centre machine add mill-1 --site berlin --serial 4711 --like mill.toml
   volcomp-centre nats-config > /etc/nats-server.conf
   volcomp-centre run
-  volcomp-centre model add --calibration measured/mill-1
+  volcomp-centre model add mill-1.toml --measured 2026-11-25
   volcomp-centre rollout start --model 5f0c --machine mill-1";
 
 /// The control centre of many machine tools
 ///
-/// Registers machines, makes error models from calibrations, signs them and rolls them out, and watches the condition of
-/// every machine. The machines are reached over a NATS server; each works on alone when the centre or the server is gone.
+/// Registers machines, signs their error models and rolls them out, and watches the condition of every machine. The machines are reached over a NATS server; each works on alone when the centre or the server is gone.
 ///
 /// Exit status: 0 done, 1 the work failed, 2 the configuration or the call is wrong.
 #[derive(Parser)]
@@ -181,7 +183,7 @@ pub(super) struct AddMachine {
 
 #[derive(Subcommand)]
 pub(super) enum ModelCommand {
-    /// Add a machine file, or make one from a calibration
+    /// Add a machine file
     Add(AddModel),
     /// List the models
     List {
@@ -224,14 +226,7 @@ pub(super) enum ModelCommand {
 #[derive(Args)]
 pub(super) struct AddModel {
     /// A machine file
-    #[arg(
-        required_unless_present = "calibration",
-        conflicts_with = "calibration"
-    )]
-    pub(super) file: Option<PathBuf>,
-    /// A calibration file, or a folder with a calibration.toml
-    #[arg(long, value_name = "PATH")]
-    pub(super) calibration: Option<PathBuf>,
+    pub(super) file: PathBuf,
     /// The day of the measurements, such as 2026-11-25
     #[arg(long, value_name = "DAY")]
     pub(super) measured: Option<String>,
@@ -324,4 +319,85 @@ pub(super) enum KeyCommand {
         /// The new file of the seed
         file: PathBuf,
     },
+}
+
+/// What is to be done with a user.
+#[derive(Subcommand)]
+pub(super) enum UserCommand {
+    /// Add a user; the password is asked for, or read from standard input
+    Add {
+        /// The name: lower-case letters, digits, dots, hyphens and underscores
+        name: UserName,
+        /// viewer, engineer or admin
+        #[arg(long)]
+        role: Role,
+    },
+    /// List the users
+    List {
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
+    },
+    /// Set the password of a user, who is logged out everywhere
+    Password {
+        /// The name
+        name: UserName,
+    },
+    /// Change the role of a user, or whether the user may log in
+    Change {
+        /// The name
+        name: UserName,
+        /// viewer, engineer or admin
+        #[arg(long)]
+        role: Option<Role>,
+        /// The user may not log in any more
+        #[arg(long, conflicts_with = "enable")]
+        disable: bool,
+        /// The user may log in again
+        #[arg(long)]
+        enable: bool,
+    },
+    /// Remove a user
+    Remove {
+        /// The name
+        name: UserName,
+    },
+}
+
+/// What is searched, and how.
+#[derive(Args)]
+pub(super) struct DiscoverArguments {
+    /// Subnets or addresses, such as 192.0.2.0/24
+    #[arg(required = true)]
+    pub(super) subnets: Vec<Subnet>,
+    /// Search ranges that are not private, too: they belong to you
+    #[arg(long)]
+    pub(super) yes_these_are_mine: bool,
+    /// New connections a second over all addresses, 1 to 1000
+    #[arg(long, default_value_t = PER_SECOND, value_parser = rate)]
+    pub(super) rate: f64,
+    /// Try this port for FOCAS instead of 8193; may be given several times
+    #[arg(long, value_name = "PORT")]
+    pub(super) focas_port: Vec<u16>,
+    /// Try this port for OPC UA instead of 4840
+    #[arg(long, value_name = "PORT")]
+    pub(super) opc_ua_port: Vec<u16>,
+    /// Try this port for Modbus TCP instead of 502
+    #[arg(long, value_name = "PORT")]
+    pub(super) modbus_port: Vec<u16>,
+    /// Try this port for gateways instead of 8080 and 8443
+    #[arg(long, value_name = "PORT")]
+    pub(super) gateway_port: Vec<u16>,
+    /// Print one JSON document
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let found: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if (1.0..=FASTEST_PER_SECOND).contains(&found) {
+        Ok(found)
+    } else {
+        Err(format!("expected 1 to {FASTEST_PER_SECOND}"))
+    }
 }

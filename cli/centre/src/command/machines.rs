@@ -2,12 +2,15 @@
 
 use std::{collections::BTreeMap, fmt::Write};
 
-use serde::Serialize;
 use volcomp_fleet::{Identity, MachineId};
 
 use super::{
-    CommandError, arguments::AddMachine, machine_named, open, print, print_json, server::draw_nkey,
-    shown, signing_key, text,
+    CommandError,
+    arguments::AddMachine,
+    machine_named, open, print, print_json,
+    server::draw_nkey,
+    shown, signing_key,
+    text::{self, Named, Shown},
 };
 use crate::{
     clock::now_s,
@@ -18,30 +21,6 @@ use crate::{
     records::{Live, Machine, Model, Version},
     registration::check,
 };
-
-/// A machine with what is known of it now.
-#[derive(Serialize)]
-pub(super) struct Shown {
-    #[serde(flatten)]
-    pub(super) machine: Machine,
-    pub(super) live: Option<Live>,
-    /// How old its last condition is by the clocks of this computer and of the server, s.
-    pub(super) age_s: Option<f64>,
-    /// The newest version, which it shall have.
-    pub(super) version: Option<Version>,
-    /// The model of that version.
-    pub(super) wanted: Option<Named>,
-    /// The model by which it corrects; `None`: it was never heard, or has none.
-    pub(super) in_force: Option<Named>,
-}
-
-/// A model of a machine, by its version, its checksum and its name.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Named {
-    pub(super) version: u64,
-    pub(super) model: String,
-    pub(super) name: String,
-}
 
 pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), CommandError> {
     let store = open(config)?;
@@ -97,12 +76,7 @@ fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: M
 
 pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
     let store = open(config)?;
-    let mut live: BTreeMap<MachineId, Live> = (store.live()?.into_iter())
-        .map(|live| (live.machine.clone(), live))
-        .collect();
-    let mut versions: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
+    let (mut live, mut versions) = (store.live()?, store.newest_versions()?);
     let models: BTreeMap<String, String> = (store.models()?.into_iter())
         .map(|model| (model.sha256, model.name))
         .collect();

@@ -1,9 +1,7 @@
 //! The command line: what `volcomp-centre` is asked, and what it does.
 
 mod arguments;
-mod demo;
 mod discover;
-mod error;
 mod machines;
 mod models;
 mod page;
@@ -14,13 +12,90 @@ mod text;
 mod user;
 
 pub use arguments::Arguments;
-pub use error::CommandError;
 
 use std::{io::Write, path::Path, sync::Arc};
 
-use crate::{config::Config, keys::Key, store::Store};
+use crate::{
+    back::NoWayBack,
+    config::{Config, ConfigError},
+    engine::EngineError,
+    issue::NotIssued,
+    keys::{Key, KeyError},
+    models::NoModel,
+    store::{Store, StoreError},
+};
 
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
+
+/// Why a command was not done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CommandError {
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Key(#[from] KeyError),
+    #[error(transparent)]
+    Model(#[from] NoModel),
+    #[error("{0}")]
+    Wrong(String),
+    #[error(transparent)]
+    Server(#[from] volcomp_fleet::NoConfiguration),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    #[error(transparent)]
+    Back(#[from] NoWayBack),
+    #[error(transparent)]
+    Issue(#[from] NotIssued),
+    #[error(transparent)]
+    Tls(#[from] volcomp_web::TlsError),
+    #[error(transparent)]
+    Demo(#[from] crate::demo::DemoError),
+    #[error(
+        "{0} has ended by itself, which it never should: see the log; what was not acknowledged comes again after a start"
+    )]
+    Ended(&'static str),
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    /// Something was found that a person must look at; it has been printed.
+    #[error("{0}")]
+    Found(String),
+}
+
+impl CommandError {
+    /// The exit status: 2 where the configuration or the call is wrong, 1 where the work failed.
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::Key(KeyError::File { source, .. })
+                if source.kind() == std::io::ErrorKind::StorageFull =>
+            {
+                1
+            }
+            Self::Config(_)
+            | Self::Key(_)
+            | Self::Model(_)
+            | Self::Wrong(_)
+            | Self::Server(_)
+            | Self::Back(
+                NoWayBack::None { .. }
+                | NoWayBack::Model(_)
+                | NoWayBack::Store(StoreError::Conflict(_)),
+            )
+            | Self::Tls(_)
+            | Self::Store(StoreError::Missing { .. } | StoreError::Conflict(_)) => 2,
+            Self::Store(_)
+            | Self::Back(NoWayBack::Store(_))
+            | Self::Demo(_)
+            | Self::Engine(_)
+            | Self::Issue(_)
+            | Self::Ended(_)
+            | Self::Io(_)
+            | Self::Found(_) => 1,
+        }
+    }
+}
 
 impl Arguments {
     /// Does what is asked.
@@ -32,7 +107,7 @@ impl Arguments {
         let by = self.by.clone().unwrap_or_else(who);
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
-            Command::Demo { listen } => demo::act(listen),
+            Command::Demo { listen } => run::demo(listen),
             Command::Discover(discover) => discover::act(&discover),
             Command::User(user) => user::act(&config()?, user, &by),
             Command::TlsInit { names, output } => {
@@ -102,7 +177,7 @@ fn who() -> String {
 /// # Errors
 /// It cannot be opened.
 pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
-    Ok(Arc::new(Store::open(&config.store)?))
+    Ok(Arc::new(Store::open(&config.store.file)?))
 }
 
 /// The key that signs.

@@ -12,23 +12,8 @@ use crate::{
 };
 
 pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), CommandError> {
-    let mut new = match (&add.file, &add.calibration) {
-        (Some(file), _) => NewModel::of_file(file, by)?,
-        (None, Some(path)) => NewModel::of_calibration(path, by)?,
-        (None, None) => {
-            return Err(CommandError::Wrong(
-                "found neither a machine file nor a calibration, expected one of them".to_owned(),
-            ));
-        }
-    };
-    if let Some(day) = &add.measured {
-        if drift::date_s(day).is_none() {
-            return Err(CommandError::Wrong(format!(
-                "--measured: found {day:?}, expected a day such as 2026-11-25"
-            )));
-        }
-        new.model.measured.clone_from(day);
-    }
+    let day = add.measured.as_deref().unwrap_or_default();
+    let new = NewModel::of_file(&add.file, by)?.with_day_and_note(day)?;
     let is_new = open(config)?.add_model(&new.model, &new.text)?;
     let mut said = String::new();
     for note in &new.model.notes {
@@ -131,7 +116,9 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> 
             .iter()
             .any(|stage: &drift::Stage| stage.sha256 == model.sha256);
         if !seen {
-            stages.push(drift::Stage::of(&model, &text)?);
+            let parameters = drift::parameters(&text)?;
+            let sha256 = model.sha256;
+            stages.push(drift::Stage { sha256, parameters });
         }
     }
     if stages.is_empty() {

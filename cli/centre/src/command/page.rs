@@ -7,7 +7,7 @@ use volcomp_web::tls;
 
 use super::CommandError;
 use crate::{
-    config_page::PageConfig,
+    config::PageConfig,
     http::{PageSettings, PageState, router},
     rollout::Rules,
     store::Store,
@@ -32,7 +32,7 @@ pub(super) async fn serve(
     rules: Rules,
     store: &Arc<Store>,
 ) -> Result<[JoinHandle<()>; 2], CommandError> {
-    let acceptor = match &config.tls {
+    let acceptor = match config.tls() {
         Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
         None => None,
     };

@@ -11,11 +11,10 @@ use super::{
 };
 use crate::{
     back,
-    clock::now_s,
     config::Config,
     models::fits,
     records::Machine,
-    rollout::{NewRollout, Rollout, Rules, Wish},
+    rollout::{Rules, Wish},
     store::StoreError,
 };
 
@@ -71,19 +70,7 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
     rules
         .check()
         .map_err(|error| CommandError::Wrong(error.to_string()))?;
-    let rollout = store.start_rollout(|id| {
-        let by = by.to_owned();
-        Rollout::new(
-            id,
-            NewRollout {
-                model: model.sha256.clone(),
-                machines: &machines,
-                rules,
-                by,
-                since_s: now_s(),
-            },
-        )
-    })?;
+    let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
     let mut said = text::started(&rollout, &model);
     if rollout.targets.len() > 1 {
         said.push_str(

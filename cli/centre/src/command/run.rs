@@ -1,6 +1,6 @@
 //! Running the centre, and checking what it needs.
 
-use std::{fmt::Write as _, io::IsTerminal};
+use std::{fmt::Write as _, io::IsTerminal, net::SocketAddr};
 
 use tracing_subscriber::{
     filter::{LevelFilter, Targets},
@@ -17,7 +17,8 @@ use super::{
     signing_key,
 };
 use crate::{
-    config::Config,
+    config::{Config, PageConfig},
+    demo::{CONFIRMS_AFTER, Demo},
     engine::{Engine, Settings},
     keys::Key,
 };
@@ -38,7 +39,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
     let (link, _) = link(config)?;
     let engine = Settings {
         link,
-        keeping: config.nats.keeping,
+        keeping: config.nats.keeping(),
         keep: config.keep,
         key: signing_key(config)?,
         own: Key::all(&config.keys.folder)?,
@@ -89,7 +90,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     Key::all(&config.keys.folder)?;
     let server = settings(config)?;
     server.text()?;
-    if let Some((certificate, private)) = config.page.as_ref().and_then(|page| page.tls.as_ref()) {
+    if let Some((certificate, private)) = config.page.as_ref().and_then(PageConfig::tls) {
         volcomp_web::tls::acceptor(certificate, private)?;
     }
     let machines = store.machines()?;
@@ -99,7 +100,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
         .collect();
     let mut said = format!(
         "store        {}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
-        config.store.display(),
+        config.store.file.display(),
         config.nats.url,
         key.name,
         key.public(),
@@ -119,4 +120,24 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     }
     print(&said)?;
     chain_holds(&store)
+}
+
+/// Runs the demonstration.
+pub(super) fn demo(listen: SocketAddr) -> Result<(), CommandError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?;
+    runtime.block_on(async {
+        let demo = Demo::start(listen).await?;
+        print(&format!(
+            "The page is on http://{}\n  name      {}\n  password  {}\nThree machines are simulated, and nothing is kept. Ctrl-C ends everything.\nTheir models wait until somebody confirms them on the page, under Roll-outs; after {} s the demonstration confirms them by itself.\n",
+            demo.address,
+            demo.user,
+            demo.password,
+            CONFIRMS_AFTER.as_secs()
+        ))?;
+        ended().await?;
+        demo.end().await;
+        Ok(())
+    })
 }

@@ -79,11 +79,11 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> 
         name: server.name.clone(),
         listen: server.listen.clone(),
         store: server.store.clone(),
-        tls: server.tls.clone(),
-        cluster: server.cluster.as_ref().map(|cluster| Cluster {
-            name: cluster.name.clone(),
-            listen: cluster.listen.clone(),
-            routes: cluster.routes.clone(),
+        tls: server.tls(),
+        cluster: server.cluster.as_ref().map(|name| Cluster {
+            name: name.clone(),
+            listen: server.cluster_listen.clone(),
+            routes: server.routes.clone(),
             password: RoutePassword::of_seed(&link.seed),
             roots: config.nats.ca.clone(),
         }),

@@ -2,32 +2,39 @@
 
 use std::{collections::BTreeSet, fmt::Write};
 
+use serde::Serialize;
 use volcomp_fleet::largest_moves;
 
-use super::machines::{Named, Shown};
 use crate::{
-    drift::{Stage, date},
-    records::{Alarm, AuditRecord, Model, Origin},
+    clock::date,
+    columns,
+    drift::Stage,
+    records::{Alarm, AuditRecord, Live, Machine, Model, Origin, Version},
     rollout::{Phase, Rollout, Step, Target},
 };
 
-/// Columns, each as wide as its widest cell; the last as wide as it is.
-fn columns(rows: &[Vec<String>]) -> String {
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| {
-        let cells = rows.iter().filter_map(|row| row.get(column));
-        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..count).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let cells: Vec<String> = (row.iter().zip(&widths))
-            .map(|(cell, width)| format!("{cell:<width$}"))
-            .collect();
-        text.push_str(cells.join("  ").trim_end());
-        text.push('\n');
-    }
-    text
+/// A machine with what is known of it now.
+#[derive(Serialize)]
+pub(super) struct Shown {
+    #[serde(flatten)]
+    pub(super) machine: Machine,
+    pub(super) live: Option<Live>,
+    /// How old its last condition is by the clocks of this computer and of the server, s.
+    pub(super) age_s: Option<f64>,
+    /// The newest version, which it shall have.
+    pub(super) version: Option<Version>,
+    /// The model of that version.
+    pub(super) wanted: Option<Named>,
+    /// The model by which it corrects; `None`: it was never heard, or has none.
+    pub(super) in_force: Option<Named>,
+}
+
+/// A model of a machine, by its version, its checksum and its name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Named {
+    pub(super) version: u64,
+    pub(super) model: String,
+    pub(super) name: String,
 }
 
 fn row(cells: &[&str]) -> Vec<String> {
@@ -136,7 +143,7 @@ pub(super) fn models(models: &[Model]) -> String {
 pub(super) fn model(model: &Model) -> String {
     let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
     let origin = match &model.origin {
-        Origin::Form => "a text without a file name".to_owned(),
+        Origin::File { name } if name.is_empty() => "a text without a file name".to_owned(),
         Origin::File { name } => format!("the machine file {name}"),
         Origin::Calibration { path } => format!("the calibration {path}"),
     };
@@ -217,8 +224,18 @@ fn step(step: &Step) -> String {
             )
         }
         Step::Soaking {
-            version, soaked_s, ..
-        } => format!("version {version} is in force, watched for {soaked_s:.0} s"),
+            version,
+            soaked_s,
+            idle_s,
+            ..
+        } => {
+            let waits = if *idle_s > 0.0 {
+                format!("; it has not compensated for {idle_s:.0} s")
+            } else {
+                String::new()
+            };
+            format!("version {version} is in force, watched for {soaked_s:.0} s{waits}")
+        }
         Step::Done { version } => format!("version {version} is in force"),
         Step::Out { why, excused, .. } => {
             let excused = if *excused { " (let go on)" } else { "" };
@@ -293,7 +310,6 @@ pub(super) fn drift(stages: &[Stage]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::records::{Live, Machine};
 
     /// The model in force and the one that is wanted are two, and each stands beside its own version.
     #[test]
@@ -311,16 +327,7 @@ mod tests {
             })
         };
         let mut shown = Shown {
-            live: Some(Live {
-                machine: identity.machine,
-                heard_s: 0.0,
-                instance: String::new(),
-                version: 3,
-                model: String::new(),
-                condition: None,
-                lost: 0,
-                made: None,
-            }),
+            live: Some(Live::new(identity.machine, 0.0, 3)),
             age_s: None,
             version: None,
             wanted: named(4, "b", "of autumn"),

@@ -19,8 +19,7 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
-use super::DemoError;
-use crate::{clock::now_s, models::NoModel, records::Machine, users::Token};
+use crate::{clock::now_s, records::Machine};
 
 /// A correction ramps to another one within this time, s.
 const RAMP_S: f64 = 5.0;
@@ -55,12 +54,11 @@ pub(super) struct Simulated {
 impl Simulated {
     pub(super) fn new(
         machine: &Machine,
-        truth: &str,
+        truth: Model,
+        instance: String,
         trusted: VerifyingKey,
-    ) -> Result<Self, DemoError> {
-        let truth = Model::parse(truth, "built-in").map_err(NoModel::from)?;
-        let drawn = Token::draw().map_err(|e| DemoError::Key(e.to_string()))?;
-        Ok(Self {
+    ) -> Self {
+        Self {
             machine: machine.clone(),
             truth,
             trust: Trust {
@@ -70,7 +68,7 @@ impl Simulated {
                 axes: machine.axes.clone(),
                 highest: 0,
             },
-            instance: drawn.text().chars().take(16).collect(),
+            instance,
             number: 0,
             begun: Instant::now(),
             active: None,
@@ -79,7 +77,7 @@ impl Simulated {
             since: Instant::now(),
             disabled: false,
             cycles: 0,
-        })
+        }
     }
 
     pub(super) async fn run(mut self, link: LinkSettings) {

@@ -3,13 +3,10 @@
 //! What is found is a proposal for a person: nothing here registers a machine. Whatever comes over the wire may be a lie; it is
 //! bounded in time and length, and its texts are made harmless before they are shown.
 
-mod clean;
 mod focas;
 mod gateway;
 mod modbus;
-mod pace;
 mod propose;
-mod table;
 mod targets;
 
 use std::{
@@ -21,16 +18,13 @@ use std::{
 use serde::{Deserialize, Serialize};
 use tokio::{
     net::TcpStream,
-    sync::Semaphore,
+    sync::{Mutex, Semaphore},
     task::JoinSet,
-    time::{Instant, timeout_at},
+    time::{Instant, sleep_until, timeout_at},
 };
 
-pub use clean::clean;
 pub use modbus::{Identification, parse_identification};
-pub use pace::Pace;
 pub use propose::{Proposal, proposals};
-pub use table::table;
 pub use targets::{NotSearched, Subnet};
 
 /// So many addresses are asked at one time.
@@ -68,7 +62,6 @@ impl Kind {
 /// A device that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Device {
-    /// Its address.
     pub address: IpAddr,
     /// The port on which it answers.
     pub port: u16,
@@ -249,5 +242,131 @@ impl Search {
         let stream = connected.ok()?.ok()?;
         // Without a word from the other side a connection to oneself can come about at a port that is free.
         (stream.local_addr().ok()? != at).then_some(stream)
+    }
+}
+
+/// Gives turns evenly in time, to whoever asks first.
+#[derive(Debug)]
+pub struct Pace {
+    every: Duration,
+    next: Mutex<Instant>,
+}
+
+impl Pace {
+    /// So many turns a second; between 0.1 and 10 000.
+    pub fn new(per_second: f64) -> Self {
+        let per_second = if per_second.is_finite() {
+            per_second.clamp(0.1, 10_000.0)
+        } else {
+            1.0
+        };
+        Self {
+            every: Duration::from_secs_f64(1.0 / per_second),
+            next: Mutex::new(Instant::now()),
+        }
+    }
+
+    /// Waits for a turn. What was not used is not saved up: after a pause there is no burst.
+    pub async fn turn(&self) {
+        let at = {
+            let mut next = self.next.lock().await;
+            let at = (*next).max(Instant::now());
+            *next = at + self.every;
+            at
+        };
+        sleep_until(at).await;
+    }
+}
+
+/// Maximum length of a text that is kept, characters.
+const MAX_TEXT: usize = 100;
+
+/// A text as it may be shown: one line of at most a hundred characters, without control characters (which move a terminal's
+/// cursor) and without those that turn the direction of writing.
+pub fn clean(text: &str) -> String {
+    let shown: String = text
+        .chars()
+        .map(|c| if is_harmless(c) { c } else { ' ' })
+        .take(4 * MAX_TEXT)
+        .collect();
+    let words: Vec<&str> = shown.split_whitespace().collect();
+    words.join(" ").chars().take(MAX_TEXT).collect()
+}
+
+fn is_harmless(c: char) -> bool {
+    let turns = matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
+    !c.is_control() && !turns
+}
+
+/// What was found, as lines of text: a device each, with the first proposal and how many there are.
+pub fn table(devices: &[Device]) -> String {
+    if devices.is_empty() {
+        return "Nothing was found.\n".to_owned();
+    }
+    let head = ["address", "what", "control", "axes", "structure"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for device in devices {
+        let axes: Vec<String> = device.axes.iter().map(ToString::to_string).collect();
+        let control: Vec<&str> = [device.control.as_str(), &device.name]
+            .into_iter()
+            .filter(|text| !text.is_empty())
+            .collect();
+        let not = if device.answers { "" } else { "not " };
+        rows.push(vec![
+            format!("{}:{}", device.address, device.port),
+            format!("{not}{}", device.kind.name()),
+            control.join(", "),
+            axes.join(" "),
+            structure(device),
+        ]);
+    }
+    let columns = crate::columns(&rows);
+    let mut lines: Vec<String> = Vec::new();
+    for (place, line) in columns.lines().enumerate() {
+        lines.push(line.to_owned());
+        let device = place.checked_sub(1).and_then(|place| devices.get(place));
+        if let Some(device) = device.filter(|device| !device.note.is_empty()) {
+            lines.push(format!("    {}", device.note));
+        }
+    }
+    lines.join("\n") + "\n"
+}
+
+fn structure(device: &Device) -> String {
+    if let Some(stated) = &device.structure {
+        return stated.clone();
+    }
+    match &device.proposals[..] {
+        [] => String::new(),
+        [only] => format!("{}?", only.structure),
+        [first, rest @ ..] => format!("{}? or one of {} others", first.structure, rest.len()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_moves_a_terminal() {
+        assert_eq!(clean("  31i\u{1b}[2J\r\n B\0 "), "31i [2J B");
+        assert_eq!(clean("a\u{202e}b"), "a b");
+        assert_eq!(clean(&"ä".repeat(500)).chars().count(), 100);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn turns_come_evenly_and_are_not_saved_up() {
+        let pace = Pace::new(10.0);
+        let begun = Instant::now();
+        for _ in 0..11 {
+            pace.turn().await;
+        }
+        assert_eq!(begun.elapsed().as_millis(), 1000);
+        tokio::time::sleep(Duration::from_secs(60)).await;
+        let begun = Instant::now();
+        for _ in 0..11 {
+            pace.turn().await;
+        }
+        assert_eq!(begun.elapsed().as_millis(), 1000);
     }
 }

@@ -23,14 +23,10 @@ pub enum NotSearched {
     #[error(
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
     )]
-    Unreadable {
-        /// What was found.
-        found: String,
-    },
+    Unreadable { found: String },
     /// The address has bits beyond its prefix: it is not clear what is meant.
     #[error("found {found}, expected {expected}: the address has bits beyond its prefix")]
     Bits {
-        /// What was found.
         found: String,
         /// The subnet in which the address lies.
         expected: Subnet,
@@ -40,7 +36,6 @@ pub enum NotSearched {
         "found {found} with {addresses} addresses, expected at most 65536 (/{SHORTEST_PREFIX}): state the subnets of the machines"
     )]
     TooLarge {
-        /// The subnet that was found.
         found: Subnet,
         /// How many addresses it has.
         addresses: u64,
@@ -49,16 +44,10 @@ pub enum NotSearched {
     #[error(
         "{found} is not a private range: others' computers may be there. If it is yours say --yes-these-are-mine"
     )]
-    Public {
-        /// The subnet that was found.
-        found: Subnet,
-    },
+    Public { found: Subnet },
     /// No single computers are there.
     #[error("{found} holds no single computers: it is multicast, broadcast or reserved")]
-    Reserved {
-        /// The subnet that was found.
-        found: Subnet,
-    },
+    Reserved { found: Subnet },
 }
 
 impl FromStr for Subnet {

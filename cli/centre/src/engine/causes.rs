@@ -30,8 +30,6 @@ pub(super) struct Known<'a> {
     pub(super) suspect: Option<&'a Suspect>,
     /// A foreign value stood under its key so long ago, s.
     pub(super) clobbered_s: Option<f64>,
-    /// A message could not be read so long ago, s, and why not.
-    pub(super) unreadable: Option<(f64, &'a str)>,
     /// A calibration is due since so many days.
     pub(super) due_days: Option<f64>,
     pub(super) now_s: f64,
@@ -82,7 +80,9 @@ pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
             ),
         );
     }
-    if let Some((ago_s, why)) = known.unreadable.filter(|(ago_s, _)| *ago_s < TOLD_S) {
+    let unreadable = known.heard.and_then(|heard| heard.unreadable.as_ref());
+    let unreadable = unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why));
+    if let Some((ago_s, why)) = unreadable.filter(|(ago_s, _)| *ago_s < TOLD_S) {
         causes.insert(
             AlarmKind::Unreadable,
             format!("A message could not be read {ago_s:.0} s ago: {why}."),

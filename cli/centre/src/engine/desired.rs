@@ -7,7 +7,7 @@ use bytes::Bytes;
 use futures_util::StreamExt;
 use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId, ModelRef};
 
-use super::{Engine, blocking, writer::lock};
+use super::{Engine, blocking, lock};
 use crate::{records::AlarmKind, store::Issued};
 
 /// So many values are under way at a time.
@@ -44,33 +44,27 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
 /// What was issued, here or by another program, and does not stand under its key yet as far as is known.
 fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
     let wanted = engine.store.wanted()?;
-    let newer = {
-        let put = lock(&engine.put);
-        let newer = wanted.into_iter().filter(|(machine, (version, _))| {
-            put.get(machine).is_none_or(|(known, _)| known < version)
-        });
-        newer.map(|(machine, _)| machine).collect::<Vec<_>>()
+    let put = lock(&engine.put).clone();
+    let is_put = |machine: &MachineId, version: u64, has_value: bool| {
+        put.get(machine)
+            .is_some_and(|(known, value)| *known >= version && (has_value || value.is_empty()))
     };
-    let issued: Result<Vec<Option<Issued>>, _> = newer
-        .iter()
-        .map(|machine| engine.store.issued(machine))
-        .collect();
-    let mut due: Vec<Issued> = issued?.into_iter().flatten().collect();
-    let cleared = engine.store.cleared()?.into_iter();
-    let put = lock(&engine.put);
-    due.extend(
-        cleared
-            .filter(|(machine, version)| {
-                put.get(machine)
-                    .is_none_or(|(known, value)| known < version || !value.is_empty())
-            })
-            .map(|(machine, version)| Issued {
+    let mut due = Vec::new();
+    for (machine, (version, has_value)) in wanted {
+        if is_put(&machine, version, has_value) {
+            continue;
+        }
+        if has_value {
+            due.extend(engine.store.issued(&machine)?);
+        } else {
+            due.push(Issued {
                 machine,
                 version,
                 model: String::new(),
                 value: String::new(),
-            }),
-    );
+            });
+        }
+    }
     Ok(due)
 }
 

@@ -8,12 +8,14 @@ use std::{
 
 use volcomp_fleet::{MachineId, SiteId};
 
-use super::{Engine, alarms, blocking, moving, settings, writer::lock};
+use super::{Engine, alarms, blocking, lock, moving};
 use crate::{
     clock::now_s,
+    drift::in_force,
     ingest::Since,
+    issue::{NotIssued, differs, settle},
     records::{AlarmKind, Machine, Version},
-    rollout::Seen,
+    rollout::Observation,
     store::StoreError,
 };
 
@@ -33,7 +35,7 @@ pub(super) struct State {
     residual_um: BTreeMap<MachineId, f64>,
     /// Machines whose settings cannot be sent, and why.
     unsettled: BTreeMap<MachineId, String>,
-    pub(super) alarms: alarms::Open,
+    pub(super) alarms: alarms::State,
 }
 
 impl State {
@@ -45,7 +47,7 @@ impl State {
             hour: None,
             residual_um: BTreeMap::new(),
             unsettled: BTreeMap::new(),
-            alarms: alarms::Open::default(),
+            alarms: alarms::State::default(),
         }
     }
 }
@@ -103,52 +105,27 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
         }
         looked
     };
-    let seen: BTreeMap<MachineId, Seen> = (looked.iter())
+    let seen: BTreeMap<MachineId, Observation> = (looked.iter())
         .map(|(machine, (seen, _))| (machine.clone(), seen.clone()))
         .collect();
     let since: BTreeMap<MachineId, Since> = (looked.into_iter())
         .map(|(machine, (_, since))| (machine, since))
         .collect();
-    let held = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
-        Ok(held) => held,
+    let stuck = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
+        Ok(stuck) => stuck,
         Err(error) => {
             // What was heard counts at the next look, before what came meanwhile.
             lock(&engine.ingest).put_back(since);
             return Err(error);
         }
     };
-    let unseen = since.iter().filter(|(name, _)| held.holds(name));
-    let unseen = unseen.map(|(name, since)| {
-        // The alarms have these.
-        let unreadable = 0;
-        let since = Since {
-            unreadable,
-            ..since.clone()
-        };
-        (name.clone(), since)
-    });
-    let unseen: BTreeMap<MachineId, Since> = unseen.collect();
-    lock(&engine.ingest).put_back(unseen);
-    let why = (!held.why.is_empty()).then(|| held.why.join(" "));
+    let untold = since.into_iter().filter(|(name, _)| stuck.holds(name));
+    lock(&engine.ingest).put_back(untold.collect());
+    let why = (!stuck.why.is_empty()).then(|| stuck.why.join(" "));
     engine.trouble(AlarmKind::Rollout, why);
-    let told = (|| {
-        let versions = newest_versions(engine)?;
-        settings::look(engine, &mut state.unsettled, &machines, &versions)?;
-        alarms::look(engine, &mut state.alarms, &machines, &versions, &since)
-    })();
-    if let Err(error) = told {
-        // The roll-outs have had their part; what the alarms have not had is told at the next look.
-        let untold = since.into_iter().map(|(name, since)| {
-            let untold = Since {
-                unreadable: since.unreadable,
-                why_unreadable: since.why_unreadable,
-                ..Since::default()
-            };
-            (name, untold)
-        });
-        lock(&engine.ingest).put_back(untold.collect());
-        return Err(error);
-    }
+    let versions = engine.store.newest_versions()?;
+    settle_all(engine, &mut state.unsettled, &machines, &versions)?;
+    alarms::look(engine, &mut state.alarms, &machines, &versions)?;
     if now.duration_since(state.minute) >= MINUTE {
         state.minute = now;
         lock(&engine.ingest).count_missing();
@@ -164,10 +141,52 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// The newest version of each machine that has one.
-pub(super) fn newest_versions(engine: &Engine) -> Result<BTreeMap<MachineId, Version>, StoreError> {
-    let versions = engine.store.newest_versions()?.into_iter();
-    Ok(versions
-        .map(|version| (version.machine.clone(), version))
-        .collect())
+/// Maximum number of machines that are sent other settings at one look.
+const MAX_SETTLED: usize = 200;
+
+/// Has every machine told what it is registered with, whoever changed that and however.
+fn settle_all(
+    engine: &Engine,
+    unsettled: &mut BTreeMap<MachineId, String>,
+    machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
+) -> Result<(), StoreError> {
+    let before = std::mem::take(unsettled);
+    let mut issued = 0;
+    for machine in machines {
+        let name = &machine.identity.machine;
+        if issued == MAX_SETTLED {
+            break;
+        }
+        let is_other = if let Some(newest) = versions.get(name) {
+            differs(machine, newest)
+        } else {
+            // Where nothing is under its key it goes on with what it has.
+            let live = lock(&engine.ingest)
+                .machine(name)
+                .and_then(|heard| heard.live.clone());
+            match live.filter(|live| live.version > 0) {
+                Some(live) => {
+                    let versions = engine.store.versions(name)?;
+                    in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
+                }
+                None => false,
+            }
+        };
+        if !is_other {
+            continue;
+        }
+        match settle(&engine.store, &engine.settings.key, name, "centre") {
+            Ok(_) => issued += 1,
+            Err(NotIssued::Store(error)) => return Err(error),
+            Err(other) => {
+                let why = other.to_string();
+                if before.get(name) != Some(&why) {
+                    tracing::error!("the settings of {name} are not sent: {why}");
+                }
+                unsettled.insert(name.clone(), why);
+            }
+        }
+    }
+    Ok(())
 }

@@ -8,13 +8,11 @@ mod causes;
 mod desired;
 mod look;
 mod moving;
-mod settings;
-mod writer;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
-        Arc, Mutex,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
         mpsc,
     },
@@ -22,9 +20,8 @@ use std::{
 };
 
 use tokio::sync::oneshot;
-use volcomp_fleet::{Hub, Keeping, LinkError, LinkSettings, MachineId, SiteId};
+use volcomp_fleet::{Hub, Keeping, LinkError, LinkSettings, MachineId, Received, SiteId};
 
-use self::writer::{Job, lock};
 use crate::{
     ingest::Ingest,
     keys::Key,
@@ -34,8 +31,12 @@ use crate::{
 
 /// The engine looks at everything so often.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// So many batches wait for the writer.
-const WAITING: usize = 64;
+/// Maximum number of batches that wait for the thread that writes.
+const MAX_WAITING: usize = 64;
+/// Maximum number of messages of a commit.
+const MAX_MESSAGES: usize = 8_000;
+/// Where the database takes nothing it is tried again after this. Until then the messages stay at the server.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What the engine needs.
 pub struct Settings {
@@ -55,7 +56,6 @@ pub struct Settings {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The connection is none.
@@ -164,7 +164,7 @@ impl Engine {
             counts: Counts::default(),
             ending: AtomicBool::new(false),
         });
-        let (send, jobs) = mpsc::sync_channel(WAITING);
+        let (send, jobs) = mpsc::sync_channel(MAX_WAITING);
         let of_thread = Arc::clone(&engine);
         let (alive, writer) = oneshot::channel::<()>();
         std::thread::Builder::new()
@@ -172,7 +172,7 @@ impl Engine {
             .spawn(move || {
                 // Dropped at its end, whichever that is.
                 let _alive = alive;
-                writer::run(&of_thread, &jobs);
+                write(&of_thread, &jobs);
             })?;
         let tasks = tokio::spawn(run(Arc::clone(&engine), send));
         Ok(Running {
@@ -320,6 +320,65 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
             }
         });
     }
+}
+
+/// Messages that are to be stored, and who waits for it.
+struct Job {
+    messages: Vec<Received>,
+    stored: oneshot::Sender<()>,
+}
+
+/// Stores what machines say, on its own thread, until no job can come: whatever waits goes into one transaction, so that many sites
+/// cost one commit.
+fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
+    while let Ok(first) = jobs.recv() {
+        let mut waiting = vec![first];
+        let mut count = waiting[0].messages.len();
+        while count < MAX_MESSAGES
+            && let Ok(next) = jobs.try_recv()
+        {
+            count += next.messages.len();
+            waiting.push(next);
+        }
+        let mut all = Vec::with_capacity(count);
+        let mut who = Vec::with_capacity(waiting.len());
+        for job in waiting {
+            all.extend(job.messages);
+            who.push(job.stored);
+        }
+        if store(engine, &all) {
+            for stored in who {
+                // Whoever waited has gone: the messages come again, and are known.
+                let _ = stored.send(());
+            }
+        }
+    }
+}
+
+/// Returns when everything is on disk; `false`: the centre ends before that, and nothing may be acknowledged.
+fn store(engine: &Engine, messages: &[Received]) -> bool {
+    loop {
+        let taken = lock(&engine.ingest).take(&engine.store, messages);
+        match taken {
+            Ok(taken) => {
+                engine.counts.add(taken.stored, taken.twice);
+                engine.trouble(AlarmKind::Store, None);
+                return true;
+            }
+            Err(error) => {
+                engine.trouble(AlarmKind::Store, Some(error.to_string()));
+                if engine.is_ending() {
+                    return false;
+                }
+                std::thread::sleep(RETRY_INTERVAL);
+            }
+        }
+    }
+}
+
+/// A thread that ended with it in its hands has left it whole: it is changed after the transaction.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -2,19 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use rusqlite::Connection;
 use volcomp_fleet::MachineId;
 
-use super::{Engine, look::newest_versions};
+use super::Engine;
 use crate::{
     issue::{NotIssued, Order, issue, missing, withdraw},
     records::{Model, Version},
-    rollout::{Action, Event, Phase, Rollout, Seen},
-    store::{Database, Issued, StoreError, machines::machine_named, rollouts},
+    rollout::{Action, Event, Observation, Phase, Rollout},
+    store::{Issued, StoreError, machines::machine_named, rollouts},
 };
 
 /// Roll-outs that could not be moved on.
 #[derive(Default)]
-pub(super) struct Held {
+pub(super) struct Stuck {
     /// Why, a sentence each.
     pub(super) why: Vec<String>,
     /// The machines of those that were moved on, where it is not known which machines the others have.
@@ -23,7 +24,7 @@ pub(super) struct Held {
     machines: BTreeSet<MachineId>,
 }
 
-impl Held {
+impl Stuck {
     /// Whether what was heard of a machine has reached no roll-out that may be its own.
     pub(super) fn holds(&self, machine: &MachineId) -> bool {
         self.machines.contains(machine)
@@ -35,16 +36,16 @@ impl Held {
 pub(super) fn look(
     engine: &Engine,
     elapsed_s: f64,
-    seen: &BTreeMap<MachineId, Seen>,
+    seen: &BTreeMap<MachineId, Observation>,
     residual_um: &BTreeMap<MachineId, f64>,
-) -> Result<Held, StoreError> {
+) -> Result<Stuck, StoreError> {
     let open = engine.store.open_rollouts()?;
     if open.is_empty() {
-        return Ok(Held::default());
+        return Ok(Stuck::default());
     }
     // What machines have answered is taken from the store at each look: a centre that was killed between an answer and its
     // look hears of it after its start.
-    let versions = newest_versions(engine)?;
+    let versions = engine.store.newest_versions()?;
     // A version that was never issued here is not one of a roll-out, whatever a machine tells.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {
@@ -59,16 +60,17 @@ pub(super) fn look(
         residual_um,
         versions,
     };
-    let mut held = Held::default();
+    let mut stuck = Stuck::default();
     let (mut moved, mut all_known) = (BTreeSet::new(), true);
     for id in open {
         match move_on(engine, id, &looked) {
             Ok(machines) => moved.extend(machines),
             Err(error) => {
-                held.why
+                stuck
+                    .why
                     .push(format!("Roll-out {id} cannot go on: {error}."));
                 match engine.store.rollout(id) {
-                    Ok(rollout) => held
+                    Ok(rollout) => stuck
                         .machines
                         .extend(rollout.into_iter().flat_map(machines_of)),
                     Err(_) => all_known = false,
@@ -76,14 +78,14 @@ pub(super) fn look(
             }
         }
     }
-    held.moved = (!all_known).then_some(moved);
-    Ok(held)
+    stuck.moved = (!all_known).then_some(moved);
+    Ok(stuck)
 }
 
 /// What every roll-out sees at one look.
 struct Looked<'a> {
     elapsed_s: f64,
-    seen: BTreeMap<MachineId, Seen>,
+    seen: BTreeMap<MachineId, Observation>,
     /// The last residual that was known, µm.
     residual_um: &'a BTreeMap<MachineId, f64>,
     /// The newest version of each machine.
@@ -159,7 +161,7 @@ struct Material<'a> {
 impl Material<'_> {
     fn act(
         &self,
-        database: &mut Database,
+        database: &Connection,
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), StoreError> {
@@ -205,7 +207,7 @@ impl Material<'_> {
 
     fn issue(
         &self,
-        database: &mut Database,
+        database: &Connection,
         rollout: &Rollout,
         name: &MachineId,
         confirm: Option<String>,

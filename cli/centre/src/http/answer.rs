@@ -6,6 +6,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use serde::Serialize;
+use serde_json::json;
 
 use crate::store::StoreError;
 
@@ -50,10 +51,9 @@ impl Refused {
 impl From<StoreError> for Refused {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::Rollout { .. }
-            | StoreError::NotBrokenOff { .. }
-            | StoreError::NotInForce { .. }
-            | StoreError::NotConfirmed { .. } => Self::conflict(error.to_string()),
+            StoreError::Conflict(_) | StoreError::NotConfirmed { .. } => {
+                Self::conflict(error.to_string())
+            }
             StoreError::Missing { .. } => Self::missing(error.to_string()),
             error => Self::inside(error),
         }
@@ -62,11 +62,7 @@ impl From<StoreError> for Refused {
 
 impl IntoResponse for Refused {
     fn into_response(self) -> Response {
-        #[derive(Serialize)]
-        struct Why {
-            error: String,
-        }
-        (self.status, Json(Why { error: self.why })).into_response()
+        (self.status, Json(json!({ "error": self.why }))).into_response()
     }
 }
 
@@ -85,16 +81,7 @@ pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
 
 /// It is done.
 pub(super) fn done() -> Answer {
-    #[derive(Serialize)]
-    struct Done {
-        done: bool,
-    }
-    document(&Done { done: true })
-}
-
-/// Further facts of a record of the audit log.
-pub(super) fn facts(facts: &impl Serialize) -> Result<serde_json::Value, Refused> {
-    serde_json::to_value(facts).map_err(Refused::inside)
+    document(&json!({ "done": true }))
 }
 
 /// Reads the document of a request.

@@ -1,45 +1,25 @@
 //! The search of the network from the page: one at a time.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use axum::{Extension, body::Bytes, extract::State};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::json;
 
 use super::{
-    answer::{Answer, Refused, document, done, facts, read},
-    state::Shared,
+    answer::{Answer, Refused, document, done, read},
+    state::{NetworkSearch, Shared},
 };
 use crate::{
-    discover::{Device, FASTEST_PER_SECOND, NotSearched, PER_SECOND, Search, Subnet},
+    discover::{FASTEST_PER_SECOND, NotSearched, PER_SECOND, Search, Subnet},
     users::User,
 };
 
-/// The most subnets of one search.
-const MOST_SUBNETS: usize = 32;
-
-/// State: the last search.
-#[derive(Default)]
-pub(super) struct Searches(Mutex<Latest>);
-
-#[derive(Clone, Default, Serialize)]
-struct Latest {
-    running: bool,
-    by: String,
-    subnets: Vec<String>,
-    /// Addresses that are done, and how many there are.
-    done: usize,
-    of: usize,
-    devices: Vec<Device>,
-}
-
-impl Searches {
-    fn with<T>(&self, work: impl FnOnce(&mut Latest) -> T) -> T {
-        work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
+/// Maximum number of subnets of one search.
+const MAX_SUBNETS: usize = 32;
 
 pub(super) async fn latest(State(page): Shared) -> Answer {
-    document(&page.searches.with(|latest| latest.clone()))
+    document(&page.with_search(|latest| latest.clone()))
 }
 
 #[derive(Deserialize)]
@@ -53,23 +33,15 @@ struct Ask {
     per_second: Option<f64>,
 }
 
-/// What the audit log is told of a search.
-#[derive(Serialize)]
-struct Searched<'a> {
-    subnets: &'a [String],
-    per_second: f64,
-    mine: bool,
-}
-
 pub(super) async fn search(
     State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
     let ask: Ask = read(&body)?;
-    if ask.subnets.is_empty() || ask.subnets.len() > MOST_SUBNETS {
+    if ask.subnets.is_empty() || ask.subnets.len() > MAX_SUBNETS {
         return Err(Refused::wrong(format!(
-            "subnets: expected 1 to {MOST_SUBNETS}"
+            "subnets: expected 1 to {MAX_SUBNETS}"
         )));
     }
     let mut subnets = Vec::new();
@@ -98,21 +70,17 @@ pub(super) async fn search(
         search.ports.clone_from(ports);
     }
     let of = search.addresses();
-    let details = facts(&Searched {
-        subnets: &ask.subnets,
-        per_second,
-        mine: ask.mine,
-    })?;
-    let begun = page.searches.with(|latest| {
+    let details = json!({ "subnets": ask.subnets, "per_second": per_second, "mine": ask.mine });
+    let begun = page.with_search(|latest| {
         if latest.running {
             return false;
         }
-        *latest = Latest {
+        *latest = NetworkSearch {
             running: true,
             by: user.name.to_string(),
             subnets: ask.subnets.clone(),
             of,
-            ..Latest::default()
+            ..NetworkSearch::default()
         };
         true
     });
@@ -123,9 +91,9 @@ pub(super) async fn search(
     tokio::spawn(async move {
         let telling = Arc::clone(&shared);
         let devices = search
-            .run(move |done| telling.searches.with(|latest| latest.done = done))
+            .run(move |done| telling.with_search(|latest| latest.done = done))
             .await;
-        shared.searches.with(|latest| {
+        shared.with_search(|latest| {
             latest.devices = devices;
             latest.running = false;
         });

@@ -1,21 +1,26 @@
-//! What is known of machines: all at a glance, one in depth, its history.
+//! Machines: all at a glance, one in depth, its history; registering and removing them; alarms, and the log of changes.
 
 use axum::{
+    Extension,
+    body::Bytes,
     extract::{Path, Query, State},
     http::StatusCode,
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
-    answer::{Answer, Refused, document, json_bytes},
+    answer::{Answer, Refused, document, done, json_bytes, read},
     state::Shared,
 };
 use crate::{
     clock::now_s,
     drift::in_force,
     point::mean,
-    records::{Alarm, Live, Machine, Point, Resolution, Version},
+    records::{Machine, Point, Resolution},
+    registration::check,
+    users::User,
 };
 
 /// So many points of a history are told at most: where there are more, one for several that follow one another, their mean.
@@ -48,39 +53,6 @@ pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
         .map_err(|_| Refused::missing("there is no such machine"))
 }
 
-/// One machine in depth.
-#[derive(Serialize)]
-struct Deep {
-    machine: Machine,
-    /// What it told last; `None`: it was never heard.
-    live: Option<Live>,
-    /// The age of its last condition, s.
-    age_s: Option<f64>,
-    silent: bool,
-    /// The newest first.
-    versions: Vec<Version>,
-    /// The model in force; where none is known to be, the one that was sent last.
-    model: Option<String>,
-    telemetry: Option<Told>,
-    alarms: Vec<Alarm>,
-    records: Vec<Record>,
-}
-
-/// A whole state, as the gateway told it.
-#[derive(Serialize)]
-struct Told {
-    at_s: f64,
-    age_s: f64,
-    state: serde_json::Value,
-}
-
-/// A record of the gateway's audit log.
-#[derive(Serialize)]
-struct Record {
-    at_s: f64,
-    record: serde_json::Value,
-}
-
 pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Answer {
     let id = named(&name)?;
     let age_s = page.overview().age_s(&id);
@@ -89,7 +61,7 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
             let Some(machine) = store.machine(&id)? else {
                 return Ok(None);
             };
-            let live = store.live()?.into_iter().find(|live| live.machine == id);
+            let live = store.live_of(&id)?;
             let versions = store.versions(&id)?;
             let telemetry = store.telemetry(&id)?;
             let alarms = store.alarms(Some(&id), RECORDS)?;
@@ -99,25 +71,26 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
                 .map(|version| version.model.clone());
             // Where the age is not known yet the machine is taken for silent.
             let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
-            let telemetry = telemetry.map(|(at_s, state)| Told {
-                at_s,
-                age_s: now_s() - at_s,
-                state,
-            });
-            let records = records.into_iter();
-            Ok(Some(Deep {
-                machine,
-                live,
-                age_s,
-                silent,
-                versions,
-                model,
-                telemetry,
-                alarms,
-                records: records
-                    .map(|(at_s, record)| Record { at_s, record })
-                    .collect(),
-            }))
+            let telemetry = telemetry.map(
+                |(at_s, state)| json!({ "at_s": at_s, "age_s": now_s() - at_s, "state": state }),
+            );
+            let records: Vec<_> = (records.into_iter())
+                .map(|(at_s, record)| json!({ "at_s": at_s, "record": record }))
+                .collect();
+            Ok(Some(json!({
+                "machine": machine,
+                // `null`: it was never heard.
+                "live": live,
+                // That of its last condition.
+                "age_s": age_s,
+                "silent": silent,
+                "versions": versions,
+                // The model in force; where none is known to be, the one that was sent last.
+                "model": model,
+                "telemetry": telemetry,
+                "alarms": alarms,
+                "records": records,
+            })))
         })
         .await?;
     match found {
@@ -131,14 +104,6 @@ pub(super) struct Range {
     resolution: Resolution,
     /// The last so many hours.
     hours: f64,
-}
-
-#[derive(Serialize)]
-struct History {
-    now_s: f64,
-    /// So many points stand together for one, as their mean.
-    together: usize,
-    points: Vec<Point>,
 }
 
 pub(super) async fn history(
@@ -162,9 +127,86 @@ pub(super) async fn history(
         .chunks(together)
         .filter_map(|some| mean(some, some.first()?.at_s));
     let told: Vec<Point> = means.collect();
-    document(&History {
-        now_s: now_s(),
-        together,
-        points: told,
-    })
+    // `together`: how many points one is the mean of.
+    document(&json!({ "now_s": now_s(), "together": together, "points": told }))
+}
+
+pub(super) async fn put_machine(
+    State(page): Shared,
+    Extension(user): Extension<User>,
+    body: Bytes,
+) -> Answer {
+    let machine: Machine = read(&body)?;
+    check(&machine).map_err(|error| Refused::wrong(error.to_string()))?;
+    page.ask(move |store| store.put_machine(&machine, user.name.as_str()))
+        .await?;
+    done()
+}
+
+pub(super) async fn remove_machine(
+    State(page): Shared,
+    Extension(user): Extension<User>,
+    Path(name): Path<String>,
+) -> Answer {
+    let id = named(&name)?;
+    let removed = page
+        .ask(move |store| store.remove_machine(&id, user.name.as_str()))
+        .await?;
+    if removed {
+        done()
+    } else {
+        Err(Refused::missing("there is no such machine"))
+    }
+}
+
+/// Maximum number of alarms in an answer.
+const MAX_ALARMS: u32 = 500;
+/// Maximum number of records of the audit log in an answer.
+const MAX_AUDIT: u32 = 200;
+
+#[derive(Deserialize)]
+pub(super) struct Which {
+    /// Those that are over, too.
+    #[serde(default)]
+    all: bool,
+}
+
+pub(super) async fn alarms(State(page): Shared, Query(which): Query<Which>) -> Answer {
+    let alarms = page.ask(move |store| {
+        if which.all {
+            store.alarms(None, MAX_ALARMS)
+        } else {
+            store.open_alarms()
+        }
+    });
+    document(&alarms.await?)
+}
+
+pub(super) async fn see_alarm(
+    State(page): Shared,
+    Extension(user): Extension<User>,
+    Path(id): Path<u64>,
+) -> Answer {
+    let seen = page
+        .ask(move |store| store.see_alarm(id, user.name.as_str()))
+        .await?;
+    if seen {
+        done()
+    } else {
+        Err(Refused::missing("there is no such alarm"))
+    }
+}
+
+#[derive(Deserialize)]
+pub(super) struct Before {
+    /// Records with smaller numbers.
+    before: Option<u64>,
+}
+
+pub(super) async fn audit(State(page): Shared, Query(range): Query<Before>) -> Answer {
+    document(
+        &page
+            .ask(move |store| store.audit_records(range.before, MAX_AUDIT))
+            .await?,
+    )
 }

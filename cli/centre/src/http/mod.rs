@@ -1,10 +1,7 @@
 //! The page of the centre and its interface: who may ask what, and what is answered. Everything is read from the store and
 //! written into it; the running centre acts on what stands there.
 
-mod ages;
-mod alarms;
 mod answer;
-mod change;
 mod discovery;
 mod machines;
 mod models;
@@ -16,5 +13,6 @@ mod state;
 mod tables;
 mod who;
 
-pub use routes::{Need, ROUTES, Route, router};
+pub use routes::{ROUTES, Route, router};
 pub use state::{PageSettings, PageState};
+pub use who::Need;

@@ -7,7 +7,8 @@ use axum::{
     body::Bytes,
     extract::{Path, State},
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::json;
 use volcomp_model::Machine;
 
 use super::{
@@ -15,10 +16,8 @@ use super::{
     state::{PageState, Shared},
 };
 use crate::{
-    described::{Described, beyond_every_guard},
-    drift::date_s,
     map::error_map,
-    models::{NewModel, NoModel},
+    models::{Described, NewModel},
     records::{Model, Origin},
     store::Store,
     users::User,
@@ -45,13 +44,6 @@ pub(super) async fn found(
         .ok_or_else(|| Refused::missing("there is no such model"))
 }
 
-/// A model with what its machine file says.
-#[derive(Serialize)]
-struct Shown {
-    model: Model,
-    described: Described,
-}
-
 pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> Answer {
     let (model, text) = found(&page, checksum).await?;
     let described = page
@@ -60,7 +52,7 @@ pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> 
         })
         .await?
         .map_err(Refused::inside)?;
-    document(&Shown { model, described })
+    document(&json!({ "model": model, "described": described }))
 }
 
 pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> Answer {
@@ -87,18 +79,7 @@ struct Add {
     measured: String,
     /// The name of the file it was read from.
     #[serde(default)]
-    file: Option<String>,
-    /// What a person should read.
-    #[serde(default)]
-    notes: Vec<String>,
-}
-
-/// A model that was added.
-#[derive(Serialize)]
-struct Added {
-    model: Model,
-    /// Whether it is new; otherwise it was there already.
-    added: bool,
+    file: String,
 }
 
 pub(super) async fn add(
@@ -106,47 +87,25 @@ pub(super) async fn add(
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
-    let add: Add = read(&body)?;
-    if !add.measured.is_empty() && date_s(&add.measured).is_none() {
-        return Err(Refused::wrong(
-            "measured: expected a day such as 2026-11-25",
-        ));
-    }
-    let fits = |text: &String| text.chars().count() <= 1000;
-    if add.notes.len() > 200 || !add.notes.iter().all(fits) || !add.file.iter().all(fits) {
-        return Err(Refused::wrong(
-            "notes: expected at most 200 of at most 1000 characters",
-        ));
-    }
     let Add {
         text,
         measured,
-        file,
-        notes,
-    } = add;
-    let origin = file.map_or(Origin::Form, |name| Origin::File { name });
-    let by = user.name.to_string();
-    let made = page
-        .work(move || {
-            let new = NewModel::of_text(text, "the machine file", origin, &by)?;
-            let map = error_map(&Machine::parse(&new.text, "the machine file")?)?;
-            Ok::<_, NoModel>((new, beyond_every_guard(&map)))
-        })
-        .await?;
-    let (NewModel { mut model, text }, beyond) =
-        made.map_err(|error| Refused::wrong(error.to_string()))?;
-    model.measured = measured;
-    for note in beyond.into_iter().chain(notes) {
-        if !model.notes.contains(&note) {
-            model.notes.push(note);
-        }
+        file: name,
+    } = read(&body)?;
+    if name.chars().count() > 1000 {
+        return Err(Refused::wrong("file: expected at most 1000 characters"));
     }
+    let by = user.name.to_string();
+    let made = page.work(move || {
+        NewModel::of_text(text, "the machine file", Origin::File { name }, &by)?
+            .with_day_and_note(&measured)
+    });
+    let NewModel { model, text } =
+        (made.await?).map_err(|error| Refused::wrong(error.to_string()))?;
     let answer = model.clone();
     let added = page
         .ask(move |store| store.add_model(&model, &text))
         .await?;
-    document(&Added {
-        model: answer,
-        added,
-    })
+    // `added`: whether it is new; otherwise it was there already.
+    document(&json!({ "model": answer, "added": added }))
 }

@@ -9,11 +9,10 @@ use axum::body::Bytes;
 use serde::Serialize;
 use volcomp_fleet::MachineId;
 
-use super::ages::Ages;
 use crate::{
     clock::now_s,
     drift::{due_days, model_in_force},
-    records::{Alarm, AlarmKind, Live, Model, Severity, Version},
+    records::{Alarm, AlarmKind, ConditionMade, Live, Model, Severity},
     store::{Store, StoreError},
 };
 
@@ -78,9 +77,7 @@ impl Overview {
     pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, StoreError> {
         let began = Instant::now();
         let machines = store.machines()?;
-        let live: HashMap<MachineId, Live> = (store.live()?.into_iter())
-            .map(|live| (live.machine.clone(), live))
-            .collect();
+        let live = store.live()?;
         let alarms = store.open_alarms()?;
         let mut of_machines: HashMap<&MachineId, Vec<&Alarm>> = HashMap::new();
         let mut centre = Vec::new();
@@ -95,9 +92,7 @@ impl Overview {
         let models: HashMap<String, Model> = (store.models()?.into_iter())
             .map(|model| (model.sha256.clone(), model))
             .collect();
-        let issued: HashMap<MachineId, Version> = (store.newest_versions()?.into_iter())
-            .map(|version| (version.machine.clone(), version))
-            .collect();
+        let issued = store.newest_versions()?;
         let mut correct_by = HashMap::new();
         for machine in machines.iter().filter(|machine| machine.due_days.is_some()) {
             let id = &machine.identity.machine;
@@ -206,4 +201,88 @@ fn hangs(for_long: Duration) -> Alarm {
 
 fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
+}
+
+/// How long ago the last condition of each machine was made, by the time that this program watches: two clocks that differ make no
+/// machine silent, and keep no silent one alive. For how long a condition waited at the gateway counts.
+///
+/// State: when the last condition of each machine was seen to be a new one.
+#[derive(Default)]
+pub(super) struct Ages(HashMap<MachineId, LastCondition>);
+
+struct LastCondition {
+    made: ConditionMade,
+    at: Instant,
+    /// How old it was when it was seen, s.
+    then_s: f64,
+}
+
+impl Ages {
+    /// The age of the last condition of a machine, s; `now_s` is the time of this computer.
+    pub(super) fn age_s(
+        &mut self,
+        machine: &MachineId,
+        made: ConditionMade,
+        now_s: f64,
+        now: Instant,
+    ) -> f64 {
+        match self.0.get_mut(machine) {
+            Some(seen) if seen.made == made => {
+                seen.then_s + now.saturating_duration_since(seen.at).as_secs_f64()
+            }
+            Some(seen) => {
+                *seen = LastCondition {
+                    made,
+                    at: now,
+                    then_s: made.late_s,
+                };
+                made.late_s
+            }
+            None => {
+                // Nothing was watched yet: the clocks are all there is.
+                let then_s = (now_s - made.at_s).max(made.late_s);
+                let seen = LastCondition {
+                    made,
+                    at: now,
+                    then_s,
+                };
+                self.0.insert(machine.clone(), seen);
+                then_s
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::Ages;
+    use crate::records::ConditionMade;
+
+    #[test]
+    fn a_server_whose_clock_is_ahead_or_behind_changes_nothing() {
+        let machine = "mill-1".parse().unwrap();
+        let made = |at_s| ConditionMade { at_s, late_s: 0.0 };
+        for ahead_s in [-3600.0, 0.0, 3600.0] {
+            let mut ages = Ages::default();
+            let start = Instant::now();
+            let at = |s: u64| start + Duration::from_secs(s);
+            ages.age_s(&machine, made(1000.0 + ahead_s), 1000.0, at(0));
+            assert_eq!(
+                ages.age_s(&machine, made(1001.0 + ahead_s), 1001.0, at(1)),
+                0.0
+            );
+            // It falls silent.
+            assert_eq!(
+                ages.age_s(&machine, made(1001.0 + ahead_s), 1010.0, at(10)),
+                9.0
+            );
+            // Somebody sets the clock of this computer back.
+            assert_eq!(
+                ages.age_s(&machine, made(1001.0 + ahead_s), 5.0, at(20)),
+                19.0
+            );
+        }
+    }
 }

@@ -17,11 +17,9 @@ use super::{
 };
 use crate::{
     back::{self, NoWayBack},
-    clock::now_s,
     drift::version_in_force,
     models::fits,
-    records::{Live, Version},
-    rollout::{NewRollout, Rollout, Rules, Wish},
+    rollout::{Rollout, Rules, Wish},
     store::{Store, StoreError},
     users::User,
 };
@@ -66,12 +64,7 @@ fn rollouts_in_force(
     store: &Store,
     rollouts: &[Rollout],
 ) -> Result<BTreeMap<MachineId, u64>, StoreError> {
-    let newest: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
-    let lives: BTreeMap<MachineId, Live> = (store.live()?.into_iter())
-        .map(|live| (live.machine.clone(), live))
-        .collect();
+    let (newest, lives) = (store.newest_versions()?, store.live()?);
     let broken_off = (rollouts.iter()).filter(|rollout| rollout.phase.is_broken_off());
     let machines: BTreeSet<&MachineId> = broken_off
         .flat_map(|rollout| rollout.targets.iter().map(|target| &target.machine))
@@ -139,19 +132,7 @@ fn begin(store: &Store, start: &Start, rules: Rules, user: &User) -> Result<Roll
             chosen.push((id.clone(), machine.canary || start.canaries.contains(id)));
         }
     }
-    let by = user.name.to_string();
-    Ok(store.start_rollout(|number| {
-        Rollout::new(
-            number,
-            NewRollout {
-                model: model.sha256.clone(),
-                machines: &chosen,
-                rules,
-                by,
-                since_s: now_s(),
-            },
-        )
-    })?)
+    Ok(store.begin_rollout(&model.sha256, &chosen, rules, user.name.as_str())?)
 }
 
 pub(super) async fn wish(
@@ -209,8 +190,8 @@ mod tests {
         issue::{Order, issue},
         keys::Key,
         models::NewModel,
-        records::{Machine, Origin},
-        rollout::{Phase, Step},
+        records::{Live, Machine, Origin},
+        rollout::{NewRollout, Phase, Step},
     };
 
     /// A machine took the model of a roll-out, and its answer was lost: the roll-out has it as one that was sent nothing. What the
@@ -225,7 +206,14 @@ mod tests {
         };
         let name = identity.machine.clone();
         let text = "structure = \"w X' b t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[errors]\n";
-        let new = NewModel::of_text(text.to_owned(), "m.toml", Origin::Form, "anna");
+        let new = NewModel::of_text(
+            text.to_owned(),
+            "m.toml",
+            Origin::File {
+                name: String::new(),
+            },
+            "anna",
+        );
         let new = new.expect("a model");
         store.add_model(&new.model, &new.text).expect("stored");
         let structure = new.model.structure.clone();
@@ -257,20 +245,11 @@ mod tests {
             rollout: Some(id),
             by: "anna",
         };
-        let issued = store.write_or(|database| issue(database, &key, &order));
+        let issued = store.write(|database| issue(database, &key, &order));
         let version = issued.expect("issued").version;
         let in_force_on = || shown(&store).expect("a store").remove(0).in_force_on;
         assert!(in_force_on().is_empty(), "it was not heard");
-        let live = Live {
-            machine: name.clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(name.clone(), 1.0, version);
         store.put_live(&[live]).expect("stored");
         assert_eq!(in_force_on(), [name]);
         let rollout = store.rollout(id).expect("a store").expect("there");

@@ -13,8 +13,11 @@ use axum::{
 use volcomp_web::{headers, hosts};
 
 use super::{
-    alarms, answer::Refused, change, discovery, machines, models, people, rollouts,
-    state::PageState, tables, who,
+    answer::Refused,
+    discovery, machines, models, people, rollouts,
+    state::PageState,
+    tables,
+    who::{self, Need},
 };
 use crate::users::Role;
 
@@ -22,15 +25,6 @@ use crate::users::Role;
 const MAX_BODY: usize = 2 * 1024 * 1024;
 /// A request must be answered after so long.
 const AT_MOST: Duration = Duration::from_secs(60);
-
-/// What a route needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// Nothing: the page itself, and logging in.
-    Nothing,
-    /// Somebody with this role at least.
-    Role(Role),
-}
 
 /// A route: method, path and what it needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,18 +69,18 @@ routes! {
     "GET" "/api/formats" VIEWER => get(tables::formats);
     "GET" "/api/rollouts" VIEWER => get(rollouts::rollouts);
     "GET" "/api/rules" VIEWER => get(rollouts::rules);
-    "GET" "/api/alarms" VIEWER => get(alarms::alarms);
-    "POST" "/api/machines" ENGINEER => post(change::machine);
-    "POST" "/api/machines/{machine}/remove" ENGINEER => post(change::remove_machine);
+    "GET" "/api/alarms" VIEWER => get(machines::alarms);
+    "POST" "/api/machines" ENGINEER => post(machines::put_machine);
+    "POST" "/api/machines/{machine}/remove" ENGINEER => post(machines::remove_machine);
     "POST" "/api/models" ENGINEER => post(models::add);
     "POST" "/api/rollouts" ENGINEER => post(rollouts::start_rollout);
     "POST" "/api/rollouts/{rollout}" ENGINEER => post(rollouts::wish);
     "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(rollouts::keep);
     "POST" "/api/machines/{machine}/back" ENGINEER => post(rollouts::back);
-    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(alarms::see_alarm);
+    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(machines::see_alarm);
     "GET" "/api/discovery" ENGINEER => get(discovery::latest);
     "POST" "/api/discovery" ENGINEER => post(discovery::search);
-    "GET" "/api/audit" ADMIN => get(alarms::audit);
+    "GET" "/api/audit" ADMIN => get(machines::audit);
     "GET" "/api/users" ADMIN => get(people::users);
     "POST" "/api/users" ADMIN => post(people::add_user);
     "POST" "/api/users/{user}" ADMIN => post(people::change_user);

@@ -14,13 +14,14 @@ use axum::{body::Bytes, extract::State};
 use tokio::sync::Semaphore;
 
 use serde::Serialize;
+use serde_json::json;
 
 use super::{
-    answer::{Refused, facts},
-    discovery::Searches,
-    overview::Overview,
+    answer::Refused,
+    overview::{Ages, Overview},
 };
 use crate::{
+    discover::{Device, Kind},
     rollout::Rules,
     store::{Store, StoreError},
     users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
@@ -43,21 +44,19 @@ pub struct PageSettings {
     /// What is said above the page, such as that this is a demonstration.
     pub notice: String,
     /// Ports for the search of the network in place of the usual ones; for tests.
-    pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
+    pub ports: Option<Vec<(Kind, u16)>>,
 }
 
-/// The details of a refusal in the audit log.
-#[derive(Serialize)]
-struct RefusedFrom {
-    from: IpAddr,
-}
-
-/// The details of refusals that followed one within a minute.
-#[derive(Serialize)]
-struct FurtherFrom {
-    from: IpAddr,
-    #[serde(flatten)]
-    further: crate::users::Further,
+/// The last search of the network.
+#[derive(Clone, Default, Serialize)]
+pub(super) struct NetworkSearch {
+    pub(super) running: bool,
+    pub(super) by: String,
+    pub(super) subnets: Vec<String>,
+    /// Addresses that are done, of how many.
+    pub(super) done: usize,
+    pub(super) of: usize,
+    pub(super) devices: Vec<Device>,
 }
 
 /// What a route takes to reach the state.
@@ -74,7 +73,7 @@ pub struct PageState {
     /// Models and maps take a processor for a while: one at a time.
     pub(super) works: Semaphore,
     pub(super) overview: RwLock<Arc<Overview>>,
-    pub(super) searches: Searches,
+    search: Mutex<NetworkSearch>,
     maps: Mutex<HashMap<String, Bytes>>,
 }
 
@@ -89,14 +88,14 @@ impl PageState {
             passwords: Semaphore::new(2),
             works: Semaphore::new(1),
             overview: RwLock::default(),
-            searches: Searches::default(),
+            search: Mutex::default(),
             maps: Mutex::default(),
         })
     }
 
     /// Makes the overview anew, again and again, until the runtime ends.
     pub async fn refresh(self: Arc<Self>) {
-        let mut ages = super::ages::Ages::default();
+        let mut ages = Ages::default();
         let mut ticks = tokio::time::interval(REFRESHED);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
@@ -128,6 +127,10 @@ impl PageState {
         }
     }
 
+    pub(super) fn with_search<T>(&self, work: impl FnOnce(&mut NetworkSearch) -> T) -> T {
+        work(&mut self.search.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     pub(super) fn overview(&self) -> Arc<Overview> {
         let place = self.overview.read().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(&place)
@@ -149,36 +152,35 @@ impl PageState {
         let Some(key) = self.refusals.count(refusal, from, object) else {
             return;
         };
-        self.record_refusal(refusal, object.to_owned(), RefusedFrom { from })
+        let details = json!({ "from": from });
+        self.record("centre", refusal.action(), object.to_owned(), details)
             .await;
         let page = Arc::clone(self);
         tokio::spawn(async move {
             tokio::time::sleep(REFUSAL_WINDOW).await;
             if let Some(further) = page.refusals.take(key) {
-                let details = FurtherFrom { from, further };
-                page.record_refusal(refusal, String::new(), details).await;
+                let details =
+                    json!({ "from": from, "count": further.count, "tried": further.tried });
+                page.record("centre", refusal.action(), String::new(), details)
+                    .await;
             }
         });
     }
 
-    async fn record_refusal(
+    /// Writes what was done, or refused, into the audit log.
+    pub(super) async fn record(
         self: &Arc<Self>,
-        refusal: Refusal,
+        by: &str,
+        action: &'static str,
         object: String,
-        details: impl Serialize,
+        details: serde_json::Value,
     ) {
-        let written = match facts(&details) {
-            Ok(details) => {
-                self.ask(move |store| store.audit("centre", refusal.action(), &object, details))
-                    .await
-            }
-            Err(refused) => Err(refused),
-        };
+        let by = by.to_owned();
+        let written = self
+            .ask(move |store| store.audit(&by, action, &object, details))
+            .await;
         if written.is_err() {
-            tracing::error!(
-                "page: {} could not be written into the audit log",
-                refusal.action()
-            );
+            tracing::error!("page: {action} could not be written into the audit log");
         }
     }
 

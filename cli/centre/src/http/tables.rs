@@ -8,7 +8,8 @@ use axum::{
     http::{HeaderValue, header},
     response::{IntoResponse, Response},
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::json;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_tables::axis_table::{
     AxisNumbers, ExchangeError, Facts, Format, TableOptions, UnknownFormat, WriteOptions, Written,
@@ -23,10 +24,9 @@ use super::{
 };
 use crate::records::Model;
 
-/// What is asked of tables.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Asked {
+pub(super) struct TableQuery {
     /// The name of the format, as `volcomp export` has it.
     #[serde(default)]
     format: String,
@@ -38,36 +38,11 @@ pub(super) struct Asked {
     step_deg: Option<f64>,
 }
 
-/// The tables of a format, without their texts.
-#[derive(Serialize)]
-struct Told {
-    format: String,
-    /// The names of the files.
-    files: Vec<String>,
-    /// Where the axes stand that a table does not go over, mm and deg.
-    at: Vec<(AxisName, f64)>,
-    /// What a number in the files says.
-    sign: &'static str,
-    /// What the sign rests on, and whether it is proven.
-    trust: &'static str,
-    /// What the files do not hold, and what the control has to be told besides.
-    notes: Vec<String>,
-}
-
-/// A format that can be asked for.
-#[derive(Serialize)]
-struct Known {
-    format: &'static str,
-    trust: &'static str,
-}
-
 /// The formats that tables can have.
 pub(super) async fn formats() -> Answer {
-    let known = Format::ALL.map(|format| Known {
-        format: format.name(),
-        trust: format.trust(),
-    });
-    document(&known.as_slice())
+    let formats =
+        Format::ALL.map(|format| json!({ "format": format.name(), "trust": format.trust() }));
+    document(&formats.as_slice())
 }
 
 /// The machine file, as it is signed and sent.
@@ -79,18 +54,30 @@ pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> A
 pub(super) async fn tables(
     State(page): Shared,
     Path(checksum): Path<String>,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TableQuery>,
 ) -> Answer {
-    let (told, _) = made(&page, checksum, asked).await?;
-    document(&told)
+    let (format, at, written) = made(&page, checksum, query).await?;
+    let files: Vec<&str> = (written.files.iter())
+        .map(|file| file.name.as_str())
+        .collect();
+    document(&json!({
+        "format": format.name(),
+        "files": files,
+        // Where the axes are that a table does not go over, mm and deg.
+        "at": at,
+        "sign": format.sign(),
+        "trust": format.trust(),
+        // What the files do not hold, and what the control has to be told besides.
+        "notes": written.notes,
+    }))
 }
 
 pub(super) async fn table(
     State(page): Shared,
     Path((checksum, name)): Path<(String, String)>,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TableQuery>,
 ) -> Answer {
-    let (_, written) = made(&page, checksum, asked).await?;
+    let (_, _, written) = made(&page, checksum, query).await?;
     let mut files = written.files.into_iter();
     let file = files
         .find(|file| file.name == name)
@@ -98,53 +85,37 @@ pub(super) async fn table(
     attachment(&name, "text/plain; charset=utf-8", file.text)
 }
 
+/// The tables of a format: where the other axes are, mm and deg, and the files.
 async fn made(
     page: &Arc<PageState>,
     checksum: String,
-    asked: Asked,
-) -> Result<(Told, Written), Refused> {
-    let format: Format = (asked.format.parse())
+    query: TableQuery,
+) -> Result<(Format, Vec<(AxisName, f64)>, Written), Refused> {
+    let format: Format = (query.format.parse())
         .map_err(|error: UnknownFormat| Refused::wrong(format!("format: {error}")))?;
     let (_, text) = found(page, checksum).await?;
     page.work(move || {
         let machine = Machine::parse(&text, "the model").map_err(Refused::inside)?;
         let usual = TableOptions::default();
         let options = TableOptions {
-            step_mm: asked.step_mm.unwrap_or(usual.step_mm),
-            step_deg: asked.step_deg.unwrap_or(usual.step_deg),
+            step_mm: query.step_mm.unwrap_or(usual.step_mm),
+            step_deg: query.step_deg.unwrap_or(usual.step_deg),
             ..usual
         };
-        let (at, written) = written(&machine, format, &options).map_err(|error| refused(&error))?;
-        let told = Told {
-            format: format.to_string(),
-            files: written.files.iter().map(|file| file.name.clone()).collect(),
-            at,
-            sign: format.sign(),
-            trust: format.trust(),
-            notes: written.notes.clone(),
+        let written = || {
+            let at = options.reference(&machine)?;
+            let content = sampled(&machine, &Temperatures::new(), &options, format)?;
+            let write_options = WriteOptions {
+                facts: Facts::of(&machine, at.clone(), String::new()),
+                axes: AxisNumbers::of_machine(&machine),
+                encoder: 0,
+                detection_unit: 0.001,
+            };
+            Ok((format, at, write(format, &content, &write_options)?))
         };
-        Ok((told, written))
+        written().map_err(|error| refused(&error))
     })
     .await?
-}
-
-/// Where the axes stand that no table goes over, mm and deg, and the files.
-type Exported = (Vec<(AxisName, f64)>, Written);
-
-fn written(
-    machine: &Machine,
-    format: Format,
-    options: &TableOptions,
-) -> Result<Exported, ExchangeError> {
-    let at = options.reference(machine)?;
-    let content = sampled(machine, &Temperatures::new(), options, format)?;
-    let write_options = WriteOptions {
-        facts: Facts::of(machine, at.clone(), String::new()),
-        axes: AxisNumbers::of_machine(machine),
-        encoder: 0,
-        detection_unit: 0.001,
-    };
-    Ok((at, write(format, &content, &write_options)?))
 }
 
 /// What cannot be made, with the fields of the page.

@@ -1,9 +1,6 @@
 //! Who asks: the session of the cookie, the role that a route needs, and whether a change was meant by our own page.
 
-use std::{
-    net::{IpAddr, SocketAddr},
-    sync::Arc,
-};
+use std::{net::SocketAddr, sync::Arc};
 
 use axum::{
     Extension,
@@ -12,15 +9,20 @@ use axum::{
     middleware::Next,
     response::{IntoResponse, Response},
 };
-use serde::Serialize;
+use serde_json::json;
 use volcomp_web::is_of_another_page;
 
-use super::{
-    answer::{Refused, facts},
-    routes::Need,
-    state::PageState,
-};
-use crate::users::{Moment, Refusal, Token, User};
+use super::{answer::Refused, state::PageState};
+use crate::users::{Moment, Refusal, Role, Token, User};
+
+/// What a route needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Nothing: the page itself, and logging in.
+    Nothing,
+    /// Somebody with this role at least.
+    Role(Role),
+}
 
 /// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
 /// first, which this program never gives.
@@ -67,15 +69,6 @@ fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
     Ok(())
 }
 
-/// What the audit log is told of a change that somebody asked for.
-#[derive(Serialize)]
-struct Asked<'a> {
-    from: IpAddr,
-    method: &'a str,
-    /// What was answered.
-    status: u16,
-}
-
 /// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
 /// the request came.
 pub(super) async fn admit(
@@ -111,25 +104,12 @@ pub(super) async fn admit(
     request.extensions_mut().insert(user);
     let response = next.run(request).await;
     if changes {
-        let status = response.status().as_u16();
-        let details = facts(&Asked {
-            from: from.ip(),
-            method: method.as_str(),
-            status,
+        let details = json!({
+            "from": from.ip(),
+            "method": method.as_str(),
+            "status": response.status().as_u16(),
         });
-        let written = match details {
-            Ok(details) => {
-                page.ask(move |store| store.audit(name.as_str(), "request", &path, details))
-                    .await
-            }
-            Err(refused) => Err(refused),
-        };
-        if written.is_err() {
-            tracing::error!(
-                "page: a change by {} could not be written into the audit log",
-                from.ip()
-            );
-        }
+        page.record(name.as_str(), "request", path, details).await;
     }
     response
 }

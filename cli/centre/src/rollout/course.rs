@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_fleet::{MachineId, Outcome};
 
-use super::{Action, Event, NewRollout, Phase, Rollout, Rules, Seen, Step, Target, Wish};
+use super::{Action, Event, NewRollout, Observation, Phase, Rollout, Rules, Step, Target, Wish};
 
 /// One look counts for no more than this, s: after a gap nothing is known of the time between.
 const LONGEST_LOOK_S: f64 = 10.0;
@@ -124,7 +124,7 @@ impl Rollout {
             .find(|target| target.machine == *machine)
     }
 
-    fn look(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Seen>) {
+    fn look(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
         // Written so that a time which is no number counts for nothing.
         let elapsed_s = if elapsed_s > 0.0 {
             elapsed_s.min(LONGEST_LOOK_S)
@@ -161,7 +161,7 @@ impl Rollout {
                 // Its soak is over, and it has the model as long as the roll-out goes on.
                 (
                     Step::Done { version },
-                    Some(Seen {
+                    Some(Observation {
                         version: seen,
                         faulted: Some(why),
                         ..
@@ -321,16 +321,31 @@ impl Rollout {
 }
 
 /// A machine that is watched with the model, after one more look at it.
-fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Option<f64>) -> Step {
+fn watched(
+    step: Step,
+    seen: &Observation,
+    elapsed_s: f64,
+    rules: &Rules,
+    before_um: Option<f64>,
+) -> Step {
     let Step::Soaking {
         version,
         soaked_s,
         residual_um,
         known_s,
         older_s,
+        idle_s,
     } = step
     else {
         return step;
+    };
+    let unchanged = |older_s, idle_s| Step::Soaking {
+        version,
+        soaked_s,
+        residual_um,
+        known_s,
+        older_s,
+        idle_s,
     };
     if let Some(why) = &seen.faulted {
         return faulted(version, why);
@@ -343,22 +358,10 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             let why = format!("it has version {} in force again", seen.version);
             return out(Some(version), why, false);
         }
-        return Step::Soaking {
-            version,
-            soaked_s,
-            residual_um,
-            known_s,
-            older_s,
-        };
+        return unchanged(older_s, idle_s);
     }
     if !seen.corrects {
-        return Step::Soaking {
-            version,
-            soaked_s,
-            residual_um,
-            known_s,
-            older_s: 0.0,
-        };
+        return unchanged(0.0, idle_s + elapsed_s);
     }
     let known = seen.residual_um.filter(|um| um.is_finite());
     let (residual_um, known_s) = match known {
@@ -388,6 +391,7 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             residual_um,
             known_s,
             older_s: 0.0,
+            idle_s: 0.0,
         }
     }
 }
@@ -403,6 +407,7 @@ fn soaking(version: u64) -> Step {
         residual_um: 0.0,
         known_s: 0.0,
         older_s: 0.0,
+        idle_s: 0.0,
     }
 }
 

@@ -23,14 +23,12 @@ pub enum Step {
     Waiting,
     /// The manifest is under its key, and it has not answered.
     Sent {
-        /// The version.
         version: u64,
         /// For so long, s.
         waited_s: f64,
     },
     /// A person must confirm the change.
     NeedsConfirmation {
-        /// The version.
         version: u64,
         /// The hash to be confirmed.
         hash: String,
@@ -41,7 +39,6 @@ pub enum Step {
     },
     /// It is in force, and watched.
     Soaking {
-        /// The version.
         version: u64,
         /// It was watched for so long, s.
         soaked_s: f64,
@@ -52,12 +49,12 @@ pub enum Step {
         /// It tells for so long that an older version is in force, s.
         #[serde(default)]
         older_s: f64,
+        /// How long it has not compensated, s; the soak does not go on meanwhile.
+        #[serde(default)]
+        idle_s: f64,
     },
     /// It is in force, and nothing spoke against it.
-    Done {
-        /// The version.
-        version: u64,
-    },
+    Done { version: u64 },
     /// It is out: it did not answer, or something speaks against the model.
     Out {
         /// The version, where one was sent and was not taken back since.
@@ -99,7 +96,6 @@ impl Step {
 /// A target of a roll-out: one machine that shall get the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
-    /// The machine.
     pub machine: MachineId,
     /// Its wave; 0: the canaries.
     pub wave: u32,
@@ -182,7 +178,6 @@ pub struct Rollout {
     pub by: String,
     /// When, s, for people.
     pub since_s: f64,
-    /// The rules.
     pub rules: Rules,
     /// How it stands.
     pub phase: Phase,
@@ -236,7 +231,7 @@ impl Rollout {
 
 /// What is seen of a machine at one look.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// Whether it has been heard since the last look, or a little before.
     pub heard: bool,
     /// The version that is in force.
@@ -257,27 +252,23 @@ pub enum Event {
         /// The time since the last look, s.
         elapsed_s: f64,
         /// What it saw; a machine that is not in here is not heard.
-        seen: BTreeMap<MachineId, Seen>,
+        seen: BTreeMap<MachineId, Observation>,
     },
     /// A manifest was issued.
     Issued {
-        /// For this machine.
         machine: MachineId,
-        /// With this version.
         version: u64,
         /// The residual before, µm.
         before_um: Option<f64>,
     },
     /// A manifest cannot be issued.
     NotIssued {
-        /// For this machine.
         machine: MachineId,
         /// Why nothing was issued for it.
         why: String,
     },
     /// A machine has answered.
     Answered {
-        /// The machine.
         machine: MachineId,
         /// The version that it answers.
         version: u64,
@@ -286,7 +277,6 @@ pub enum Event {
     },
     /// A person wishes something.
     Wished {
-        /// What is wished.
         wish: Wish,
         /// The name of the user who wishes it.
         by: String,
@@ -305,7 +295,6 @@ pub enum Wish {
     Abort,
     /// To confirm the change of one machine; in a roll-out that has stopped it is not sent.
     Confirm {
-        /// The machine.
         machine: MachineId,
         /// The hash that was shown.
         hash: String,
@@ -317,15 +306,11 @@ pub enum Wish {
 pub enum Action {
     /// To issue the model for a machine, and to tell [`Event::Issued`] or [`Event::NotIssued`].
     Issue {
-        /// The machine.
         machine: MachineId,
         /// The hash that a person has confirmed.
         confirm: Option<String>,
     },
     /// To put under the key of a machine what stood there before this roll-out, unless the model is in force there: it was
     /// sent, and the machine shall not take it when it is back.
-    Withdraw {
-        /// The machine.
-        machine: MachineId,
-    },
+    Withdraw { machine: MachineId },
 }

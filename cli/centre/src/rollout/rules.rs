@@ -42,9 +42,7 @@ impl Default for Rules {
 pub struct NoRules {
     /// The key of the rule.
     pub key: &'static str,
-    /// What it is.
     pub found: String,
-    /// What it should be.
     pub expected: String,
 }
 

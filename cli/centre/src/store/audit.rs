@@ -1,30 +1,27 @@
 //! The centre's own audit log: every change, with its author, each record chained to the one before by its hash.
 
+use rusqlite::{Connection, Row, params};
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
 use super::{
     Store, StoreError,
-    database::{Database, Row},
+    database::{execute, first, json, rows},
 };
 use crate::{clock::now_s, records::AuditRecord};
 
-/// Appends a record, in the transaction of what it tells.
+/// Appends a record, in the transaction of the change that it describes.
 pub(crate) fn append(
-    database: &mut Database,
+    database: &Connection,
     by: &str,
     action: &str,
     object: &str,
     details: Json,
 ) -> Result<(), StoreError> {
-    let last = database.first(
-        "SELECT number, hash FROM audit ORDER BY number DESC LIMIT 1",
-        &[],
-    )?;
-    let (number, before) = match &last {
-        Some(row) => (row.count(0)? + 1, row.text(1)?),
-        None => (1, ""),
-    };
+    let sql = "SELECT number, hash FROM audit ORDER BY number DESC LIMIT 1";
+    let last = first(database, sql, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let (last, before): (u64, String) = last.unwrap_or_default();
+    let number = last + 1;
     let document = serde_json::to_string(&AuditRecord {
         number,
         at_s: now_s(),
@@ -34,10 +31,11 @@ pub(crate) fn append(
         details,
         hash: String::new(),
     })?;
-    let hash = hash(before, &document);
-    database.execute(
+    let hash = hash(&before, &document);
+    execute(
+        database,
         "INSERT INTO audit (number, document, hash) VALUES (?1, ?2, ?3)",
-        &[number.into(), document.into(), hash.into()],
+        params![number, document, hash],
     )?;
     Ok(())
 }
@@ -50,17 +48,14 @@ fn hash(before: &str, document: &str) -> String {
     crate::hex(&digest.finalize())
 }
 
-fn record(row: &Row) -> Result<AuditRecord, StoreError> {
-    let mut record: AuditRecord = row.json(0)?;
-    row.text(1)?.clone_into(&mut record.hash);
-    Ok(record)
+fn record(row: &Row<'_>) -> Result<AuditRecord, StoreError> {
+    let record: AuditRecord = json(row, 0)?;
+    let hash = row.get(1)?;
+    Ok(AuditRecord { hash, ..record })
 }
 
 impl Store {
-    /// Writes down what somebody did, where it changes nothing else in the store.
-    ///
-    /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    /// Records an action that changes nothing else in the store.
     pub fn audit(
         &self,
         by: &str,
@@ -72,46 +67,43 @@ impl Store {
     }
 
     /// At most `count` records with numbers below `before`, the newest first; `None`: from the newest.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn audit_records(
         &self,
         before: Option<u64>,
         count: u32,
     ) -> Result<Vec<AuditRecord>, StoreError> {
+        let before = before.map_or(i64::MAX, |number| i64::try_from(number).unwrap_or(i64::MAX));
         self.read(|database| {
-            let rows = database.rows(
-                "SELECT document, hash FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2",
-                &[before.unwrap_or(u64::MAX).into(), count.into()],
-            )?;
-            rows.iter().map(record).collect()
+            let sql =
+                "SELECT document, hash FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
+            rows(database, sql, params![before, count], record)
         })
     }
 
     /// Checks the chain of the whole log: the number of the first record that does not follow from the one before.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn broken_audit(&self) -> Result<Option<u64>, StoreError> {
         const PAGE: u64 = 1000;
+        let sql =
+            "SELECT document, hash, number FROM audit WHERE number >= ?1 ORDER BY number LIMIT ?2";
         let mut before = String::new();
-        let mut expected = 1;
+        let mut expected: u64 = 1;
         loop {
-            let rows = self.read(|database| {
-                database.rows(
-                    "SELECT document, hash, number FROM audit WHERE number >= ?1 ORDER BY number LIMIT ?2",
-                    &[expected.into(), PAGE.into()],
-                )
+            let page = self.read(|database| {
+                rows(database, sql, params![expected, PAGE], |row| {
+                    Ok((
+                        record(row)?,
+                        row.get::<_, String>(0)?,
+                        row.get::<_, u64>(2)?,
+                    ))
+                })
             })?;
-            if rows.is_empty() {
+            if page.is_empty() {
                 return Ok(None);
             }
-            for row in rows {
-                let record = record(&row)?;
+            for (record, document, number) in page {
                 let follows = record.number == expected
-                    && row.count(2)? == expected
-                    && record.hash == hash(&before, row.text(0)?);
+                    && number == expected
+                    && record.hash == hash(&before, &document);
                 if !follows {
                     return Ok(Some(expected));
                 }

@@ -1,48 +1,55 @@
-//! The history of conditions: every one for a day, means of minutes for a month, means of hours for ever; and whole states.
+//! The history of conditions: every one for a day, means of minutes for a month, means of hours for ever; whole states; the audit
+//! records of machines; and the gateways from which all that came.
 //!
 //! Conditions wait in `recent` until their minute is closed; then the minute becomes one row of `raw` and one of `minutes`,
 //! and the hour gets its share, in one transaction. So a condition is written twice whatever becomes of it, and the database
 //! that a crash leaves goes on where it was.
 
+use rusqlite::{Connection, Params, params};
+use serde::{Deserialize, de::DeserializeOwned};
 use volcomp_fleet::MachineId;
 
 use super::{
     Store, StoreError,
-    database::{Database, Row, Value},
+    database::{execute, first, json, json_or_text, machine, rows},
 };
 use crate::{
+    instance::Instance,
     point,
     records::{Point, Resolution},
 };
 
-/// How long the history is kept, s.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// An hour, s.
+const HOUR_S: f64 = 3600.0;
+const DAY_S: f64 = 86_400.0;
+
+/// The table `[keep]`: how long the history is kept. Hours are kept for ever.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct Keep {
     /// Every condition.
-    pub raw_s: f64,
+    pub raw_h: f64,
     /// Means of minutes.
-    pub minutes_s: f64,
+    pub minutes_d: f64,
     /// Every whole state.
-    pub telemetry_s: f64,
+    pub telemetry_h: f64,
     /// One whole state an hour.
-    pub telemetry_hourly_s: f64,
+    pub telemetry_hourly_d: f64,
 }
 
 impl Default for Keep {
-    /// A day of every condition and whole state, 31 days of minutes and of one whole state an hour. Hours are kept for ever.
     fn default() -> Self {
-        const DAY: f64 = 86_400.0;
         Self {
-            raw_s: DAY,
-            minutes_s: 31.0 * DAY,
-            telemetry_s: DAY,
-            telemetry_hourly_s: 31.0 * DAY,
+            raw_h: 24.0,
+            minutes_d: 31.0,
+            telemetry_h: 24.0,
+            telemetry_hourly_d: 31.0,
         }
     }
 }
 
-/// Minutes of so many machines are closed in one transaction.
-const TOGETHER: usize = 32;
+/// Maximum number of machines whose minutes are closed in one transaction.
+const MAX_TOGETHER: usize = 32;
 
 /// The minute or the hour of a time.
 #[expect(
@@ -54,29 +61,21 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 }
 
 impl Store {
-    /// Closes the minutes that ended before `until_s`, each machine's oldest first, and tells how many conditions were in them.
+    /// Closes the minutes that ended before `until_s`, each machine's oldest first, and returns how many conditions were in them.
     /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
         let end = place(until_s, 60.0);
-        // Whoever has told a condition has told who it is.
-        let machines = self.read(|database| {
-            database.rows(
-                "SELECT DISTINCT machine FROM instances ORDER BY machine",
-                &[],
-            )
-        })?;
+        // Every machine with conditions has a gateway.
+        let sql = "SELECT DISTINCT machine FROM instances ORDER BY machine";
+        let machines: Vec<String> =
+            self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
         let mut count = 0;
-        for together in machines.chunks(TOGETHER) {
+        for together in machines.chunks(MAX_TOGETHER) {
             loop {
                 let closed = self.write(|database| {
-                    let mut closed = 0;
-                    for machine in together {
-                        closed += close_oldest(database, &machine.0[0], end)?;
-                    }
-                    Ok(closed)
+                    together.iter().try_fold(0, |closed, machine| {
+                        Ok::<_, StoreError>(closed + close_oldest(database, machine, end)?)
+                    })
                 })?;
                 if closed == 0 {
                     break;
@@ -88,9 +87,6 @@ impl Store {
     }
 
     /// The history of a machine from `from_s` to `to_s`, the newest `count` points of it, the oldest first.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn history(
         &self,
         machine: &MachineId,
@@ -102,35 +98,27 @@ impl Store {
         let (table, column, length_s) = match resolution {
             Resolution::Raw => ("raw", "minute", 60.0),
             Resolution::Minute => ("minutes", "minute", 60.0),
-            Resolution::Hour => ("hours", "hour", 3600.0),
+            Resolution::Hour => ("hours", "hour", HOUR_S),
         };
+        let name = machine.as_str();
+        let sql = format!(
+            "SELECT document FROM {table} WHERE machine = ?1 AND {column} >= ?2 AND {column} <= ?3
+             ORDER BY {column} DESC LIMIT ?4"
+        );
+        let range = params![name, place(from_s, length_s), place(to_s, length_s), count];
         self.read(|database| {
-            let rows = database.rows(
-                &format!(
-                    "SELECT document FROM {table} WHERE machine = ?1 AND {column} >= ?2 AND {column} <= ?3
-                     ORDER BY {column} DESC LIMIT ?4"
-                ),
-                &[
-                    machine.as_str().into(),
-                    place(from_s, length_s).into(),
-                    place(to_s, length_s).into(),
-                    count.into(),
-                ],
-            )?;
-            let name = machine.as_str();
             if resolution != Resolution::Raw {
-                let mut points = readable(&rows, name, table);
+                let mut points = readable(database, name, table, &sql, range)?;
                 points.reverse();
                 return Ok(points);
             }
-            let minutes: Vec<Vec<Point>> = readable(&rows, name, table);
+            let minutes: Vec<Vec<Point>> = readable(database, name, table, &sql, range)?;
             let mut points: Vec<Point> = minutes.into_iter().flatten().collect();
-            // What its minute has not been closed of.
-            let recent = database.rows(
-                "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s <= ?3 ORDER BY at_s",
-                &[machine.as_str().into(), from_s.into(), to_s.into()],
-            )?;
-            points.extend(readable::<Point>(&recent, name, "recent"));
+            // The conditions whose minute is not closed.
+            let sql = "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s <= ?3 ORDER BY at_s";
+            let recent: Vec<Point> =
+                readable(database, name, "recent", sql, params![name, from_s, to_s])?;
+            points.extend(recent);
             points.retain(|point| (from_s..=to_s).contains(&point.at_s));
             points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
             let most = usize::try_from(count).unwrap_or(usize::MAX);
@@ -140,121 +128,115 @@ impl Store {
     }
 
     /// The last whole state of a machine, with its time.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn telemetry(
         &self,
         machine: &MachineId,
     ) -> Result<Option<(f64, serde_json::Value)>, StoreError> {
+        let sql =
+            "SELECT at_s, document FROM telemetry WHERE machine = ?1 ORDER BY at_s DESC LIMIT 1";
         self.read(|database| {
-            let row = database.first(
-                "SELECT at_s, document FROM telemetry WHERE machine = ?1 ORDER BY at_s DESC LIMIT 1",
-                &[machine.as_str().into()],
-            )?;
-            row.map(|row| Ok((row.real(0)?, row.json_or_text(1)?))).transpose()
+            first(database, sql, [machine.as_str()], |row| {
+                Ok((row.get(0)?, json_or_text(row, 1)?))
+            })
+        })
+    }
+
+    /// The last `count` audit records of a machine with the times at which they were made, the newest first.
+    pub fn machine_records(
+        &self,
+        of: &MachineId,
+        count: u32,
+    ) -> Result<Vec<(f64, serde_json::Value)>, StoreError> {
+        let sql =
+            "SELECT at_s, document FROM records WHERE machine = ?1 ORDER BY at_s DESC LIMIT ?2";
+        self.read(|database| {
+            rows(database, sql, params![of.as_str(), count], |row| {
+                Ok((row.get(0)?, json_or_text(row, 1)?))
+            })
         })
     }
 
     /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
-    pub fn forget(&self, keep: Keep, now_s: f64) -> Result<u64, StoreError> {
-        let rows = self.read(|database| database.rows("SELECT machine FROM live", &[]))?;
-        let mut count = 0;
-        for row in rows {
-            let name = || Value::from(row.text(0).unwrap_or_default());
-            count += self.write(|database| {
-                let mut count = 0;
-                for (table, kept_s) in [("raw", keep.raw_s), ("minutes", keep.minutes_s)] {
-                    count += database.execute(
+    pub fn forget(&self, keep: Keep, now_s: f64) -> Result<(), StoreError> {
+        let sql = "SELECT machine FROM live";
+        let machines: Vec<String> =
+            self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
+        for machine in machines {
+            self.write(|database| {
+                for (table, kept_s) in [
+                    ("raw", keep.raw_h * HOUR_S),
+                    ("minutes", keep.minutes_d * DAY_S),
+                ] {
+                    execute(
+                        database,
                         &format!("DELETE FROM {table} WHERE machine = ?1 AND minute < ?2"),
-                        &[name(), place(now_s - kept_s, 60.0).into()],
+                        params![machine, place(now_s - kept_s, 60.0)],
                     )?;
                 }
-                for (sql, kept_s) in [
-                    (
-                        "DELETE FROM telemetry WHERE machine = ?1 AND at_s < ?2 AND hourly = 0",
-                        keep.telemetry_s,
-                    ),
-                    (
-                        "DELETE FROM telemetry WHERE machine = ?1 AND at_s < ?2",
-                        keep.telemetry_hourly_s,
-                    ),
+                for (which, kept_s) in [
+                    (" AND hourly = 0", keep.telemetry_h * HOUR_S),
+                    ("", keep.telemetry_hourly_d * DAY_S),
                 ] {
-                    count += database.execute(sql, &[name(), (now_s - kept_s).into()])?;
+                    execute(
+                        database,
+                        &format!("DELETE FROM telemetry WHERE machine = ?1 AND at_s < ?2{which}"),
+                        params![machine, now_s - kept_s],
+                    )?;
                 }
-                Ok(count)
+                Ok::<_, StoreError>(())
             })?;
         }
-        Ok(count)
+        Ok(())
+    }
+
+    /// The gateways of every machine, each machine's in the order in which they were heard first.
+    pub(crate) fn instances(&self) -> Result<Vec<(MachineId, Instance)>, StoreError> {
+        let sql = "SELECT machine, document FROM instances ORDER BY machine, first_s";
+        self.read(|database| {
+            rows(database, sql, [], |row| {
+                Ok((machine(row, 0)?, json(row, 1)?))
+            })
+        })
     }
 }
 
 /// Closes the oldest minute of a machine that is not closed and lies before `end`: how many conditions were in it.
-fn close_oldest(database: &mut Database, machine: &Value, end: i64) -> Result<u64, StoreError> {
-    let oldest = database.first(
-        "SELECT min(at_s) FROM recent WHERE machine = ?1",
-        std::slice::from_ref(machine),
-    )?;
-    let oldest = oldest.map_or(Ok(None), |row| row.optional(0, Row::real))?;
-    let oldest = oldest.map(|at_s| place(at_s, 60.0));
+fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, StoreError> {
+    let sql = "SELECT min(at_s) FROM recent WHERE machine = ?1";
+    let oldest = first(database, sql, [machine], |row| {
+        Ok(row.get::<_, Option<f64>>(0)?)
+    })?;
+    let oldest = oldest.flatten().map(|at_s| place(at_s, 60.0));
     let Some(minute) = oldest.filter(|minute| *minute < end) else {
         return Ok(0);
     };
     let from_s = minute as f64 * 60.0;
-    let range = [
-        machine.clone(),
-        Value::Real(from_s),
-        Value::Real(from_s + 60.0),
-    ];
-    let rows = database.rows(
-        "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3 ORDER BY at_s",
-        &range,
-    )?;
-    let new: Vec<Point> = readable(&rows, text(machine), "recent");
+    let range = params![machine, from_s, from_s + 60.0];
+    let sql =
+        "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3 ORDER BY at_s";
+    let new: Vec<Point> = readable(database, machine, "recent", sql, range)?;
     close_one(database, machine, minute, new)?;
-    database.execute(
-        "DELETE FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3",
-        &range,
-    )?;
-    Ok(rows.len() as u64)
+    let sql = "DELETE FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3";
+    Ok(execute(database, sql, range)? as u64)
 }
 
 /// Closes one minute of one machine, or adds to it what came late.
 fn close_one(
-    database: &mut Database,
-    machine: &Value,
+    database: &Connection,
+    machine: &str,
     minute: i64,
     mut points: Vec<Point>,
 ) -> Result<(), StoreError> {
-    let key = || [machine.clone(), minute.into()];
-    let raw = database.first(
-        "SELECT document FROM raw WHERE machine = ?1 AND minute = ?2",
-        &key(),
-    )?;
-    if let Some(row) = raw {
-        let before: Vec<Vec<Point>> = readable(&[row], text(machine), "raw");
-        points.extend(before.into_iter().flatten());
+    let raw: Option<Vec<Point>> = kept(database, "raw", "minute", machine, minute)?;
+    if let Some(before) = raw {
+        points.extend(before);
         points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
     }
-    put(
-        database,
-        "raw",
-        "minute",
-        &key(),
-        &serde_json::to_string(&points)?,
-    )?;
+    put(database, "raw", "minute", machine, minute, &points)?;
     let Some(mean) = point::mean(&points, minute as f64 * 60.0) else {
         return Ok(());
     };
-    let before = database.first(
-        "SELECT document FROM minutes WHERE machine = ?1 AND minute = ?2",
-        &key(),
-    )?;
-    let before: Option<Point> =
-        before.and_then(|row| readable(&[row], text(machine), "minutes").pop());
+    let before: Option<Point> = kept(database, "minutes", "minute", machine, minute)?;
     if before
         .as_ref()
         .is_some_and(|before| before.count > mean.count)
@@ -262,77 +244,141 @@ fn close_one(
         // Its conditions were forgotten already, and one came late: the mean of the many stays.
         return Ok(());
     }
-    put(
-        database,
-        "minutes",
-        "minute",
-        &key(),
-        &serde_json::to_string(&mean)?,
-    )?;
+    put(database, "minutes", "minute", machine, minute, &mean)?;
     let hour = minute.div_euclid(60);
-    let hour_key = [machine.clone(), hour.into()];
     let shares = if before.is_none() {
-        let so_far = database.first(
-            "SELECT document FROM hours WHERE machine = ?1 AND hour = ?2",
-            &hour_key,
-        )?;
-        let so_far: Option<Point> =
-            so_far.and_then(|row| readable(&[row], text(machine), "hours").pop());
+        let so_far: Option<Point> = kept(database, "hours", "hour", machine, hour)?;
         so_far.into_iter().chain([mean]).collect()
     } else {
-        let rows = database.rows(
-            "SELECT document FROM minutes WHERE machine = ?1 AND minute >= ?2 AND minute < ?3 ORDER BY minute",
-            &[machine.clone(), (hour * 60).into(), (hour * 60 + 60).into()],
-        )?;
-        readable(&rows, text(machine), "minutes")
+        let sql = "SELECT document FROM minutes WHERE machine = ?1 AND minute >= ?2 AND minute < ?3 ORDER BY minute";
+        let range = params![machine, hour * 60, hour * 60 + 60];
+        readable(database, machine, "minutes", sql, range)?
     };
-    if let Some(of_hour) = point::mean(&shares, hour as f64 * 3600.0) {
-        put(
-            database,
-            "hours",
-            "hour",
-            &hour_key,
-            &serde_json::to_string(&of_hour)?,
-        )?;
+    if let Some(of_hour) = point::mean(&shares, hour as f64 * HOUR_S) {
+        put(database, "hours", "hour", machine, hour, &of_hour)?;
     }
     Ok(())
 }
 
-/// The documents of rows. One that cannot be read is told and left out: the history of a machine, and that of every other, goes on
-/// without it.
-fn readable<T: serde::de::DeserializeOwned>(rows: &[Row], machine: &str, table: &str) -> Vec<T> {
-    let read = |row: &Row| match row.json(0) {
-        Ok(document) => Some(document),
-        Err(error) => {
-            tracing::warn!("{machine}: a row of the table {table} is left out: {error}");
-            None
-        }
-    };
-    rows.iter().filter_map(read).collect()
+/// The document of a machine at a minute or an hour.
+fn kept<T: DeserializeOwned>(
+    database: &Connection,
+    table: &str,
+    column: &str,
+    machine: &str,
+    place: i64,
+) -> Result<Option<T>, StoreError> {
+    let sql = format!("SELECT document FROM {table} WHERE machine = ?1 AND {column} = ?2");
+    let mut found = readable(database, machine, table, &sql, params![machine, place])?;
+    Ok(found.pop())
 }
 
-/// The name of a machine, to be told.
-fn text(machine: &Value) -> &str {
-    match machine {
-        Value::Text(name) => name,
-        _ => "a machine",
-    }
+/// The documents of a query. One that cannot be read is logged and left out: the history of a machine, and that of every other,
+/// goes on without it.
+fn readable<T: DeserializeOwned>(
+    database: &Connection,
+    machine: &str,
+    table: &str,
+    sql: &str,
+    values: impl Params,
+) -> Result<Vec<T>, StoreError> {
+    let documents = rows(database, sql, values, |row| Ok(json(row, 0)))?;
+    let read = |document: Result<T, StoreError>| {
+        let warn = |error: &StoreError| {
+            tracing::warn!("{machine}: a row of the table {table} is left out: {error}");
+        };
+        document.inspect_err(warn).ok()
+    };
+    Ok(documents.into_iter().filter_map(read).collect())
 }
 
 fn put(
-    database: &mut Database,
+    database: &Connection,
     table: &str,
     column: &str,
-    key: &[Value; 2],
-    document: &str,
+    machine: &str,
+    place: i64,
+    document: &impl serde::Serialize,
 ) -> Result<(), StoreError> {
-    let [machine, place] = key.clone();
-    database.execute(
+    execute(
+        database,
         &format!(
             "INSERT INTO {table} (machine, {column}, document) VALUES (?1, ?2, ?3)
              ON CONFLICT (machine, {column}) DO UPDATE SET document = excluded.document"
         ),
-        &[machine, place, document.into()],
+        params![machine, place, serde_json::to_string(document)?],
     )?;
     Ok(())
+}
+
+pub(crate) fn add_recent(
+    database: &Connection,
+    machine: &MachineId,
+    at_s: f64,
+    document: &str,
+) -> Result<(), StoreError> {
+    let sql = "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)";
+    execute(database, sql, params![machine.as_str(), at_s, document]).map(|_| ())
+}
+
+pub(crate) fn add_telemetry(
+    database: &Connection,
+    machine: &MachineId,
+    at_s: f64,
+    document: &str,
+) -> Result<(), StoreError> {
+    let hour_s = (at_s / HOUR_S).floor() * HOUR_S;
+    execute(
+        database,
+        "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2,
+         CASE WHEN EXISTS (SELECT 1 FROM telemetry WHERE machine = ?1 AND at_s >= ?3) THEN 0 ELSE 1 END, ?4)",
+        params![machine.as_str(), at_s, hour_s, document],
+    )?;
+    Ok(())
+}
+
+/// Adds a record, where there is none of the machine with its key.
+pub(crate) fn add_record(
+    database: &Connection,
+    machine: &MachineId,
+    at_s: f64,
+    document: &str,
+    key: Option<&str>,
+) -> Result<(), StoreError> {
+    execute(
+        database,
+        "INSERT INTO records (machine, at_s, document, record) VALUES (?1, ?2, ?3, ?4)
+         ON CONFLICT (machine, record) DO NOTHING",
+        params![machine.as_str(), at_s, document, key],
+    )?;
+    Ok(())
+}
+
+pub(crate) fn put_instance(
+    database: &Connection,
+    machine: &MachineId,
+    instance: &Instance,
+) -> Result<(), StoreError> {
+    let document = serde_json::to_string(instance)?;
+    execute(
+        database,
+        "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
+         ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
+        params![
+            machine.as_str(),
+            instance.instance,
+            instance.first_s,
+            document
+        ],
+    )?;
+    Ok(())
+}
+
+pub(crate) fn remove_instance(
+    database: &Connection,
+    machine: &MachineId,
+    instance: &str,
+) -> Result<(), StoreError> {
+    let sql = "DELETE FROM instances WHERE machine = ?1 AND instance = ?2";
+    execute(database, sql, [machine.as_str(), instance]).map(|_| ())
 }

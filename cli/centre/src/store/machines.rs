@@ -1,42 +1,59 @@
-//! Machines in the store.
+//! Machines in the store, and what each of them said last.
 
+use std::collections::BTreeMap;
+
+use rusqlite::Connection;
 use serde_json::json;
 use volcomp_fleet::MachineId;
 
-use super::{Database, Store, StoreError, audit};
-use crate::records::Machine;
+use super::{
+    Store, StoreError, audit,
+    database::{document, documents, execute},
+};
+use crate::records::{Live, Machine};
 
 /// A machine, as it stands in a transaction.
 pub(crate) fn machine_named(
-    database: &mut Database,
+    database: &Connection,
     machine: &MachineId,
 ) -> Result<Option<Machine>, StoreError> {
-    let row = database.first(
-        "SELECT document FROM machines WHERE machine = ?1",
-        &[machine.as_str().into()],
-    )?;
-    row.map(|row| row.json(0)).transpose()
+    let sql = "SELECT document FROM machines WHERE machine = ?1";
+    document(database, sql, [machine.as_str()])
 }
 
-fn put(database: &mut Database, machine: &Machine, by: &str) -> Result<(), StoreError> {
+fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreError> {
     let name = machine.identity.machine.as_str();
-    database.execute(
+    let site = machine.identity.site.as_str();
+    execute(
+        database,
         "INSERT INTO machines (machine, site, document) VALUES (?1, ?2, ?3)
          ON CONFLICT (machine) DO UPDATE SET site = excluded.site, document = excluded.document",
-        &[
-            name.into(),
-            machine.identity.site.as_str().into(),
-            serde_json::to_string(machine)?.into(),
-        ],
+        [name, site, &serde_json::to_string(machine)?],
     )?;
     audit::append(database, by, "machine.put", name, json!(machine))
 }
 
+/// The last state of a machine, as it stands in a transaction.
+pub(crate) fn live_of(
+    database: &Connection,
+    machine: &MachineId,
+) -> Result<Option<Live>, StoreError> {
+    let sql = "SELECT document FROM live WHERE machine = ?1";
+    document(database, sql, [machine.as_str()])
+}
+
+pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), StoreError> {
+    execute(
+        database,
+        "INSERT INTO live (machine, document) VALUES (?1, ?2)
+         ON CONFLICT (machine) DO UPDATE SET document = excluded.document",
+        [live.machine.as_str(), &serde_json::to_string(live)?],
+    )?;
+    Ok(())
+}
+
 impl Store {
     /// Registers a machine, or changes what is known of it.
-    ///
-    /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), StoreError> {
         self.write(|database| put(database, machine, by))
     }
@@ -44,14 +61,14 @@ impl Store {
     /// Changes what is known of a machine, as it stands in the transaction: what others change at the same time stays.
     ///
     /// # Errors
-    /// Those of the change. Or: the database takes no change (its disk is full, another program holds it, its server is gone). Then nothing of it is changed.
+    /// Those of the change, too.
     pub fn change_machine<E: From<StoreError>>(
         &self,
         machine: &MachineId,
         by: &str,
         change: impl FnOnce(Option<Machine>) -> Result<Machine, E>,
     ) -> Result<Machine, E> {
-        self.write_or(|database| {
+        self.write(|database| {
             let changed = change(machine_named(database, machine)?)?;
             put(database, &changed, by)?;
             Ok(changed)
@@ -59,37 +76,45 @@ impl Store {
     }
 
     /// A machine.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, StoreError> {
         self.read(|database| machine_named(database, machine))
     }
 
     /// Every machine, by its name.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machines(&self) -> Result<Vec<Machine>, StoreError> {
-        self.read(|database| {
-            let rows = database.rows("SELECT document FROM machines ORDER BY machine", &[])?;
-            rows.iter().map(|row| row.json(0)).collect()
+        let sql = "SELECT document FROM machines ORDER BY machine";
+        self.read(|database| documents(database, sql, []))
+    }
+
+    /// Forgets a machine. Its versions and its history stay. `false`: it was not there.
+    pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, StoreError> {
+        self.write(|database| {
+            let name = [machine.as_str()];
+            let is_there = execute(database, "DELETE FROM machines WHERE machine = ?1", name)? > 0;
+            execute(database, "DELETE FROM live WHERE machine = ?1", name)?;
+            if is_there {
+                audit::append(database, by, "machine.remove", machine.as_str(), json!({}))?;
+            }
+            Ok(is_there)
         })
     }
 
-    /// Forgets a machine. Its versions and its history stay. Tells whether it was there.
-    ///
-    /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
-    pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, StoreError> {
-        self.write(|database| {
-            let name = || vec![machine.as_str().into()];
-            let removed = database.execute("DELETE FROM machines WHERE machine = ?1", &name())?;
-            database.execute("DELETE FROM live WHERE machine = ?1", &name())?;
-            if removed > 0 {
-                audit::append(database, by, "machine.remove", machine.as_str(), json!({}))?;
-            }
-            Ok(removed > 0)
-        })
+    /// The last state of every machine that was ever heard.
+    pub fn live(&self) -> Result<BTreeMap<MachineId, Live>, StoreError> {
+        let lives: Vec<Live> =
+            self.read(|database| documents(database, "SELECT document FROM live", []))?;
+        let by_name = lives.into_iter().map(|live| (live.machine.clone(), live));
+        Ok(by_name.collect())
+    }
+
+    /// The last state of a machine.
+    pub fn live_of(&self, machine: &MachineId) -> Result<Option<Live>, StoreError> {
+        self.read(|database| live_of(database, machine))
+    }
+
+    /// Stores the last states of machines, all of them or nothing. The running centre stores them with the messages that they
+    /// came from; this is for programs that have them from elsewhere.
+    pub fn put_live(&self, lives: &[Live]) -> Result<(), StoreError> {
+        self.write(|database| lives.iter().try_for_each(|live| put_live(database, live)))
     }
 }

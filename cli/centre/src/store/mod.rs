@@ -2,14 +2,15 @@
 //!
 //! State: two connections to the database, one that writes and one that reads. Every function waits for the disk, so an
 //! asynchronous program calls them on a thread that may wait. Several programs may have one database open.
+//!
+//! Every function fails where the file cannot be read or a row holds what this program does not write, or where it takes no change
+//! (its disk is full, another program holds it); then nothing of it is changed. What else can fail is documented at the function.
+#![expect(clippy::missing_errors_doc, reason = "stated once, above")]
 
 pub(crate) mod alarms;
 pub(crate) mod audit;
 mod database;
-pub(crate) mod desired;
-mod history;
-pub(crate) mod ingest;
-mod live;
+pub(crate) mod history;
 pub(crate) mod machines;
 pub(crate) mod models;
 pub(crate) mod rollouts;
@@ -22,10 +23,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-pub use database::{Database, Row, Value};
-pub use desired::Issued;
+use rusqlite::{Connection, TransactionBehavior};
+
 pub use history::Keep;
-pub use users::Changed;
+pub use models::Issued;
 
 /// A change that takes longer is held up: a commit waits for nothing but the disk.
 const HANGS_AFTER: Duration = Duration::from_secs(5);
@@ -34,7 +35,6 @@ const HANGS_AFTER: Duration = Duration::from_secs(5);
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
     /// The file of the database cannot be created, or kept from others.
@@ -50,16 +50,6 @@ pub enum StoreError {
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
-    /// A column holds something else.
-    #[error("column {column} of an answer of the database: found {found}, expected {expected}")]
-    Column {
-        /// The place of the column, from 0.
-        column: usize,
-        /// What it holds.
-        found: String,
-        /// What it should hold.
-        expected: &'static str,
-    },
     /// A newer program has changed the database.
     #[error(
         "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
@@ -70,34 +60,9 @@ pub enum StoreError {
         /// The steps that this program knows.
         known: u64,
     },
-    /// A machine has its turn in a roll-out that is not over.
-    #[error(
-        "{machine} has its turn in roll-out {rollout}, which is not over: expected that one done or aborted first"
-    )]
-    Rollout {
-        /// The machine.
-        machine: String,
-        /// The number of that roll-out.
-        rollout: u64,
-    },
-    /// Nobody has to decide whether a machine keeps the model of a roll-out that goes on or is done.
-    #[error(
-        "roll-out {rollout} goes on or is done: expected one that has stopped or was ended before it was done"
-    )]
-    NotBrokenOff {
-        /// The number of the roll-out.
-        rollout: u64,
-    },
-    /// A machine cannot keep what it does not have.
-    #[error(
-        "{machine} does not have the model of roll-out {rollout} in force: expected a machine that corrects with it"
-    )]
-    NotInForce {
-        /// The machine.
-        machine: String,
-        /// The number of the roll-out.
-        rollout: u64,
-    },
+    /// The change contradicts what is stored.
+    #[error("{0}")]
+    Conflict(String),
     /// A confirmation that would be sent to nobody.
     #[error("nothing is confirmed: {why}")]
     NotConfirmed {
@@ -106,20 +71,18 @@ pub enum StoreError {
     },
     /// What is asked for is not there.
     #[error("found no {what} {name}")]
-    Missing {
-        /// The kind of thing.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
+    Missing { what: &'static str, name: String },
 }
 
 /// Everything that the centre remembers.
 pub struct Store {
-    writer: Mutex<Database>,
-    reader: Mutex<Database>,
+    writer: Mutex<Connection>,
+    reader: Mutex<Connection>,
     /// Since when a change is being written.
     writing: Mutex<Option<Instant>>,
+    /// Every use is a fault of the program.
+    #[cfg(test)]
+    is_faulty: std::sync::atomic::AtomicBool,
 }
 
 /// A change is no longer being written when this is dropped.
@@ -137,58 +100,66 @@ impl Store {
     /// # Errors
     /// The file cannot be opened, or is of a newer program.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let mut writer = Database::open(path)?;
+        let mut writer = database::open(path)?;
         schema::bring_up(&mut writer)?;
         Ok(Self {
             writer: Mutex::new(writer),
-            reader: Mutex::new(Database::open(path)?),
+            reader: Mutex::new(database::open(path)?),
             writing: Mutex::default(),
+            #[cfg(test)]
+            is_faulty: false.into(),
         })
     }
 
-    /// Makes every statement a fault of the program from now on.
+    /// Makes every use a fault of the program from now on.
     #[cfg(test)]
     pub(crate) fn break_down(&self) {
-        for connection in [&self.writer, &self.reader] {
-            lock(connection).is_faulty = true;
-        }
+        self.is_faulty
+            .store(true, std::sync::atomic::Ordering::Relaxed);
+    }
+
+    #[cfg(test)]
+    fn check_fault(&self) {
+        assert!(
+            !self.is_faulty.load(std::sync::atomic::Ordering::Relaxed),
+            "injected"
+        );
     }
 
     /// Lets the file grow to so many pages and no further, as a full disk does: for tests.
-    ///
-    /// # Errors
-    /// The file cannot be read.
     #[doc(hidden)]
     pub fn limit_pages(&self, pages: u32) -> Result<(), StoreError> {
-        let sql = format!("PRAGMA max_page_count = {pages}");
-        lock(&self.writer).rows(&sql, &[]).map(|_| ())
+        Ok(lock(&self.writer).pragma_update(None, "max_page_count", pages)?)
     }
 
     /// Reads.
     pub(crate) fn read<T>(
         &self,
-        work: impl FnOnce(&mut Database) -> Result<T, StoreError>,
+        work: impl FnOnce(&Connection) -> Result<T, StoreError>,
     ) -> Result<T, StoreError> {
-        work(&mut lock(&self.reader))
+        #[cfg(test)]
+        self.check_fault();
+        work(&lock(&self.reader))
     }
 
-    /// Writes, all of it or nothing.
-    pub(crate) fn write<T>(
+    /// Writes, all of it or nothing: what fails, or ends its thread, is rolled back.
+    pub(crate) fn write<T, E: From<StoreError>>(
         &self,
-        work: impl FnOnce(&mut Database) -> Result<T, StoreError>,
-    ) -> Result<T, StoreError> {
-        self.write_or(work)
-    }
-
-    /// The same for work that may fail in ways of its own.
-    pub(crate) fn write_or<T, E: From<StoreError>>(
-        &self,
-        work: impl FnOnce(&mut Database) -> Result<T, E>,
+        work: impl FnOnce(&Connection) -> Result<T, E>,
     ) -> Result<T, E> {
+        #[cfg(test)]
+        self.check_fault();
+        let failed = |error| E::from(StoreError::Sqlite(error));
         let mut writer = lock(&self.writer);
         *lock(&self.writing) = Some(Instant::now());
         let _writes = Writes(&self.writing);
-        database::transaction(&mut writer, work)
+        // Deferred transactions that read first and write then would find the file held by another.
+        let transaction = writer
+            .transaction_with_behavior(TransactionBehavior::Immediate)
+            .map_err(failed)?;
+        let done = work(&transaction)?;
+        transaction.commit().map_err(failed)?;
+        Ok(done)
     }
 
     /// For how long a change has been waiting for the database, where that is so long that its disk hangs: nothing

@@ -1,47 +1,62 @@
-//! Models, and the versions that were issued of them.
+//! Models, the versions that were issued of them, and the newest of each machine: what stands under its key.
 
+use std::collections::{BTreeMap, HashMap};
+
+use rusqlite::{Connection, params};
 use serde_json::json;
 use volcomp_fleet::{Acknowledgement, MachineId};
 
 use super::{
     Store, StoreError, audit,
-    database::{Database, Row},
+    database::{document, documents, execute, first, machine, number, rows},
+    machines::live_of,
 };
-use crate::records::{Live, Model, Version};
+use crate::records::{Model, Version};
+
+/// The newest versions. A row without a value says that nothing stands under the key: the last version was withdrawn, and there
+/// was none before.
+const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versions
+    ON versions.machine = desired.machine AND versions.version = desired.version
+    WHERE desired.value <> ''";
+
+/// The newest signed value of a machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Issued {
+    pub machine: MachineId,
+    pub version: u64,
+    /// The checksum of its model.
+    pub model: String,
+    /// The bytes that stand under the machine's key.
+    pub value: String,
+}
 
 impl Store {
-    /// Adds a model with its text. Tells whether it is new. Of one that is there already the day of its measurements is taken,
-    /// where one is stated.
-    ///
-    /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    /// Adds a model with its text. `false`: it was there already, and only the day of its measurements is taken where one is
+    /// stated.
     pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, StoreError> {
         let document = serde_json::to_string(model)?;
         self.write(|database| {
-            let added = database.execute(
+            let added = execute(
+                database,
                 "INSERT INTO models (sha256, document, text) VALUES (?1, ?2, ?3) ON CONFLICT (sha256) DO NOTHING",
-                &[model.sha256.as_str().into(), document.into(), text.into()],
+                [&model.sha256, &document, text],
             )?;
             if added > 0 {
                 audit::append(database, &model.by, "model.add", &model.sha256, json!(model))?;
                 return Ok(true);
             }
             let known = model_of(database, &model.sha256)?;
-            if let Some(known) = known.filter(|known| {
+            let is_other = |known: &Model| {
                 !model.measured.is_empty() && known.measured != model.measured
-            }) {
+            };
+            if let Some(known) = known.filter(is_other) {
                 let details = json!({ "before": known.measured, "measured": model.measured });
                 let dated = Model {
                     measured: model.measured.clone(),
                     ..known
                 };
-                database.execute(
-                    "UPDATE models SET document = ?2 WHERE sha256 = ?1",
-                    &[
-                        dated.sha256.as_str().into(),
-                        serde_json::to_string(&dated)?.into(),
-                    ],
-                )?;
+                let sql = "UPDATE models SET document = ?2 WHERE sha256 = ?1";
+                execute(database, sql, [&dated.sha256, &serde_json::to_string(&dated)?])?;
                 audit::append(database, &model.by, "model.measured", &model.sha256, details)?;
             }
             Ok(false)
@@ -49,169 +64,161 @@ impl Store {
     }
 
     /// The model whose checksum begins so; `None`: there is none, or more than one.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn model(&self, beginning: &str) -> Result<Option<Model>, StoreError> {
         if beginning.is_empty() || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(None);
         }
-        self.read(|database| {
-            let rows = database.rows(
-                "SELECT document FROM models WHERE sha256 LIKE ?1 LIMIT 2",
-                &[format!("{}%", beginning.to_ascii_lowercase()).into()],
-            )?;
-            match rows.as_slice() {
-                [row] => Ok(Some(row.json(0)?)),
-                _ => Ok(None),
-            }
-        })
+        let pattern = format!("{}%", beginning.to_ascii_lowercase());
+        let sql = "SELECT document FROM models WHERE sha256 LIKE ?1 LIMIT 2";
+        let mut found = self.read(|database| documents(database, sql, [pattern]))?;
+        Ok(found.pop().filter(|_| found.is_empty()))
     }
 
     /// The text of the model with this checksum.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn model_text(&self, sha256: &str) -> Result<Option<String>, StoreError> {
         self.read(|database| text_of(database, sha256))
     }
 
     /// Every model, the newest first.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn models(&self) -> Result<Vec<Model>, StoreError> {
-        let mut models: Vec<Model> = self.read(|database| {
-            let rows = database.rows("SELECT document FROM models", &[])?;
-            rows.iter().map(|row| row.json(0)).collect()
-        })?;
+        let sql = "SELECT document FROM models";
+        let mut models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
         models.sort_by(|one, other| other.added_s.total_cmp(&one.added_s));
         Ok(models)
     }
 
     /// Every version of a machine, the newest first.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
         self.read(|database| versions_of(database, machine))
+    }
+
+    /// The newest version of every machine that has one, with what became of it.
+    pub fn newest_versions(&self) -> Result<BTreeMap<MachineId, Version>, StoreError> {
+        let versions: Vec<Version> =
+            self.read(|database| documents(database, NEWEST_VERSIONS, []))?;
+        let by_name = (versions.into_iter()).map(|version| (version.machine.clone(), version));
+        Ok(by_name.collect())
+    }
+
+    /// What a machine shall run: its newest signed value.
+    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
+        self.read(|database| newest(database, machine))
+    }
+
+    /// What every machine shall run: the newest version, without the signed values, which are large; `false`: it was
+    /// withdrawn, and nothing shall stand under the key.
+    pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, bool)>, StoreError> {
+        let sql = "SELECT machine, version, value <> '' FROM desired";
+        let wanted = self.read(|database| {
+            rows(database, sql, [], |row| {
+                Ok((machine(row, 0)?, (row.get(1)?, row.get(2)?)))
+            })
+        })?;
+        Ok(wanted.into_iter().collect())
     }
 }
 
 /// The text of a model, as it stands in a transaction.
-pub(crate) fn text_of(database: &mut Database, sha256: &str) -> Result<Option<String>, StoreError> {
-    let row = database.first(
-        "SELECT text FROM models WHERE sha256 = ?1",
-        &[sha256.into()],
-    )?;
-    row.map(|row| row.text(0).map(str::to_owned)).transpose()
+pub(crate) fn text_of(database: &Connection, sha256: &str) -> Result<Option<String>, StoreError> {
+    let sql = "SELECT text FROM models WHERE sha256 = ?1";
+    first(database, sql, [sha256], |row| Ok(row.get(0)?))
 }
 
 /// A model by its whole checksum, as it stands in a transaction.
-pub(crate) fn model_of(database: &mut Database, sha256: &str) -> Result<Option<Model>, StoreError> {
-    let row = database.first(
-        "SELECT document FROM models WHERE sha256 = ?1",
-        &[sha256.into()],
-    )?;
-    row.map(|row| row.json(0)).transpose()
+pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Model>, StoreError> {
+    let sql = "SELECT document FROM models WHERE sha256 = ?1";
+    document(database, sql, [sha256])
 }
 
 /// Every version of a machine, the newest first, as it stands in a transaction.
 pub(crate) fn versions_of(
-    database: &mut Database,
+    database: &Connection,
     machine: &MachineId,
 ) -> Result<Vec<Version>, StoreError> {
-    let rows = database.rows(
-        "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC",
-        &[machine.as_str().into()],
-    )?;
-    rows.iter().map(|row| row.json(0)).collect()
+    let sql = "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC";
+    documents(database, sql, [machine.as_str()])
 }
 
-/// A name of a machine in a column.
-pub(super) fn machine(row: &Row, column: usize) -> Result<MachineId, StoreError> {
-    row.text(column)?.parse().map_err(|_| StoreError::Column {
-        column,
-        found: format!("{:?}", row.0.get(column)),
-        expected: "the name of a machine",
+/// The newest version of a machine, as it stands in a transaction.
+pub(crate) fn newest_version(
+    database: &Connection,
+    machine: &MachineId,
+) -> Result<Option<Version>, StoreError> {
+    let sql = format!("{NEWEST_VERSIONS} AND desired.machine = ?1");
+    document(database, &sql, [machine.as_str()])
+}
+
+/// What a machine shall run, as it stands in a transaction.
+pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Issued>, StoreError> {
+    let sql =
+        "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''";
+    first(database, sql, [of.as_str()], |row| {
+        Ok(Issued {
+            machine: machine(row, 0)?,
+            version: row.get(1)?,
+            model: row.get(2)?,
+            value: row.get(3)?,
+        })
     })
 }
 
-/// What a machine told last, as it stands in a transaction.
-pub(crate) fn live_of(
-    database: &mut Database,
-    machine: &MachineId,
-) -> Result<Option<Live>, StoreError> {
-    let row = database.first(
-        "SELECT document FROM live WHERE machine = ?1",
-        &[machine.as_str().into()],
+/// Leaves nothing under the key of a machine until the next version is issued: the last one was withdrawn, and there was none
+/// before.
+pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Result<(), StoreError> {
+    let name = machine.as_str();
+    execute(
+        database,
+        "UPDATE desired SET value = '' WHERE machine = ?1",
+        [name],
     )?;
-    row.map(|row| row.json(0)).transpose()
+    audit::append(database, "centre", "version.withdraw", name, json!({}))
 }
 
-/// A version that a machine tells is believed up to here: above it must be room for every version that will ever be issued.
-const HIGHEST_TOLD: u64 = 1 << 52;
+/// Maximum version that is believed of a machine: above it must be room for every version that will ever be issued.
+const MAX_VERSION: u64 = 1 << 52;
 
 /// The version that the next manifest of a machine gets: above every one that was issued here, and above the one that the
-/// machine says is in force, which another centre may have issued. A machine may tell
+/// machine says is in force, which another centre may have issued. A machine may report
 /// anything: what no centre can have issued does not count.
-pub(crate) fn next_version(
-    database: &mut Database,
-    machine: &MachineId,
-) -> Result<u64, StoreError> {
-    let name = || [machine.as_str().into()];
-    let issued = database.first(
-        "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1",
-        &name(),
-    )?;
-    let issued = issued.map_or(Ok(0), |row| row.count(0))?;
-    let live = live_of(database, machine)?;
-    let told = live.map_or(0, |live| live.version);
-    let highest = issued.max(if told <= HIGHEST_TOLD { told } else { 0 });
-    let next = highest
-        .checked_add(1)
-        .filter(|next| i64::try_from(*next).is_ok());
-    next.ok_or_else(|| StoreError::Column {
-        column: 0,
-        found: format!("version {highest} of {machine}"),
-        expected: "a version above which there is another",
-    })
+pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, StoreError> {
+    let sql = "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1";
+    let issued = number(database, sql, [machine.as_str()])?;
+    let reported = live_of(database, machine)?.map(|live| live.version);
+    let reported = reported.filter(|version| *version <= MAX_VERSION);
+    Ok(issued.max(reported.unwrap_or_default()) + 1)
 }
 
-/// Adds a version with its signed value, which takes the place of the one before.
+/// Adds a version with its signed value, which replaces the one before.
 pub(crate) fn add_version(
-    database: &mut Database,
+    database: &Connection,
     version: &Version,
     value: &str,
 ) -> Result<(), StoreError> {
-    let machine = || version.machine.as_str().into();
-    database.execute(
+    let machine = version.machine.as_str();
+    execute(
+        database,
         "INSERT INTO versions (machine, version, model, rollout, value_sha256, document)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-        &[
-            machine(),
-            version.version.into(),
-            version.model.as_str().into(),
-            version.rollout.into(),
-            version.value_sha256.as_str().into(),
-            serde_json::to_string(version)?.into(),
+        params![
+            machine,
+            version.version,
+            version.model,
+            version.rollout,
+            version.value_sha256,
+            serde_json::to_string(version)?,
         ],
     )?;
-    database.execute(
+    execute(
+        database,
         "INSERT INTO desired (machine, version, model, value) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine) DO UPDATE SET version = excluded.version, model = excluded.model, value = excluded.value",
-        &[
-            machine(),
-            version.version.into(),
-            version.model.as_str().into(),
-            value.into(),
-        ],
+        params![machine, version.version, version.model, value],
     )?;
     audit::append(
         database,
         &version.by,
         "version.issue",
-        version.machine.as_str(),
+        machine,
         json!(version),
     )
 }
@@ -219,41 +226,44 @@ pub(crate) fn add_version(
 /// Writes an answer of a machine to the version that it answers. An answer to a value that was never issued here changes no
 /// version.
 pub(crate) fn answer(
-    database: &mut Database,
+    database: &Connection,
     machine: &MachineId,
     at_s: f64,
     answer: &Acknowledgement,
 ) -> Result<(), StoreError> {
-    database.execute(
+    // A machine may report any number.
+    let version = i64::try_from(answer.version).unwrap_or(i64::MAX);
+    execute(
+        database,
         "INSERT INTO acknowledgements (machine, at_s, version, document) VALUES (?1, ?2, ?3, ?4)",
-        &[
-            machine.as_str().into(),
-            at_s.into(),
-            answer.version.into(),
-            serde_json::to_string(answer)?.into(),
+        params![
+            machine.as_str(),
+            at_s,
+            version,
+            serde_json::to_string(answer)?
         ],
     )?;
-    let key = || [machine.as_str().into(), answer.value_sha256.as_str().into()];
-    let row = database.first(
-        "SELECT document FROM versions WHERE machine = ?1 AND value_sha256 = ?2",
-        &key(),
-    )?;
-    let Some(row) = row else { return Ok(()) };
-    let mut version: Version = row.json(0)?;
-    version.outcome = Some(answer.outcome.clone());
-    version.answered_s = Some(at_s);
-    change_version(database, &version)
+    let sql = "SELECT document FROM versions WHERE machine = ?1 AND value_sha256 = ?2";
+    let answered: Option<Version> =
+        document(database, sql, [machine.as_str(), &answer.value_sha256])?;
+    let Some(answered) = answered else {
+        return Ok(());
+    };
+    let answered = Version {
+        outcome: Some(answer.outcome.clone()),
+        answered_s: Some(at_s),
+        ..answered
+    };
+    change_version(database, &answered)
 }
 
 /// Writes what became of a version.
-pub(crate) fn change_version(database: &mut Database, version: &Version) -> Result<(), StoreError> {
-    database.execute(
+pub(crate) fn change_version(database: &Connection, version: &Version) -> Result<(), StoreError> {
+    let document = serde_json::to_string(version)?;
+    execute(
+        database,
         "UPDATE versions SET document = ?3 WHERE machine = ?1 AND version = ?2",
-        &[
-            version.machine.as_str().into(),
-            version.version.into(),
-            serde_json::to_string(version)?.into(),
-        ],
+        params![version.machine.as_str(), version.version, document],
     )?;
     Ok(())
 }

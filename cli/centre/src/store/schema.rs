@@ -1,8 +1,10 @@
 //! The tables. Truth values are 0 and 1, documents are JSON in a text.
 
+use rusqlite::{Connection, TransactionBehavior};
+
 use super::{
     StoreError,
-    database::{Database, transaction},
+    database::{execute, number},
 };
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
@@ -73,36 +75,22 @@ const RECORDS_ONCE: &[&str] = &[
     "CREATE UNIQUE INDEX records_once ON records (machine, record)",
 ];
 
-/// How many of the steps a database has, in which there is the table of them.
-fn steps_of(database: &mut Database) -> Result<u64, StoreError> {
-    let row = database.first("SELECT steps FROM schema", &[])?;
-    let found = row.map_or(Ok(0), |row| row.count(0))?;
+/// Brings a database to the newest schema, in one transaction.
+pub(super) fn bring_up(database: &mut Connection) -> Result<(), StoreError> {
+    let database = database.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    database.execute_batch("CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)")?;
+    let found = number(&database, "SELECT steps FROM schema", [])?;
     let known = STEPS.len() as u64;
     if found > known {
         return Err(StoreError::Newer { found, known });
     }
-    Ok(found)
-}
-
-/// Brings a database to the newest schema.
-pub(super) fn bring_up(database: &mut Database) -> Result<(), StoreError> {
-    transaction(database, |database| {
-        database.execute(
-            "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
-            &[],
-        )?;
-        let done = steps_of(database)?;
-        let steps = STEPS.len() as u64;
-        for step in STEPS
-            .iter()
-            .skip(usize::try_from(done).unwrap_or(usize::MAX))
-        {
-            for statement in *step {
-                database.execute(statement, &[])?;
-            }
-        }
-        database.execute("DELETE FROM schema", &[])?;
-        database.execute("INSERT INTO schema (steps) VALUES (?1)", &[steps.into()])?;
-        Ok(())
-    })
+    for statements in STEPS
+        .iter()
+        .skip(usize::try_from(found).unwrap_or(usize::MAX))
+    {
+        database.execute_batch(&statements.join(";"))?;
+    }
+    execute(&database, "DELETE FROM schema", [])?;
+    execute(&database, "INSERT INTO schema (steps) VALUES (?1)", [known])?;
+    Ok(database.commit()?)
 }

@@ -10,7 +10,7 @@ use std::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
 
 pub use password::{Password, PasswordError, hash, is_right};
-pub(crate) use refusals::{Further, Refusal, Refusals, WINDOW as REFUSAL_WINDOW};
+pub(crate) use refusals::{Refusal, Refusals, WINDOW as REFUSAL_WINDOW};
 pub use session::{Moment, Session, Token};
 pub use throttle::{Attempt, Throttle};
 
@@ -68,7 +68,6 @@ pub struct UserName(String);
     "found {found:?}, expected a user's name: 1 to 64 lower-case letters, digits, dots, hyphens and underscores, a letter first; not `centre`"
 )]
 pub struct NoUserName {
-    /// What was found.
     pub found: String,
 }
 
@@ -123,9 +122,7 @@ impl fmt::Display for UserName {
 /// A user, without the password.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct User {
-    /// The name.
     pub name: UserName,
-    /// The role.
     pub role: Role,
     /// Whether the user may not log in.
     pub disabled: bool,

@@ -29,7 +29,6 @@ pub enum PasswordError {
         /// How many bytes it has.
         found: usize,
     },
-    /// It cannot be hashed.
     #[error("the password could not be hashed")]
     Hash,
 }

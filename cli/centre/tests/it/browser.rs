@@ -97,7 +97,15 @@ fn told(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
 /// A page with so many machines, the last of which is silent; all others go on talking until the flag is set.
 fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
     let page = Page::start();
-    let new = NewModel::of_text(MODEL.to_owned(), "test", Origin::Form, "test").expect("a model");
+    let new = NewModel::of_text(
+        MODEL.to_owned(),
+        "test",
+        Origin::File {
+            name: String::new(),
+        },
+        "test",
+    )
+    .expect("a model");
     page.store.add_model(&new.model, &new.text).expect("stored");
     let lives: Vec<Live> = (0..count)
         .map(|number| told(&page, number, number + 1 == count).1)

@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_centre::{
     rollout::{NewRollout, Phase, Rollout, Rules, Step},
     store::Store,
@@ -276,7 +277,7 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let started = done(&format!("rollout start --model {model} --all"));
     assert!(started.contains("to 1 machine is started"), "{started}");
     // Times as dates, and one document for programs.
-    let year = &volcomp_centre::drift::date(volcomp_centre::clock::now_s())[..5];
+    let year = &volcomp_centre::clock::date(volcomp_centre::clock::now_s())[..5];
     let log = done("audit");
     assert!(log.contains(&format!("  {year}")), "{log}");
     let records: serde_json::Value = serde_json::from_str(&done("audit --json")).unwrap();
@@ -455,11 +456,11 @@ fn the_first_hour_names_the_model_of_the_example() {
     let path = folder.path();
     let root = volcomp_test_support::root();
     configured(path);
-    let calibration = root.join("examples/calibration");
-    let added = done(
-        path,
-        &format!("model add --calibration {}", calibration.display()),
-    );
+    let file = root.join("examples/calibration/calibration.toml");
+    let file = CalibrationFile::read(&file).unwrap();
+    let machine = calibrate(&file, |_, _| {}).unwrap().machine;
+    std::fs::write(path.join("mill-600.toml"), machine.to_toml()).unwrap();
+    let added = done(path, "model add mill-600.toml");
     let sha256 = added.lines().last().unwrap();
     let book = std::fs::read_to_string(root.join("docs/src/fleet.md")).unwrap();
     for named in [

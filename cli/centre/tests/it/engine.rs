@@ -66,7 +66,11 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
         }
         until("each answer stands at its version", || {
             let versions = shop.store.newest_versions().unwrap();
-            versions.iter().filter(|one| one.outcome.is_some()).count() == 4
+            versions
+                .values()
+                .filter(|one| one.outcome.is_some())
+                .count()
+                == 4
         })
         .await;
         until("each whole state is there", || {

@@ -6,7 +6,7 @@ use volcomp_centre::{
     ingest::Ingest,
     issue::reissue,
     records::{AlarmKind, Machine},
-    rollout::{NewRollout, Phase, Rollout, Rules, Step, Wish},
+    rollout::{Phase, Rules, Step, Wish},
     store::{Store, StoreError},
 };
 use volcomp_fleet::{Acknowledgement, Desired, Kind, LinkSettings, MachineLink, Outcome};
@@ -40,7 +40,7 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
             let store = Store::open(&path).unwrap();
             let machines = [(machine.identity.machine.clone(), false)];
             store
-                .start_rollout(|id| Rollout::new(id, NewRollout { model: sha256, machines: &machines, rules, by: "anna".into(), since_s: 0.0 }))
+                .begin_rollout(&sha256, &machines, rules, "anna")
                 .unwrap();
             let raw = rusqlite::Connection::open(&path).unwrap();
             raw.busy_timeout(Duration::from_secs(30)).unwrap();

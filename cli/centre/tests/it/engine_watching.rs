@@ -4,7 +4,7 @@ use std::{sync::atomic::Ordering, time::Duration};
 
 use volcomp_centre::{
     records::AlarmKind,
-    rollout::{NewRollout, Phase, Rollout, Rules},
+    rollout::{Phase, Rules},
 };
 use volcomp_fleet::{Acknowledgement, Kind, LinkSettings, MachineLink, ModelRef, Outcome};
 
@@ -71,9 +71,8 @@ fn a_refused_model_does_not_end_a_due_date() {
         shop.store.add_model(&new.model, &new.text).unwrap();
         let begin = |sha256: &str| {
             let machines = [(name.clone(), false)];
-            let (sha256, rules) = (sha256.to_owned(), Rules { soak_s: 0.0, ..Rules::default() });
-            let start = |id| Rollout::new(id, NewRollout { model: sha256, machines: &machines, rules, by: "anna".into(), since_s: 0.0 });
-            shop.store.start_rollout(start).unwrap().id
+            let rules = Rules { soak_s: 0.0, ..Rules::default() };
+            shop.store.begin_rollout(sha256, &machines, rules, "anna").unwrap().id
         };
         let centre = shop.centre(&shop.url()).await;
         let first = begin(&old.model.sha256);

@@ -390,7 +390,7 @@ fn a_machine_file_is_added_and_rolled_out() {
     let page = Page::start();
     let engineer = page.session(Role::Engineer);
     let text = "name = \"mill-1 <b>bold</b>\"\nstructure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 800.0]\naxes.Y.travel = [0.0, 600.0]\naxes.Z.travel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.02] }\nEC0Y = 12.0\n";
-    let body = json!({ "text": text, "file": "m.toml", "measured": "2026-11-20", "notes": [] });
+    let body = json!({ "text": text, "file": "m.toml", "measured": "2026-11-20" });
     let saved = page.post("/api/models", &engineer, &body);
     assert_eq!(saved.status, 200, "{}", saved.body);
     assert!(!saved.json()["model"]["notes"].to_string().contains("guard"));
@@ -477,7 +477,15 @@ fn a_roll_out_that_is_held_can_be_read_again() {
 fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
     let page = Page::start();
     let text = "name = \"../a \\\"b\\\"\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\n# a comment stays\nEXX = { poly = [0.0, 0.03] }\n";
-    let new = NewModel::of_text(text.to_owned(), "m", Origin::Form, "test").expect("a model");
+    let new = NewModel::of_text(
+        text.to_owned(),
+        "m",
+        Origin::File {
+            name: String::new(),
+        },
+        "test",
+    )
+    .expect("a model");
     page.store.add_model(&new.model, &new.text).expect("stored");
     let viewer = page.session(Role::Viewer);
     let sha256 = &new.model.sha256;

@@ -1,8 +1,8 @@
 //! The map of a model, against closed forms.
 
 use volcomp_centre::{
-    described::{Described, beyond_every_guard},
     map::{ErrorMap, error_map},
+    models::{Described, beyond_every_guard},
 };
 use volcomp_model::Machine;
 

@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
-use volcomp_centre::rollout::{Action, Event, NewRollout, Phase, Rollout, Rules, Seen, Step, Wish};
+use volcomp_centre::rollout::{
+    Action, Event, NewRollout, Observation, Phase, Rollout, Rules, Step, Wish,
+};
 use volcomp_fleet::{MachineId, Outcome};
 
 fn name(place: usize) -> MachineId {
@@ -57,7 +59,7 @@ fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
 /// Looks, with these residuals of machines that run a version.
 fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
     let seen = seen.iter().map(|(place, version, residual)| {
-        let seen = Seen {
+        let seen = Observation {
             heard: true,
             version: *version,
             corrects: true,
@@ -80,11 +82,11 @@ fn a_machine_that_is_disarmed_is_not_watched() {
     assert_eq!(issue(&mut rollout, &actions), [name(0)]);
     rollout.step(answered(0, 1, Outcome::Activated));
     for _ in 0..100 {
-        let disarmed = Seen {
+        let disarmed = Observation {
             heard: true,
             version: 1,
             residual_um: Some(90.0),
-            ..Seen::default()
+            ..Observation::default()
         };
         let event = Event::Looked {
             elapsed_s: 10.0,
@@ -208,7 +210,7 @@ fn it_stops_for_what_speaks_against_the_model() {
 
     let mut faulted = start();
     faulted.step(answered(0, 1, Outcome::Activated));
-    let seen = Seen {
+    let seen = Observation {
         heard: true,
         version: 1,
         corrects: false,
@@ -338,7 +340,7 @@ fn event(happens: &Happens, machines: usize) -> Event {
             elapsed_s: f64::from(*s),
             seen: (seen.iter())
                 .map(|(place, version, odd)| {
-                    let seen = Seen {
+                    let seen = Observation {
                         heard: odd % 8 > 0,
                         version: u64::from(*version),
                         corrects: odd % 5 > 0,
@@ -491,7 +493,7 @@ fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
     let faulted = |version| {
-        let seen = Seen {
+        let seen = Observation {
             heard: true,
             version,
             corrects: false,

@@ -16,7 +16,7 @@ use volcomp_centre::{
     engine::{Engine, Running, Settings},
     keys::Key,
     records::Machine,
-    rollout::{NewRollout, Rollout, Rules},
+    rollout::Rules,
     store::{Keep, Store},
 };
 use volcomp_fleet::{
@@ -223,20 +223,10 @@ impl Shop {
             .map(|place| &self.machines[*place].0)
             .map(|machine| (machine.identity.machine.clone(), machine.canary))
             .collect();
-        let start = |id| {
-            let by = "anna".to_owned();
-            Rollout::new(
-                id,
-                NewRollout {
-                    model: new.model.sha256.clone(),
-                    machines: &machines,
-                    rules,
-                    by,
-                    since_s: 0.0,
-                },
-            )
-        };
-        self.store.start_rollout(start).unwrap().id
+        let begun = self
+            .store
+            .begin_rollout(&new.model.sha256, &machines, rules, "anna");
+        begun.unwrap().id
     }
 }
 
