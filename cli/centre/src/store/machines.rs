@@ -29,7 +29,7 @@ pub(crate) fn machine_named(
 fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreError> {
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
-    if before.is_none_or(|before| before.identity.serial != machine.identity.serial) {
+    if before.is_none_or(|before| before.serial != machine.serial) {
         refuse_in_open_rollout(database, id)?;
     }
     let name = id.as_str();

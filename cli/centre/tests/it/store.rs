@@ -118,7 +118,7 @@ fn no_other_tool_takes_the_name_of_one_in_a_rollout() {
     let store = place.open().unwrap();
     let mill = machine("mill-a");
     let mut other = mill.clone();
-    other.identity.serial = "9999".into();
+    other.serial = "9999".into();
     store.put_machine(&mill, "anna").unwrap();
     let start = |id| {
         let new = NewRollout {
