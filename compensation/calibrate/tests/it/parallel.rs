@@ -1,6 +1,6 @@
 //! Parallel lines: the published gantry, whose positioning of Y depends on the height through the pitch of its beam.
 
-use std::{fs, path::Path};
+use std::{fmt::Write as _, fs, path::Path};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_kinematics::Form;
@@ -217,7 +217,7 @@ fn lines_of_different_slopes_contradict_each_other() {
                         let at = 1000.0 * if name == "uneven" { share * share } else { share };
                         // The zero of each run is its own: it is no scatter of the slope.
                         let value = 10.0 * f64::from(run) + slope * at + noise.normal(0.1);
-                        text += &format!("{at},{run},{direction},{value}\n");
+                        let _ = writeln!(text, "{at},{run},{direction},{value}");
                     }
                 }
             }
