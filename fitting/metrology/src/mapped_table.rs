@@ -61,6 +61,9 @@ pub fn parse_table_with(
     if columns.direction.is_none() {
         notes.push("directions of approach follow the order of the rows".into());
     }
+    if columns.unit.is_none() {
+        notes.push("neither a head nor `columns` states a unit of the readings: without `unit` they are taken as µm or µrad".into());
+    }
     notes.extend(places.columns_not_read(header.last()));
     notes.extend(incomplete_runs(&readings));
     notes.extend(zero_direction(&readings));
@@ -238,8 +241,7 @@ impl Places {
         };
         let unit_of = |column: usize| {
             let head: &str = cells.get(column)?;
-            let unit = unit_named(head).or_else(|| Some(split_unit(head)?.1))?;
-            Some((head, unit))
+            Some((head, unit_in(head)?))
         };
         if let Some((head, unit)) = unit_of(self.reading) {
             let found = ReadingUnit::named(unit).ok_or_else(|| {
@@ -342,6 +344,24 @@ impl Places {
             },
         })
     }
+}
+
+/// The unit in a head: alone, in brackets or behind the name. A bracket at the end that holds anything else, as `[1/1000 mm]`, states none that is known.
+fn unit_in(head: &str) -> Option<&'static str> {
+    let head = head.replace('（', "(").replace('）', ")");
+    let in_brackets = head.rsplit_once(['[', '(', '{']).and_then(|(_, behind)| {
+        let (inside, _) = behind.split_once([']', ')', '}'])?;
+        unit_named(inside.trim())
+    });
+    let ends_in_bracket = head.trim_end().ends_with([']', ')', '}']);
+    let behind = || {
+        (!ends_in_bracket)
+            .then(|| Some(split_unit(&head)?.1))
+            .flatten()
+    };
+    in_brackets
+        .or_else(|| unit_named(head.trim()))
+        .or_else(behind)
 }
 
 /// µm of a mm or µrad of a degree: by the unit of the targets where it is stated, else by that of the readings.

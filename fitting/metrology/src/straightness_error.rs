@@ -1,5 +1,7 @@
 //! The straightness of a motion from its readings: the same profile about each of the reference lines of ISO 230-1.
 
+use std::collections::BTreeMap;
+
 use crate::{Direction, Measurement, MetrologyError, ReferenceKind, ReferenceLine};
 
 /// The straightness error about one reference line.
@@ -48,6 +50,12 @@ pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, Metrol
     measurement.check_directions()?;
     let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
     let [forward, backward] = Direction::BOTH.map(|d| measurement.mean_curve_in(d));
+    let of_line = straightness.slope_standard_uncertainty_urad;
+    if let Some(of_runs) = slope_uncertainty_of_runs(measurement)
+        && of_line.is_none_or(|of_line| of_runs > TIMES_OF_LINE * of_line)
+    {
+        straightness.slope_standard_uncertainty_urad = Some(of_runs);
+    }
     straightness.reversal_um = if backward.is_empty() || forward.is_empty() {
         None
     } else {
@@ -87,6 +95,32 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
         about,
         reversal_um: None,
     })
+}
+
+/// The slopes of runs scatter for themselves where their mean is uncertain by more than so many times what its line leaves: readings that scatter
+/// independently do that to one line in twenty of two runs, and to fewer of more.
+const TIMES_OF_LINE: f64 = 2.0;
+
+/// s/√n with s the standard deviation of the slopes of n runs, both directions of one together; `None` of fewer than two.
+fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
+    const URAD_PER_UM_PER_MM: f64 = 1e3;
+    let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
+    for reading in &measurement.readings {
+        let run = runs.entry(reading.run).or_default();
+        run.push((reading.target, reading.deviation));
+    }
+    let slopes = runs.values().filter_map(|run| {
+        let n = run.len() as f64;
+        let mean = run.iter().map(|p| p.0).sum::<f64>() / n;
+        let spread: f64 = run.iter().map(|p| (p.0 - mean).powi(2)).sum();
+        let product: f64 = run.iter().map(|p| (p.0 - mean) * p.1).sum();
+        (spread > 0.0).then(|| product / spread)
+    });
+    let slopes: Vec<f64> = slopes.collect();
+    let n = slopes.len() as f64;
+    let mean = slopes.iter().sum::<f64>() / n;
+    let squares: f64 = slopes.iter().map(|slope| (slope - mean).powi(2)).sum();
+    (slopes.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt() * URAD_PER_UM_PER_MM)
 }
 
 /// s/√Σ(q − q̄)² with s² the sum of the squared residuals over n − 2.

@@ -105,21 +105,6 @@ pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, StoreEr
 
 /// Opens the file, and makes it where it is not there. Only its owner may read it: it holds password hashes and models.
 pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
-    make_private(path)?;
-    let connection = Connection::open(path)?;
-    connection.busy_timeout(BUSY)?;
-    connection.set_prepared_statement_cache_capacity(MAX_PREPARED);
-    begin_log(&connection)?;
-    // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
-    connection.execute_batch(
-        "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
-    )?;
-    Ok(connection)
-}
-
-/// Creates the file with mode 600, or takes the rights of others away from an existing one. SQLite gives the files beside
-/// it the same mode when it creates them.
-fn make_private(path: &Path) -> Result<(), StoreError> {
     let failed = |why: std::io::Error| StoreError::Private {
         file: path.display().to_string(),
         why,
@@ -131,13 +116,31 @@ fn make_private(path: &Path) -> Result<(), StoreError> {
         Err(why) if why.kind() != ErrorKind::AlreadyExists => return Err(failed(why)),
         _ => {}
     }
+    if !fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(failed(std::io::Error::other("it is no regular file")));
+    }
+    let connection = Connection::open(path)?;
+    connection.busy_timeout(BUSY)?;
+    connection.set_prepared_statement_cache_capacity(MAX_PREPARED);
+    begin_log(&connection)?;
+    // SQLite has taken it for a database now: the rights of another file stay as they are.
+    make_private(path).map_err(failed)?;
+    // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
+    connection.execute_batch(
+        "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
+    )?;
+    Ok(connection)
+}
+
+/// Takes the rights of others away from the files of the database.
+fn make_private(path: &Path) -> std::io::Result<()> {
     for suffix in ["", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
         name.push(suffix);
         let file = Path::new(&name);
         match file.metadata() {
             Ok(metadata) if metadata.permissions().mode() & 0o077 != 0 => {
-                fs::set_permissions(file, fs::Permissions::from_mode(0o600)).map_err(failed)?;
+                fs::set_permissions(file, fs::Permissions::from_mode(0o600))?;
                 tracing::warn!("{}: others could read it: mode is now 600", file.display());
             }
             _ => {}

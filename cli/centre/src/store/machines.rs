@@ -30,7 +30,7 @@ fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreEr
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
     if before.is_none_or(|before| before.serial != machine.serial) {
-        refuse_in_open_rollout(database, id)?;
+        refuse_in_open_rollout(database, [id])?;
     }
     let name = id.as_str();
     let site = machine.identity.site.as_str();

@@ -17,21 +17,24 @@ use crate::{
     rollout::{NewRollout, Phase, Rollout, Rules, Step, Wish},
 };
 
-/// Refuses what must wait until no roll-out has a turn of a machine any more.
-pub(super) fn refuse_in_open_rollout(
+/// Refuses what must wait until no roll-out has a turn of one of these machines any more.
+pub(super) fn refuse_in_open_rollout<'a>(
     database: &Connection,
-    machine: &MachineId,
+    machines: impl IntoIterator<Item = &'a MachineId>,
 ) -> Result<(), StoreError> {
     let sql = "SELECT state FROM rollouts WHERE finished = 0";
     let open: Vec<Rollout> = documents(database, sql, [])?;
-    let of_it = |open: &&Rollout| open.targets.iter().any(|one| one.machine == *machine);
-    match open.iter().find(of_it) {
-        None => Ok(()),
-        Some(other) => Err(StoreError::Conflict(format!(
-            "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
-            other.id
-        ))),
+    for machine in machines {
+        let of_it =
+            |open: &&Rollout| (open.targets.iter()).any(|target| target.machine == *machine);
+        if let Some(other) = open.iter().find(of_it) {
+            return Err(StoreError::Conflict(format!(
+                "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
+                other.id
+            )));
+        }
     }
+    Ok(())
 }
 
 impl Store {
@@ -66,9 +69,8 @@ impl Store {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;
             let rollout = make(id);
-            for target in &rollout.targets {
-                refuse_in_open_rollout(database, &target.machine)?;
-            }
+            let machines = rollout.targets.iter().map(|target| &target.machine);
+            refuse_in_open_rollout(database, machines)?;
             execute(
                 database,
                 "INSERT INTO rollouts (id, state, finished) VALUES (?1, ?2, ?3)",

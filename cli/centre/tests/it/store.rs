@@ -111,6 +111,27 @@ fn another_program_that_reads_loses_nothing() {
     assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
 }
 
+/// A slip in the path changes the rights of no other file.
+#[test]
+fn what_is_no_database_keeps_its_rights() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Place::new();
+    let notes = place.0.path().join("centre.db");
+    std::fs::write(
+        &notes,
+        "notes of a person, longer than the head of a database\n".repeat(9),
+    )
+    .unwrap();
+    std::fs::set_permissions(&notes, std::fs::Permissions::from_mode(0o644)).unwrap();
+    assert!(place.open().is_err());
+    let mode = std::fs::metadata(&notes).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o644);
+    let device = Store::open(std::path::Path::new("/dev/null"))
+        .unwrap_err()
+        .to_string();
+    assert!(device.contains("no regular file"), "{device}");
+}
+
 /// A model is true for the tool that it was measured on: no other one takes over its turn by taking its name.
 #[test]
 fn no_other_tool_takes_the_name_of_one_in_a_rollout() {

@@ -11,7 +11,11 @@ use crate::toml_text;
 impl Config {
     /// Every key that has an effect, with its value, in the order of the manual.
     pub fn effective(&self) -> Map<String, Value> {
-        let Ok(Value::Object(mut keys)) = serde_json::to_value(self) else {
+        // As the file states it: with paths relative to its folder.
+        let stated = self.source.document.clone();
+        let stated = stated.and_then(|file| Self::decode(file, &self.file, Path::new("")).ok());
+        let Ok(Value::Object(mut keys)) = serde_json::to_value(stated.as_ref().unwrap_or(self))
+        else {
             return Map::new();
         };
         let controllers = keys.get_mut("controller").and_then(Value::as_array_mut);
@@ -37,8 +41,6 @@ impl Config {
             guard.retain(|key, _| !key.ends_with("_urad"));
         }
         toml_text::without_empty(&mut keys);
-        let folder = Path::new(&self.file).parent().unwrap_or(Path::new(""));
-        keys.values_mut().for_each(|value| to_folder(value, folder));
         keys
     }
 
@@ -70,21 +72,5 @@ impl Config {
     /// The effective configuration as TOML; values that the file does not state are marked.
     pub fn effective_toml(&self) -> String {
         toml_text::marked(&self.effective(), &|key| !self.source.states(key))
-    }
-}
-
-/// Paths relative to the folder of the file again, as the file states them.
-fn to_folder(value: &mut Value, folder: &Path) {
-    match value {
-        Value::String(text) => {
-            if !folder.as_os_str().is_empty()
-                && let Ok(rest) = Path::new(&*text).strip_prefix(folder)
-            {
-                *text = rest.display().to_string();
-            }
-        }
-        Value::Array(items) => items.iter_mut().for_each(|item| to_folder(item, folder)),
-        Value::Object(table) => table.values_mut().for_each(|item| to_folder(item, folder)),
-        _ => {}
     }
 }

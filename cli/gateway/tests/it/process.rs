@@ -292,3 +292,30 @@ fn it_takes_as_many_descriptors_as_it_may_have() {
     let files: Vec<&str> = files.expect("told").split_whitespace().collect();
     assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
 }
+
+/// A hangup reads the files again; what moves more than `confirm_um` waits for the hash, over HTTP as well.
+#[test]
+fn a_hangup_reads_the_files_again_and_http_takes_a_confirmation() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let machine = dir.path().join("machine.toml");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let corrects = |um: f64| {
+        let is_it = |state: &serde_json::Value| state["correction_um"]["Y"] == um;
+        program.wait(is_it).expect("what is applied follows");
+    };
+    corrects(-20.0);
+    change(&machine, "EYX = 20.0", "EYX = 25.0");
+    program.signal("HUP");
+    corrects(-25.0);
+    change(&machine, "EYX = 25.0", "EYX = 100.0");
+    let asked = program.post("/api/reload", "");
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let other = program.post("/api/reload", "{\"confirm\": \"sha256:00\"}");
+    assert_eq!(other.status, 409, "{}", other.body);
+    let body = format!("{{\"confirm\": {}}}", asked.json()["model"]);
+    let confirmed = program.post("/api/reload", &body);
+    assert_eq!(confirmed.status, 200, "{}", confirmed.body);
+    corrects(-100.0);
+}

@@ -71,10 +71,29 @@ fn the_unit_in_the_head_of_a_named_column_counts() {
             0.484_813_7,
         ),
         (["Soll", "mm"], "", Some(DeviationUnit::Um), 100.0),
+        (["Soll", "[mm]"], "", Some(DeviationUnit::Um), 100.0),
+        (
+            ["Soll", "Abw (mm) Mittel"],
+            "",
+            Some(DeviationUnit::Um),
+            100.0,
+        ),
+        (["Soll", "偏差（mm）"], "", Some(DeviationUnit::Um), 100.0),
+        (
+            ["Soll", "Abw (Lauf 1) mm"],
+            "",
+            Some(DeviationUnit::Um),
+            100.0,
+        ),
+        // None that is known: told, and taken as the smallest.
+        (["Soll", "Abw [1/1000 mm]"], "", None, 0.1),
+        (["Soll", "Millimeter"], "", None, 0.1),
         (["Soll", "Abweichung"], "", None, 0.1),
     ] {
         let m = read(heads, unit).expect("read");
         assert_eq!(m.unit, held, "{heads:?}");
+        let told = m.notes.iter().any(|note| note.contains("taken as µm"));
+        assert_eq!(told, held.is_none(), "{heads:?}: {:?}", m.notes);
         assert!((m.readings[0].deviation - first).abs() < 1e-6, "{heads:?}");
     }
     for (heads, unit, said) in [

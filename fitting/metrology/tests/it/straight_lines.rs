@@ -1,5 +1,7 @@
 //! Straightness and squareness from files, and errors on parallel lines.
 
+use std::fmt::Write as _;
+
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use volcomp_metrology::{
@@ -52,6 +54,25 @@ fn runs_of_both_directions_make_one_profile_and_their_difference() {
     assert_eq!(found.reversal_um, Some(2.0));
     let single = parse_csv(b"target,deviation_um\n0,1\n", "s.csv").unwrap();
     assert!(straightness_of(&single).is_err());
+}
+
+/// Runs whose slopes differ, as of a beam that is aligned anew, make the slope as uncertain as these are: (−60, 10, 50) µrad scatter by 55.7.
+#[test]
+fn slopes_of_runs_that_differ_make_the_slope_uncertain() {
+    let stated = |slopes: [f64; 3]| {
+        let mut text = "target,run,direction,deviation_um\n".to_owned();
+        for (run, slope) in (1..).zip(slopes) {
+            for k in 0..11 {
+                let at = 50.0 * f64::from(k);
+                let noise = 0.05 * f64::from((7 * k + 3 * run) % 5 - 2);
+                let _ = writeln!(text, "{at},{run},+,{:?}", 1e-3 * slope * at + noise);
+            }
+        }
+        let found = straightness_of(&parse_csv(text.as_bytes(), "s.csv").unwrap()).unwrap();
+        found.slope_standard_uncertainty_urad.unwrap()
+    };
+    near(stated([-60.0, 10.0, 50.0]), 55.678 / 3.0_f64.sqrt(), 0.2);
+    assert!(stated([0.0, 0.0, 0.0]) < 0.2);
 }
 
 /// The stated standard uncertainty of a slope is the scatter of slopes over seeds.
