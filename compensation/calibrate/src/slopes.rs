@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use volcomp_metrology::slope_uncertainty_with_runs;
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{ErrorName, Urad};
 
@@ -10,6 +11,7 @@ use crate::{
     others::OtherErrors,
     profile::{OfRun, Profile},
     set_up::SetUp,
+    setup::Method,
 };
 
 /// Slopes of lines of one error contradict each other when they differ by so many times their noise.
@@ -37,10 +39,15 @@ impl<'a> Removed<'a> {
             .noise_without(OfRun::Zero)
             .or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
+        let of_line = noise.map(|um| 1e3 * um / spread.sqrt());
+        let of_slope = match profile.line.setup.method {
+            Method::Direct => slope_uncertainty_with_runs(&profile.line.readings, of_line),
+            Method::Angular { .. } => of_line,
+        };
         Self {
             line: profile.line,
             slope: profile.removed,
-            noise: noise.map(|um| Urad(1e3 * um / spread.sqrt())),
+            noise: of_slope.map(Urad),
         }
     }
 }

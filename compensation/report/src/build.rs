@@ -122,6 +122,7 @@ impl Report {
             head: head(source, machine, &std::iter::empty(), stated),
             checks: Vec::new(),
             warnings: warnings(WarningKind::Note, &machine.notes())
+                .chain(warnings(WarningKind::Note, on_assembly(machine).as_slice()))
                 .chain(warnings(
                     WarningKind::NotMeasured,
                     machine.provenance().note().as_slice(),
@@ -141,6 +142,7 @@ impl Report {
             partly_measured: (machine.partly_measured().iter())
                 .map(|(error, ..)| error.to_string())
                 .collect(),
+            has_assembly: on_assembly(machine).is_some(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         }
@@ -177,6 +179,19 @@ fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Opt
     });
     let stated = file.uncertainty.square_urad;
     (is_alone && is_at_square && stated > 0.0).then_some(stated)
+}
+
+/// A note where axes have assembly errors.
+fn on_assembly(machine: &Machine) -> Option<String> {
+    let axes = machine.axes().iter().enumerate();
+    let axes = axes.filter(|(index, _)| machine.assembly(*index).iter().any(|of| *of != 0.0));
+    let names: Vec<String> = axes.map(|(_, axis)| axis.name.to_string()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "[assembly] states errors of {}: squarenesses and locations are more than their location errors, and no limit of one is judged",
+            names.join(", ")
+        )
+    })
 }
 
 /// Notes on the errors that were read in one direction of motion alone.

@@ -36,6 +36,8 @@ pub struct Report {
     pub undecided: Vec<String>,
     /// The errors whose curves cover a part of the travel only.
     pub partly_measured: Vec<String>,
+    /// Whether axes have assembly errors: a squareness or location is then more than its location error.
+    pub has_assembly: bool,
     /// What was found from observations of the whole machine.
     pub identified: Option<Identified>,
     /// The version of volcomp that made the report.

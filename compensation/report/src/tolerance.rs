@@ -248,6 +248,9 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
             None => (None, None),
         };
     }
+    if report.has_assembly {
+        return (None, None);
+    }
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
         let of = square.from.iter().find(|from| from.error == name);

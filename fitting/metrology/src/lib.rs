@@ -74,7 +74,8 @@ pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, square
 pub use standard_quantity::StandardQuantity;
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use straightness_error::{
-    Straightness, StraightnessAbout, straightness_of, straightness_of_profile,
+    Straightness, StraightnessAbout, slope_uncertainty_with_runs, straightness_of,
+    straightness_of_profile,
 };
 pub use target_unit::TargetUnit;
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};

@@ -51,11 +51,8 @@ pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, Metrol
     let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
     let [forward, backward] = Direction::BOTH.map(|d| measurement.mean_curve_in(d));
     let of_line = straightness.slope_standard_uncertainty_urad;
-    if let Some(of_runs) = slope_uncertainty_of_runs(measurement)
-        && of_line.is_none_or(|of_line| of_runs > TIMES_OF_LINE * of_line)
-    {
-        straightness.slope_standard_uncertainty_urad = Some(of_runs);
-    }
+    straightness.slope_standard_uncertainty_urad =
+        slope_uncertainty_with_runs(measurement, of_line);
     straightness.reversal_um = if backward.is_empty() || forward.is_empty() {
         None
     } else {
@@ -95,6 +92,16 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
         about,
         reversal_um: None,
     })
+}
+
+/// The standard uncertainty of the slope of a line, µrad: what its readings leave (`of_line`), or that of the slopes of its runs, where these scatter for
+/// themselves, as of a beam that is aligned anew.
+pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f64>) -> Option<f64> {
+    let of_runs = slope_uncertainty_of_runs(measurement);
+    match (of_runs, of_line) {
+        (Some(of_runs), Some(of_line)) if of_runs <= TIMES_OF_LINE * of_line => Some(of_line),
+        (of_runs, of_line) => of_runs.or(of_line),
+    }
 }
 
 /// The slopes of runs scatter for themselves where their mean is uncertain by more than so many times what its line leaves: readings that scatter

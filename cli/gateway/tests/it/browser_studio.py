@@ -17,12 +17,25 @@ files = [str(pathlib.Path(folder) / name) for name in names]
 
 def hold(page, selector, hold_ms=1300):
     button = page.locator(selector).first
-    button.scroll_into_view_if_needed()
-    box = button.bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.down()
+    # The page may be drawn anew between looking for the button and pressing: then the press is beside it.
+    for _ in range(10):
+        button.scroll_into_view_if_needed()
+        box = button.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        if "holding" in (button.get_attribute("class") or ""):
+            break
+        page.mouse.up()
+        page.wait_for_timeout(100)
     page.wait_for_timeout(hold_ms)
     page.mouse.up()
+
+
+def asked(page):
+    try:
+        page.wait_for_selector("#confirm-panel:not([hidden])")
+    except Exception as failed:
+        raise AssertionError(f"nothing to confirm: {page.inner_text('#answer')!r}") from failed
 
 
 def look(page, name):
@@ -169,7 +182,7 @@ with sync_playwright() as playwright:
     page.wait_for_timeout(700)
     assert page.inner_text("#in-force") == before
     hold(page, "#activate")
-    page.wait_for_selector("#confirm-panel:not([hidden])")
+    asked(page)
     assert "moves by" in page.inner_text("#confirm-lines")
     hold(page, "#confirm", 300)
     page.wait_for_timeout(700)
@@ -179,17 +192,17 @@ with sync_playwright() as playwright:
     # Back to the configured file, and forward again from the history.
     page.wait_for_selector("#configured:not([disabled])")
     hold(page, "#configured")
-    page.wait_for_selector("#confirm-panel:not([hidden])")
+    asked(page)
     hold(page, "#confirm")
     until(page, lambda: "erna" not in page.inner_text("#in-force"))
     page.wait_for_selector("#history td button:not([disabled])")
     hold(page, "#history td button")
-    page.wait_for_selector("#confirm-panel:not([hidden])")
+    asked(page)
     page.click("#not-now")
     assert page.is_hidden("#confirm-panel")
     look(page, "history")
     hold(page, "#history td button")
-    page.wait_for_selector("#confirm-panel:not([hidden])")
+    asked(page)
     hold(page, "#confirm")
     until(page, lambda: "erna" in page.inner_text("#in-force"))
     # 502 is the refused token, as the studio passes it on.

@@ -235,6 +235,31 @@ fn lines_of_different_slopes_contradict_each_other() {
     }
 }
 
+/// Slopes that differ as those of single runs do, of a beam that is aligned anew, contradict nothing.
+#[test]
+fn slopes_within_the_scatter_of_runs_do_not_contradict() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (second, contradicts) in [([0.0, 20.0, 40.0], false), ([100.0, 120.0, 140.0], true)] {
+        let lines = [([-20.0, 0.0, 20.0], 100.0), (second, 200.0)].map(|(slopes, z)| {
+            let mut noise = Noise::new(3);
+            let mut text = "target mm,run,direction,deviation um\n".to_owned();
+            for (run, slope) in (1..).zip(slopes) {
+                for place in 0..11 {
+                    let at = 100.0 * f64::from(place);
+                    let value = 1e-3 * slope * at + noise.normal(0.1);
+                    let _ = writeln!(text, "{at},{run},+,{value}");
+                }
+            }
+            let file = format!("exy-{z}.csv");
+            fs::write(folder.path().join(&file), text).expect("written");
+            format!("[[measurement]]\nerror = \"EXY\"\nfile = \"{file}\"\nat = {{ X = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 2 }} }}\n")
+        });
+        let found = calibrated(folder.path(), &lines);
+        let told = has(&found, &["EXY: the slopes of", "contradict"]);
+        assert_eq!(told, contradicts, "{second:?}: {:?}", found.warnings);
+    }
+}
+
 /// What the noise of a tilt adds over the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A
 /// tilt that is twice too large is one, whatever the noise draws.
 #[test]

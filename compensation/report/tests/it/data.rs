@@ -393,6 +393,22 @@ fn what_a_squareness_is_judged_by() {
     );
 }
 
+/// What [assembly] turns an axis by is a part of its squareness: the location error alone is no figure of it.
+#[test]
+fn no_location_is_judged_beside_assembly_errors() {
+    let axes = crate::MACHINE;
+    let text = format!("{axes}[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
+    let machine = volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine");
+    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+    let found = checks(&report, &tolerances("EC0Y=1").expect("one"));
+    assert_eq!(
+        (found[0].value, found[0].outcome),
+        (None, Verdict::NotEvaluated)
+    );
+    let told = |of: &volcomp_report::Warning| of.text.contains("[assembly] states errors of Y");
+    assert!(report.warnings.iter().any(told), "{:?}", report.warnings);
+}
+
 /// An error that a second axis changes is as large as it becomes over both.
 #[test]
 fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {

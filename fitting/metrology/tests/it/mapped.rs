@@ -128,7 +128,7 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(m.notes, [by_rows, "columns that are not read: Ist"]);
     // A table with a column for each run and direction.
     let wide = table(
-        "[columns]\ntarget = 1\ndeviation = 2",
+        "[columns]\ntarget = 1\ndeviation = 2\nunit = \"um\"",
         "Target (mm),Run 1 Fwd,Run 1 Rev,Run 2 Fwd\n0,0.0,-1.8,0.1\n100,1.2,-0.6,1.3\n",
     )
     .unwrap();
