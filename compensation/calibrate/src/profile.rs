@@ -27,21 +27,14 @@ pub(crate) enum OfRun {
 
 /// The sum of the squares of what is left of a run.
 fn squares_without(run: &Points, of_run: OfRun) -> f64 {
-    let n = run.len() as f64;
-    let mean = |of: fn(&(f64, f64)) -> f64| run.iter().map(of).sum::<f64>() / n;
-    let (x, u) = match of_run {
-        OfRun::Nothing => (0.0, 0.0),
-        OfRun::Zero | OfRun::Line => (mean(|p| p.0), mean(|p| p.1)),
-    };
-    let (mut square, mut product, mut squares) = (0.0, 0.0, 0.0);
-    for (at, value) in run {
-        square += (at - x).powi(2);
-        product += (at - x) * (value - u);
-        squares += (value - u).powi(2);
-    }
-    match of_run {
-        OfRun::Line if square > 0.0 => squares - product * product / square,
-        _ => squares,
+    let squares = |values: &Points, off: f64| values.iter().map(|(_, v)| (v - off).powi(2)).sum();
+    match (of_run, ReferenceLine::least_squares(run)) {
+        (OfRun::Nothing, _) => squares(run, 0.0),
+        (OfRun::Line, Ok(line)) => squares(&line.removed_from(run), 0.0),
+        (OfRun::Zero, _) | (OfRun::Line, Err(_)) => squares(
+            run,
+            run.iter().map(|(_, v)| v).sum::<f64>() / run.len() as f64,
+        ),
     }
 }
 

@@ -108,26 +108,21 @@ pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f6
 /// independently do that to one line in twenty of two runs, and to fewer of more.
 const TIMES_OF_LINE: f64 = 2.0;
 
-/// s/√n with s the standard deviation of the slopes of n runs, both directions of one together; `None` of fewer than two.
+/// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of one together; `None` of fewer than two.
 fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
-    const URAD_PER_UM_PER_MM: f64 = 1e3;
     let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
     for reading in &measurement.readings {
         let run = runs.entry(reading.run).or_default();
         run.push((reading.target, reading.deviation));
     }
-    let slopes = runs.values().filter_map(|run| {
-        let n = run.len() as f64;
-        let mean = run.iter().map(|p| p.0).sum::<f64>() / n;
-        let spread: f64 = run.iter().map(|p| (p.0 - mean).powi(2)).sum();
-        let product: f64 = run.iter().map(|p| (p.0 - mean) * p.1).sum();
-        (spread > 0.0).then(|| product / spread)
-    });
-    let slopes: Vec<f64> = slopes.collect();
+    let lines = runs
+        .values()
+        .filter_map(|run| ReferenceLine::least_squares(run).ok());
+    let slopes: Vec<f64> = lines.map(|line| line.slope().0).collect();
     let n = slopes.len() as f64;
     let mean = slopes.iter().sum::<f64>() / n;
     let squares: f64 = slopes.iter().map(|slope| (slope - mean).powi(2)).sum();
-    (slopes.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt() * URAD_PER_UM_PER_MM)
+    (slopes.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt())
 }
 
 /// s/√Σ(q − q̄)² with s² the sum of the squared residuals over n − 2.

@@ -4,7 +4,7 @@ use std::{path::Path, sync::Arc};
 
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-use crate::program::{MACHINE, token_file};
+use crate::{manual::configuration_of, program::token_file};
 
 /// A control whose X goes to and fro.
 pub(crate) fn control() -> Simulator {
@@ -18,33 +18,12 @@ pub(crate) fn control() -> Simulator {
 
 /// A configuration for a control, with its machine and tokens. It arms as soon as it may: no test shift, and a short ramp.
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {
-    std::fs::write(dir.join("machine.toml"), MACHINE).expect("writable");
     token_file(dir);
-    let text = format!(
-        r#"
-machine = "machine.toml"
-cycle_ms = 4.0
-{more}
-[guard]
-limit_um = 150.0
-limit_without_barrier_um = 150.0
-slew_um_per_s = 500.0
-hold_ms = 200
-zero_after_ms = 3000
-confirm_um = 10.0
-ramp_s = 0.1
-# It moves all the time.
-test_shift_um = 0
-[[controller]]
-url = "focas://{}"
-axes = ["X", "Y", "Z"]
-heartbeat = {{ pmc = "R", at = 120 }}
-[dashboard]
-token_file = "tokens"
-"#,
-        control.address()
-    );
-    let file = dir.join("G.toml");
-    std::fs::write(&file, text).expect("writable");
-    file
+    let address = control.address().to_string();
+    configuration_of(
+        &address,
+        dir,
+        more,
+        "[dashboard]\ntoken_file = \"tokens\"\n",
+    )
 }

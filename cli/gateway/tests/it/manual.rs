@@ -33,6 +33,11 @@ pub(crate) struct Gateway {
 /// Writes a configuration with its machine, for a controller that no device answers. It arms as soon as it may, with a short
 /// ramp, and holds 20 µm on Y.
 pub(crate) fn configuration(dir: &Path, more: &str) -> PathBuf {
+    configuration_of("127.0.0.1:1", dir, more, "")
+}
+
+/// The same for a controller at an address, with more tables behind it.
+pub(crate) fn configuration_of(address: &str, dir: &Path, more: &str, tables: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), crate::program::MACHINE).expect("writable");
     let text = format!(
         r#"
@@ -50,10 +55,10 @@ ramp_s = 0.1
 # It moves all the time.
 test_shift_um = 0
 [[controller]]
-url = "focas://127.0.0.1:1"
+url = "focas://{address}"
 axes = ["X", "Y", "Z"]
 heartbeat = {{ pmc = "R", at = 120 }}
-"#
+{tables}"#
     );
     let file = dir.join("G.toml");
     std::fs::write(&file, text).expect("writable");
