@@ -2,7 +2,7 @@
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{Between, Choice, Fit, FitError, FitOptions, Method, Noise};
-use volcomp_metrology::{MotionKind, ReferenceLine};
+use volcomp_metrology::{MotionKind, OfRun, ReferenceLine};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::{
@@ -22,21 +22,12 @@ const WITHIN_SIGMAS: f64 = 3.0;
 /// A curve is told in so many equal steps.
 const STEPS: usize = 120;
 
-/// How far a curve may pass by the mean readings, µm or µrad, for what the runs scatter.
-fn within_noise(profiles: &[Profile<'_>]) -> Option<f64> {
-    let noise = profiles.iter().filter_map(Profile::noise_of_mean);
-    noise.reduce(f64::max).map(|noise| WITHIN_SIGMAS * noise)
-}
-
-/// The scatter that the automatic choice is told of, and the period of the coordinate.
-fn options(period: Option<f64>, profiles: &[Profile<'_>]) -> FitOptions {
-    let noise = profiles.iter().filter_map(Profile::scatter_of_mean);
-    let larger = |a: Noise, b: Noise| if b.deviation > a.deviation { b } else { a };
-    FitOptions {
-        noise: noise.reduce(larger),
-        period,
-        ..FitOptions::default()
-    }
+/// What a mean reading scatters by about a curve: what runs differ by in zero and slope moves and turns the curve, and tells nothing of what it misses.
+fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
+    let noise = profiles
+        .iter()
+        .filter_map(|profile| profile.scatter_of_mean(OfRun::Line));
+    noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
 }
 
 /// The fits of an error, forward first; one of them at least.
@@ -48,7 +39,7 @@ pub(crate) struct Branches {
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
-    /// What a mean reading scatters.
+    /// What a mean reading scatters by about the curves.
     noise: Option<Noise>,
     /// The runs of each fit, from which its band is resampled; empty until the lines agree.
     runs: Vec<Option<Vec<Run>>>,
@@ -121,12 +112,18 @@ impl Branches {
         let both: [(Vec<f64>, Vec<f64>); 2] = [readings(0), readings(1)];
         let read = both.iter().filter(|(x, _)| !x.is_empty());
         let read: Vec<(&[f64], &[f64])> = read.map(|(x, u)| (&x[..], &u[..])).collect();
-        let required = within_noise(profiles);
+        let noise = noise_about_curve(profiles);
+        // How far a curve may pass by the mean readings, µm or µrad.
+        let required = noise.map(|noise| WITHIN_SIGMAS * noise.deviation);
         if read.is_empty() {
             let files = files();
             return Err(CalibrateError::NoReadings { error, files });
         }
-        let options = options(period, profiles);
+        let options = FitOptions {
+            noise,
+            period,
+            ..FitOptions::default()
+        };
         let settled = choice.settled(&read, required, &options);
         let (method, chosen) = settled.map_err(failed)?;
         let (choice, made) = chosen.unzip();
@@ -159,7 +156,7 @@ impl Branches {
             targets,
             method,
             choice,
-            noise: options.noise,
+            noise,
             runs: Vec::new(),
             factor: 1.0,
         })

@@ -7,11 +7,7 @@ use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{Component, Direction, ErrorName};
 
-use crate::{
-    abbe::Lever,
-    profile::{OfRun, Profile},
-    side_by_side::SideBySide,
-};
+use crate::{abbe::Lever, profile::Profile, side_by_side::SideBySide};
 
 /// Lines differ when they do by so many times their noise.
 const TIMES_NOISE: f64 = 3.0;
@@ -110,19 +106,9 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     let mut variance = 0.0;
     for profile in profiles {
         let uneven = || profile.unevenness();
-        variance += noise_of_shape(profile).or_else(uneven)?.powi(2);
+        variance += profile.noise_of_shape().or_else(uneven)?.powi(2);
     }
     (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
-}
-
-/// The standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
-fn noise_of_shape(profile: &Profile<'_>) -> Option<f64> {
-    let is_straightness = MotionKind::of(profile.line.setup.error) == MotionKind::Straightness;
-    profile.noise_without(if is_straightness {
-        OfRun::Line
-    } else {
-        OfRun::Zero
-    })
 }
 
 /// The standard deviation of the difference of two lines: from repeated runs, else from how unevenly each runs from target
@@ -140,7 +126,7 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
             )
         });
         let uneven = uneven.reduce(f64::max);
-        let own = match noise_of_shape(profile) {
+        let own = match profile.noise_of_shape() {
             Some(noise) if !beside.is_interpolated => noise,
             Some(noise) => noise.max(uneven?),
             None => uneven?,

@@ -82,7 +82,7 @@ fn of_error(
     let (Some(beside), Ok(inverse)) = (beside, svd.pseudo_inverse(0.0)) else {
         return Ok(());
     };
-    let noise = profiles.iter().filter_map(Profile::noise_of_mean);
+    let noise = profiles.iter().filter_map(Profile::noise_of_shape);
     let noise_um = noise.reduce(f64::max);
     let files = files_named(lines);
     for (column, tilt) in acting.into_iter().enumerate() {

@@ -1,10 +1,12 @@
 //! The mean readings of one line on their way to a curve.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::path::PathBuf;
 
 use volcomp_fit::{Noise, unevenness};
 use volcomp_kinematics::Joint;
-use volcomp_metrology::{MetrologyError, Reading, ReferenceLine, TiltReading, angular_method_um};
+use volcomp_metrology::{
+    MetrologyError, MotionKind, OfRun, ReferenceLine, TiltReading, angular_method_um,
+};
 use volcomp_model::Axis;
 use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
 
@@ -15,28 +17,6 @@ pub(crate) type Points = Vec<(f64, f64)>;
 
 /// Targets and readings of one run.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
-
-/// What each run of a line has for itself, by the number of its parameters.
-#[derive(Clone, Copy)]
-pub(crate) enum OfRun {
-    Nothing,
-    Zero,
-    /// Zero and slope.
-    Line,
-}
-
-/// The sum of the squares of what is left of a run.
-fn squares_without(run: &Points, of_run: OfRun) -> f64 {
-    let squares = |values: &Points, off: f64| values.iter().map(|(_, v)| (v - off).powi(2)).sum();
-    match (of_run, ReferenceLine::least_squares(run)) {
-        (OfRun::Nothing, _) => squares(run, 0.0),
-        (OfRun::Line, Ok(line)) => squares(&line.removed_from(run), 0.0),
-        (OfRun::Zero, _) | (OfRun::Line, Err(_)) => squares(
-            run,
-            run.iter().map(|(_, v)| v).sum::<f64>() / run.len() as f64,
-        ),
-    }
-}
 
 /// The mean readings of one line, forward and backward; empty in a direction that was not run.
 #[derive(Clone)]
@@ -116,55 +96,26 @@ impl<'a> Profile<'a> {
             .reduce(f64::max)
     }
 
-    /// Standard deviation of a mean reading, pooled over targets and directions; none without
-    /// repeated runs, without scatter, or where readings are summed up.
-    pub(crate) fn noise_of_mean(&self) -> Option<f64> {
-        self.scatter_of_mean().map(|noise| noise.deviation)
-    }
-
-    /// As [`noise_of_mean`](Self::noise_of_mean), with its degrees of freedom.
-    pub(crate) fn scatter_of_mean(&self) -> Option<Noise> {
-        self.scatter(OfRun::Nothing)
-    }
-
-    /// As [`noise_of_mean`](Self::noise_of_mean), of what is left of each run without its own zero, or its own line.
-    pub(crate) fn noise_without(&self, of_run: OfRun) -> Option<f64> {
-        self.scatter(of_run).map(|noise| noise.deviation)
-    }
-
-    fn scatter(&self, of_run: OfRun) -> Option<Noise> {
+    /// What a mean reading scatters by; `None` also where readings are summed up.
+    pub(crate) fn scatter_of_mean(&self, of_run: OfRun) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
-        // Sorted once: looking for the readings of each target through all of them takes seconds with ten thousand targets.
-        let mut sorted: Vec<&Reading> = self.line.readings.readings.iter().collect();
-        let place = |of: &Reading| of.direction as usize;
-        sorted.sort_by(|a, b| (a.target.total_cmp(&b.target)).then(place(a).cmp(&place(b))));
-        let (mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0_f64);
-        let mut runs: [BTreeMap<u32, Points>; 2] = Default::default();
-        for here in sorted.chunk_by(|a, b| a.target == b.target && a.direction == b.direction) {
-            let n = here.len() as f64;
-            let mean = here.iter().map(|r| r.deviation).sum::<f64>() / n;
-            for reading in here {
-                let run = runs[place(reading)].entry(reading.run).or_default();
-                run.push((reading.target, reading.deviation - mean));
-            }
-            freedom += n - 1.0;
-            count += n;
-            groups += 1.0;
-        }
-        let taken = f64::from(of_run as u8);
-        freedom -= runs
-            .iter()
-            .map(|runs| taken * (runs.len() as f64 - 1.0).max(0.0))
-            .sum::<f64>();
-        let all = runs.iter().flat_map(BTreeMap::values);
-        let squares: f64 = all.map(|run| squares_without(run, of_run)).sum();
-        let variance = squares / freedom / (count / groups);
-        (variance > 0.0 && variance.is_finite()).then(|| Noise {
-            deviation: variance.sqrt(),
-            freedom,
+        let scatter = self.line.readings.scatter_of_mean(of_run)?;
+        Some(Noise {
+            deviation: scatter.deviation,
+            freedom: scatter.freedom,
         })
+    }
+
+    /// The standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
+    pub(crate) fn noise_of_shape(&self) -> Option<f64> {
+        let of_run = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
+            OfRun::Line
+        } else {
+            OfRun::Zero
+        };
+        self.scatter_of_mean(of_run).map(|noise| noise.deviation)
     }
 
     /// Targets and readings of every run in a direction, about the mean readings as this profile has them; none where readings are summed
@@ -270,19 +221,5 @@ mod tests {
         let flat = profile.without_line(&line);
         assert!(flat.all().all(|(_, height)| height.abs() < 1e-12));
         assert!((flat.removed - Urad(2.0)).abs() < Urad(1e-9));
-    }
-
-    /// Two runs of ±1 about the mean at each of 11 targets: s² = 2, of the mean of two 1.
-    #[test]
-    fn the_noise_of_a_mean_is_pooled_over_targets() {
-        let mut two_runs = line("EYX", |_| 1.0);
-        let mut second = two_runs.readings.readings.clone();
-        for reading in &mut second {
-            reading.run = 2;
-            reading.deviation = -1.0;
-        }
-        two_runs.readings.readings.extend(second);
-        let profile = Profile::new(&two_runs, &machine("").chain().joints()[0]).unwrap();
-        assert!((profile.noise_of_mean().unwrap() - 1.0).abs() < 1e-12);
     }
 }

@@ -2,16 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_metrology::slope_uncertainty_with_runs;
+use volcomp_metrology::{OfRun, slope_uncertainty_with_runs};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
-    calibration_file::Line,
-    others::OtherErrors,
-    profile::{OfRun, Profile},
-    set_up::SetUp,
-    setup::Method,
+    calibration_file::Line, others::OtherErrors, profile::Profile, set_up::SetUp, setup::Method,
 };
 
 /// Slopes of lines of one error contradict each other when they differ by so many times their noise.
@@ -36,7 +32,8 @@ impl<'a> Removed<'a> {
         let middle = profile.all().map(|(at, _)| at).sum::<f64>() / count;
         let spread: f64 = profile.all().map(|(at, _)| (at - middle).powi(2)).sum();
         let noise_um = profile
-            .noise_without(OfRun::Zero)
+            .scatter_of_mean(OfRun::Zero)
+            .map(|noise| noise.deviation)
             .or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
         let of_line = noise.map(|um| 1e3 * um / spread.sqrt());

@@ -29,6 +29,10 @@ pub enum NcError {
         expected: &'static str,
         found: &'static str,
     },
+    #[error(
+        "rotary_words of the set-up file: found it beside a program that is read as {found}, whose words say themselves which way a rotary axis turns (DC, M126): leave it out"
+    )]
+    RotaryWords { found: &'static str },
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
     LongLine { line: usize, most: usize },
     #[error("line {line}: byte 0x00 at column {column}; this is no NC program")]
@@ -74,6 +78,7 @@ impl NcError {
             | Self::OutOfBounds { line, .. } => *line = number,
             Self::NoCentrePoint
             | Self::OtherLanguage { .. }
+            | Self::RotaryWords { .. }
             | Self::InFile { .. }
             | Self::Io(_)
             | Self::Machine(_) => {}

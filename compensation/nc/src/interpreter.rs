@@ -69,6 +69,8 @@ pub(crate) struct Interpreter {
     pub(crate) dialect: Dialect,
     /// The control that runs the program, if it is stated.
     pub(crate) control: Option<Control>,
+    /// Whether it is known which way a rotary axis that rolls over turns to a word.
+    pub(crate) states_rotary_words: bool,
     pub(crate) points: DecimalPoints,
     pub(crate) extruder: Extruder,
     /// The tool that M6 has put into the spindle, and whether the program has an M6.
@@ -247,6 +249,11 @@ impl Interpreter {
                 found: dialect.name(),
             });
         }
+        if setup.states_rotary_words() && dialect != Dialect::Rs274 {
+            return Err(NcError::RotaryWords {
+                found: dialect.name(),
+            });
+        }
         let (position, known) = setup.start();
         let mut modal = setup.modal.clone();
         match dialect {
@@ -269,6 +276,7 @@ impl Interpreter {
             notes: Notes::default(),
             dialect,
             control: setup.control(),
+            states_rotary_words: setup.states_rotary_words() || dialect != Dialect::Rs274,
             points: setup.points(),
             extruder: Extruder::default(),
             in_spindle: None,
@@ -307,6 +315,16 @@ impl Interpreter {
     /// Whether the machine has the axis at a place.
     pub(crate) fn machine_has(&self, axis: usize) -> bool {
         name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
+    }
+
+    /// Whether it is not known which way the axis at a place turns to a coordinate: the machine file lets it roll over, and neither the language nor the
+    /// set-up says it.
+    pub(crate) fn may_turn_either_way(&self, axis: usize) -> bool {
+        let rolls_over = || {
+            let axis = name_of(axis).and_then(|name| self.machine.axis(name));
+            axis.is_some_and(|axis| axis.modulo.is_some())
+        };
+        !self.states_rotary_words && is_rotary(axis) && rolls_over()
     }
 
     /// Puts the tool of the offset that holds into the spindle.

@@ -108,6 +108,9 @@ impl Interpreter {
             if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {
                 self.goes_shorter(axis, &mut motion, given)?;
             }
+            if motion.words[axis].is_some() && !motion.incremental[axis] {
+                self.check_rotary_word(axis, &motion, given)?;
+            }
         }
         if matches!(code, 20 | 30) {
             self.check_beginning(given)?;
@@ -275,6 +278,30 @@ impl Interpreter {
         if given.word(0).is_some() || given.word(1).is_some() || given.polar.is_some() {
             self.modal.rotation_is_new = false;
         }
+        Ok(())
+    }
+
+    /// Controls turn an axis that rolls over in three ways to the same word: as a linear axis, by the shorter way, or in the direction of its sign.
+    ///
+    /// # Errors
+    /// A word more than half a turn away, where the set-up does not say which way it means.
+    fn check_rotary_word(
+        &mut self,
+        axis: usize,
+        motion: &Move,
+        given: &Given<'_>,
+    ) -> Result<(), NcError> {
+        if !self.may_turn_either_way(axis) {
+            return Ok(());
+        }
+        let letter = char::from(LETTERS[axis]);
+        let way = motion.to[axis] - motion.from[axis];
+        if self.known[axis] && way.abs() > 180.0 - HALF_TURN_DEG {
+            return Err(given.refused(&format!(
+                "a word of {letter} half a turn away or more: the machine file lets {letter} roll over (modulo), and some controls turn it by the shorter way. State rotary_words = \"linear\" or \"shorter\" in the set-up file"
+            )));
+        }
+        self.notes.add(Note::RollsOver(letter), given.line);
         Ok(())
     }
 

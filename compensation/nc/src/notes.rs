@@ -80,6 +80,10 @@ pub enum Note {
     )]
     MayBeSkipped,
     #[error(
+        "{0} rolls over (modulo): do not run the result on a control that takes the sign of a rotary word for the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC): a number that the correction makes lower turns {0} nearly once round there. Otherwise state rotary_words = \"linear\" or \"shorter\" in the set-up file"
+    )]
+    RollsOver(char),
+    #[error(
         "at the zero of {0} the machine is off by X {x:.1} Y {y:.1} Z {z:.1} µm: where that zero was probed without the correction, add this to {0} at the control (not in the set-up); otherwise the whole part is offset by this amount",
         x = .1[0] as f64 / 10.0, y = .1[1] as f64 / 10.0, z = .1[2] as f64 / 10.0
     )]

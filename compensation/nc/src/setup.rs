@@ -23,8 +23,18 @@ pub struct SetUp {
     start: Option<(Axes, Axes<bool>)>,
     pub(crate) folders: Vec<PathBuf>,
     control: Option<Control>,
+    rotary_words: Option<RotaryWords>,
     /// Whether X60 is 60 least increments instead of 60 mm, inch or degrees.
     without_point: Option<bool>,
+}
+
+/// How a control with RS-274 words turns a rotary axis to a coordinate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RotaryWords {
+    /// As a linear axis: from 350 to 10 by -340.
+    Linear,
+    /// By at most half a turn: from 350 to 10 by 20.
+    Shorter,
 }
 
 impl Default for SetUp {
@@ -37,6 +47,7 @@ impl Default for SetUp {
             start: None,
             folders: Vec::new(),
             control: None,
+            rotary_words: None,
             without_point: None,
         }
     }
@@ -52,6 +63,7 @@ impl SetUp {
             root.allow(&[
                 "control",
                 "without_point",
+                "rotary_words",
                 "units",
                 "tool_centre_point",
                 "work_offset",
@@ -72,6 +84,14 @@ impl SetUp {
                 }
                 setup.without_point =
                     Some(without_point.one_of(&[("unit", false), ("increment", true)])?);
+            }
+            if let Some(words) = root.get("rotary_words") {
+                let names = [
+                    ("linear", RotaryWords::Linear),
+                    ("shorter", RotaryWords::Shorter),
+                ];
+                setup.rotary_words = Some(words.one_of(&names)?);
+                setup.modal.shorter = setup.rotary_words == Some(RotaryWords::Shorter);
             }
             if let Some(units) = root.get("units") {
                 setup.modal.unit_mm = units.one_of(&[("mm", 1.0), ("inch", 25.4)])?;
@@ -146,6 +166,11 @@ impl SetUp {
     #[must_use]
     pub fn control(&self) -> Option<Control> {
         self.control
+    }
+
+    /// Whether it states how rotary words are meant.
+    pub(crate) fn states_rotary_words(&self) -> bool {
+        self.rotary_words.is_some()
     }
 
     pub(crate) fn points(&self) -> DecimalPoints {

@@ -234,7 +234,10 @@ impl Rewriter {
         let mut after = before;
         for axis in line.order() {
             let value = line.words[axis].value;
-            if !corrector.has(axis) || value.abs() > LARGEST {
+            if !corrector.has(axis)
+                || value.abs() > LARGEST
+                || interpreter.may_turn_either_way(axis)
+            {
                 return None;
             }
             after[axis] = value * modal.scale(axis);

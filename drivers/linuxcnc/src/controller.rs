@@ -27,7 +27,7 @@ use crate::{
 /// How often a gateway that sends no frames says that it listens; the bridge forgets it after a second.
 const LISTEN_EVERY: Duration = Duration::from_millis(200);
 
-/// After so long without a state of the run that was heard, one of another run is believed, whatever its clock says.
+/// After so long without a state of the run that was heard, one of another run is believed, not before.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(1);
 
 /// The most datagrams that are taken in one read.
@@ -280,13 +280,12 @@ impl LinuxCncController {
                 let silent = self
                     .heard
                     .is_none_or(|heard| arrived.saturating_duration_since(heard) > FORGOTTEN_AFTER);
-                if state.time <= last.time && !silent {
+                // A state of an earlier run that someone recorded may have any time.
+                if !silent {
                     self.health.late += 1;
                     return;
                 }
-                if state.time <= last.time {
-                    self.clocks.forget();
-                }
+                self.clocks.forget();
                 self.adrift = Adrift::default();
                 self.health.restarts += 1;
             }

@@ -27,6 +27,7 @@ mod positioning_uncertainty;
 mod read;
 mod reading_unit;
 mod renishaw;
+mod run_scatter;
 mod squareness;
 mod squareness_uncertainty;
 mod standard_quantity;
@@ -69,6 +70,7 @@ pub use positioning_uncertainty::{
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
+pub use run_scatter::{OfRun, RunScatter};
 pub use squareness::{opening, squareness, squareness_parts};
 pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
 pub use standard_quantity::StandardQuantity;

@@ -71,7 +71,8 @@ pub(super) async fn ask(
                 device.name = clean(&state.machine.name);
                 device.structure = state.machine.structure.map(|structure| clean(&structure));
                 let letters = state.machine.axes.iter().take(9);
-                device.axes = letters.filter_map(|axis| axis.chars().next()).collect();
+                let letters = letters.filter_map(|axis| axis.chars().next());
+                device.axes = letters.filter(char::is_ascii_uppercase).collect();
                 let simulated = if state.simulated { ", simulated" } else { "" };
                 device.note = clean(&format!("{}{simulated}", state.of_guard));
             }

@@ -219,7 +219,7 @@ fn a_gateway_tells_its_machine_or_that_it_needs_a_token() {
         })
     };
     let open = answers(
-        "HTTP/1.1 200 OK\r\n\r\n{\"state\":\"compensating\",\"simulated\":true,\"machine\":{\"name\":\"gantry\",\"structure\":\"w X' b Y Z t\",\"axes\":[\"X\",\"Y\",\"Z\"]}}",
+        "HTTP/1.1 200 OK\r\n\r\n{\"state\":\"compensating\",\"simulated\":true,\"machine\":{\"name\":\"gantry\",\"structure\":\"w X' b Y Z t\",\"axes\":[\"X\",\"Y\",\"\\u001b[2J\",\"Z\"]}}",
     );
     let found = search(&[(Kind::Gateway, open.port())], LONG);
     let device = &found[0];
@@ -228,6 +228,7 @@ fn a_gateway_tells_its_machine_or_that_it_needs_a_token() {
         ("gantry", "compensating, simulated")
     );
     assert_eq!(device.structure.as_deref(), Some("w X' b Y Z t"));
+    assert_eq!(device.axes, ['X', 'Y', 'Z']);
     let closed =
         answers("HTTP/1.1 401 Unauthorized\r\n\r\n{\"error\":\"a valid token is needed\"}");
     let found = search(&[(Kind::Gateway, closed.port())], LONG);

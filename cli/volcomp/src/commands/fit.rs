@@ -12,7 +12,7 @@ use volcomp_fit::{
     Noise, band, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls,
     fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, axis_kind, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, OfRun, axis_kind, read_file};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -511,11 +511,16 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .collect()
 }
 
-/// What the mean reading of a target scatters, from run to run; `None` of one run.
+/// What the mean reading of a target, over its directions, scatters by about the curve.
 fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
-    let runs = whole_runs(measurement);
-    let (x, u): (Vec<Vec<f64>>, Vec<Vec<f64>>) = runs.iter().cloned().unzip();
-    Noise::of(&x.concat(), &u.concat()).map(|noise| noise.of_mean(runs.len()))
+    let scatter = measurement.scatter_of_mean(OfRun::Line)?;
+    let ways = Direction::BOTH
+        .into_iter()
+        .filter(|way| measurement.has(*way));
+    Some(Noise {
+        deviation: scatter.deviation / (ways.count() as f64).sqrt(),
+        freedom: scatter.freedom,
+    })
 }
 
 /// The choice, the best candidate of each kind and the band as people read them.

@@ -245,6 +245,7 @@ control = "okuma"\n | setup.toml:1: control
 control = "linuxcnc"\nwithout_point = "unit"\n | setup.toml:2: without_point
 control = "siemens"\nwithout_point = "unit"\n | setup.toml:2: without_point
 without_point = "mm"\n | setup.toml:1: without_point
+rotary_words = "wrapped"\n | setup.toml:1: rotary_words
 "#,
     ) {
         let error = result(setup, "").expect_err(setup);

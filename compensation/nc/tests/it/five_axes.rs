@@ -410,7 +410,8 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
             "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nEC0Y = 20.0\n"
         );
         let machine = Machine::parse(&text, "m.toml").expect("a good machine");
-        let (_, summary) = run(&machine, "", turns, Decimals::default());
+        let setup = "rotary_words = \"linear\"\n";
+        let (_, summary) = run(&machine, setup, turns, Decimals::default());
         let notes: Vec<String> = (summary.notes.by_line().iter())
             .map(|(_, note)| note.to_string())
             .filter(|note| note.contains("leaves its travel"))
@@ -424,12 +425,97 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
     let text = "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\nmodulo = 360.0\n[axes.C]\ntravel = [0, 360]\nmodulo = 360.0\n[errors]\nEC0Y = 20.0\n";
     let machine = Machine::parse(text, "m.toml").expect("a good machine");
     let program = "G0 X10 Y20 Z0 A0 C0\nA300\nA150\n";
-    let (_, summary) = run(&machine, "", program, Decimals::default());
+    let setup = "rotary_words = \"linear\"\n";
+    let (_, summary) = run(&machine, setup, program, Decimals::default());
     let lines: Vec<usize> = (summary.notes.by_line().iter())
         .filter(|(_, note)| note.to_string().contains("A leaves its travel"))
         .map(|(line, _)| *line)
         .collect();
     assert_eq!(lines, [3]);
+}
+
+/// Which way an axis that rolls over turns to a word of half a turn or more is stated, or the word is refused; what the words in between are goes on from
+/// the place that it turns from.
+#[test]
+fn which_way_an_axis_with_modulo_turns_is_stated() {
+    let machine = |modulo: &str| {
+        let text = format!(
+            "structure = \"w C' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nECC = {{ poly = [50.0] }}\n"
+        );
+        Machine::parse(&text, "m.toml").expect("a good machine")
+    };
+    let result = |modulo: &str, setup: &str, program: &str| {
+        let machine = machine(modulo);
+        let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+        let mut out = Vec::new();
+        let job = Job::new(&corrector, &setup);
+        let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()));
+        summary.map_err(|e| e.to_string()).map(|summary| {
+            let notes = summary.notes.by_line();
+            let notes = notes
+                .iter()
+                .filter(|(_, note)| note.to_string().contains("rolls over"));
+            let lines: Vec<usize> = notes.map(|(line, _)| *line).collect();
+            (String::from_utf8(out).expect("text"), lines)
+        })
+    };
+    const MODULO: &str = "modulo = 360.0\n";
+    const LINEAR: &str = "rotary_words = \"linear\"\n";
+    const SHORTER: &str = "rotary_words = \"shorter\"\n";
+    let over_the_end = "G0 X10 Y20 Z0 C350\nG1 C10 F500\n";
+    for program in [
+        over_the_end,
+        "G0 X10 Y20 Z0 C0\nC180\n",
+        "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n",
+    ] {
+        let error = result(MODULO, "", program).expect_err(program);
+        assert!(
+            error.starts_with("line 2: ") && error.contains("rotary_words"),
+            "{error}"
+        );
+        // A way, or an axis that is not stated to roll over, is that of a linear axis.
+        result("", "", program).expect(program);
+    }
+    result(MODULO, "", "G0 X10 Y20 Z0 C0\nG91 G1 C250 F500\n").expect("a way");
+    // Half a turn has no shorter way.
+    let error = result(MODULO, SHORTER, "G0 X10 Y20 Z0 C0\nC180\n").expect_err("half a turn");
+    assert!(error.contains("shorter way"), "{error}");
+    // 50 µrad are 0.003°.
+    for (setup, notes) in [("", &[1][..]), (LINEAR, &[]), (SHORTER, &[])] {
+        let found = result(MODULO, setup, "G0 X10 Y20 Z0 C0\nG1 C90 F500\nC10\n");
+        let (out, found) = found.expect("less than half a turn");
+        assert_eq!(found, notes);
+        assert!(
+            out.contains("C-0.003") && out.contains("C89.997") && out.contains("C9.997"),
+            "{out}"
+        );
+    }
+    let (linear, _) = result(MODULO, LINEAR, over_the_end).expect("compensated");
+    let (shorter, _) = result(MODULO, SHORTER, over_the_end).expect("compensated");
+    let [linear, shorter] = [linear, shorter].map(|out| {
+        places(&out)
+            .iter()
+            .map(|place| place[4])
+            .collect::<Vec<_>>()
+    });
+    assert!(
+        linear.windows(2).all(|pair| pair[1] <= pair[0]),
+        "{linear:?}"
+    );
+    assert_eq!(
+        [linear.first(), linear.last()],
+        [Some(&349.997), Some(&9.997)]
+    );
+    assert_eq!(
+        [shorter.first(), shorter.last()],
+        [Some(&349.997), Some(&9.997)]
+    );
+    // Words between are within the 20° that it turns.
+    assert!(
+        shorter.iter().all(|c| !(10.0..349.9).contains(c)),
+        "{shorter:?}"
+    );
 }
 
 /// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C

@@ -223,9 +223,11 @@ fn late_doubled_and_waiting_states_are_told_apart() {
     send(1, 1, 3.0, base + clock.elapsed());
     send(1, 0, 4.0, base + clock.elapsed());
     send(9, 50, 5.0, base);
+    // Recorded in an earlier run of a computer that had run for longer.
+    send(9, 51, 5.5, base + Duration::from_secs(5000));
     assert_eq!(x(&mut controller), Ok(2.0));
     let health = controller.health();
-    assert_eq!((health.late, health.lost), (3, 1));
+    assert_eq!((health.late, health.lost, health.restarts), (4, 1, 0));
     // One that waits in the queue is as old as it is.
     send(1, 2, 6.0, base + clock.elapsed());
     let sent = Instant::now();
