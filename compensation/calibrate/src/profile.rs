@@ -1,6 +1,6 @@
 //! The mean readings of one line on their way to a curve.
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_fit::{Noise, unevenness};
 use volcomp_kinematics::Joint;
