@@ -26,6 +26,8 @@ use crate::{
 
 /// The largest number of measurement files in a folder.
 pub const MAX_FILES: usize = 200;
+/// The largest number of results that the page lists.
+const MAX_RESULTS: usize = 10_000;
 /// The largest file that is taken, bytes.
 pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
 
@@ -219,12 +221,11 @@ impl Folder {
 
     /// The files that may be measurements.
     pub(crate) fn measurement_files(&self) -> Result<Vec<PathBuf>, StudioError> {
-        // Results and answers are on top of the measurement files.
-        let most = 2 * MAX_FILES;
-        let found = files_below(&self.path, most);
+        // One file more are the answers.
+        let found = files_below(&self.path, &[self.at(RESULT)], MAX_FILES + 1);
         let mut paths = found.map_err(StudioError::disk(self.path.display()))?;
-        let (result, answers) = (self.at(RESULT), self.at(ANSWERS));
-        paths.retain(|path| !path.starts_with(&result) && *path != answers);
+        let answers = self.at(ANSWERS);
+        paths.retain(|path| *path != answers);
         if paths.len() > MAX_FILES {
             return Err(StudioError::TooManyFiles {
                 folder: self.path.display().to_string(),
@@ -412,9 +413,16 @@ impl Folder {
         if !result.is_dir() {
             return Ok(Vec::new());
         }
-        let found = files_below(&result, MAX_FILES).map_err(StudioError::disk(RESULT))?;
+        let inside = fs::read_dir(&result).map_err(StudioError::disk(RESULT))?;
+        let inside = inside.flatten().map(|entry| entry.path());
+        let before = self.at(BEFORE).display().to_string();
+        let earlier: Vec<PathBuf> = inside
+            .filter(|path| path.display().to_string().starts_with(&before))
+            .collect();
+        let found = files_below(&result, &earlier, MAX_RESULTS);
+        let found = found.map_err(StudioError::disk(RESULT))?;
         let names = found.iter().map(|path| self.relative(&path.display()));
-        let mut names: Vec<String> = names.filter(|name| !name.starts_with(BEFORE)).collect();
+        let mut names: Vec<String> = names.collect();
         // The machine file ends in .toml, which `files_below` leaves out.
         names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));
         names.sort();

@@ -136,7 +136,7 @@ pub fn draft(
     machine_file: &str,
     named: impl Fn(&Path) -> String,
 ) -> std::io::Result<Draft> {
-    let paths = files_below(folder, usize::MAX)?;
+    let paths = files_below(folder, &[], usize::MAX)?;
     Ok(draft_of(paths, machine, machine_file, named))
 }
 

@@ -3,18 +3,28 @@
 use std::path::{Path, PathBuf};
 
 /// Files below a folder in the order of their names, without hidden ones, those that are no plain files, and the TOML files that say something of others. Links to folders are
-/// not followed. The search ends once it has found more than `most` files.
+/// not followed, and the folders `without` not entered. The search ends once it has found more than `most` files.
 ///
 /// # Errors
 /// A folder that cannot be read.
-pub fn files_below(folder: &Path, most: usize) -> std::io::Result<Vec<PathBuf>> {
+pub fn files_below(
+    folder: &Path,
+    without: &[PathBuf],
+    most: usize,
+) -> std::io::Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
-    list(folder, 0, most, &mut paths)?;
+    list(folder, without, 0, most, &mut paths)?;
     paths.sort();
     Ok(paths)
 }
 
-fn list(folder: &Path, depth: usize, most: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
+fn list(
+    folder: &Path,
+    without: &[PathBuf],
+    depth: usize,
+    most: usize,
+    paths: &mut Vec<PathBuf>,
+) -> std::io::Result<()> {
     const DEEPEST: usize = 8;
     for entry in std::fs::read_dir(folder)? {
         if paths.len() > most {
@@ -31,8 +41,8 @@ fn list(folder: &Path, depth: usize, most: usize, paths: &mut Vec<PathBuf>) -> s
         }
         let kind = entry.file_type()?;
         if kind.is_dir() {
-            if depth < DEEPEST {
-                list(&path, depth + 1, most, paths)?;
+            if depth < DEEPEST && !without.contains(&path) {
+                list(&path, without, depth + 1, most, paths)?;
             }
         } else if path.is_file() {
             // A pipe or a socket would keep its reader waiting.

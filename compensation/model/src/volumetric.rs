@@ -19,6 +19,11 @@ const HALF_POSES: u32 = 2048;
 const STARTS: usize = 128;
 /// Coordinates at which an axis is sampled in the search.
 const SAMPLES: u32 = 33;
+/// Poses from which each axis is sampled at the [places](Machine::places) of its curves, too: a spot of one axis is narrower than equal samples, and
+/// is the same from every pose.
+const STARTS_AT_PLACES: usize = 8;
+/// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
+const ROUNDS: usize = 4;
 /// Step of the search, as a share of the travel, below which it ends.
 const MIN_STEP: f64 = 1e-4;
 /// The bases of Halton's sequence, one for each dimension.
@@ -142,11 +147,18 @@ fn worst(
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut best: Option<(f64, usize, Place)> = None;
-    for (value, field, place) in starts.into_iter().take(STARTS) {
+    let at_places: Vec<_> = fields.iter().map(|of| samples(Some(of.machine))).collect();
+    let even = samples(None);
+    for (number, (value, field, place)) in starts.into_iter().take(STARTS).enumerate() {
+        let samples = if number < STARTS_AT_PLACES {
+            &at_places[field]
+        } else {
+            &even
+        };
         let (value, place) = if value.is_nan() {
             (value, place.clone())
         } else {
-            ascend(&fields[field], place, value, size)?
+            ascend(&fields[field], place, value, samples, size)?
         };
         if best.as_ref().is_none_or(|(most, ..)| value > *most) {
             best = Some((value, field, place));
@@ -161,12 +173,28 @@ fn worst(
     )
 }
 
-/// Coordinate ascent: each axis is sampled over its whole travel, then moved by ever smaller steps; where it stands, it comes from
-/// the other side, too.
+/// Shares of the travel at which each axis is sampled: equal ones, and of a machine also the places of its curves.
+fn samples(machine: Option<&Machine>) -> Vec<Vec<f64>> {
+    let even = || (0..SAMPLES).map(|sample| f64::from(sample) / f64::from(SAMPLES - 1));
+    let Some(machine) = machine else {
+        return vec![even().collect()];
+    };
+    let axes = machine.axes().iter().zip(machine.places());
+    axes.map(|(axis, places)| {
+        let [low, high] = axis.travel;
+        let shares = places.into_iter().map(|at| (at - low) / (high - low));
+        even().chain(shares).collect()
+    })
+    .collect()
+}
+
+/// Coordinate ascent: each axis is sampled over its whole travel (`samples`, of each axis or of all), until none improves, then moved by ever smaller steps;
+/// where it stands, it comes from the other side, too.
 fn ascend(
     field: &ErrorField<'_>,
     start: &Place,
     value: f64,
+    samples: &[Vec<f64>],
     size: &dyn Fn(&At) -> f64,
 ) -> Result<(f64, Place), ModelError> {
     let (mut best, mut at) = (value, start.clone());
@@ -183,10 +211,15 @@ fn ascend(
         Ok::<_, ModelError>(better)
     };
     let axes = 0..start.shares.len();
-    for axis in axes.clone() {
-        for sample in 0..SAMPLES {
-            let to = f64::from(sample) / f64::from(SAMPLES - 1);
-            moved(axis, to, at.approach[axis], &mut at)?;
+    for _ in 0..ROUNDS {
+        let mut better = false;
+        for axis in axes.clone() {
+            for to in samples.get(axis).unwrap_or(&samples[0]) {
+                better |= moved(axis, *to, at.approach[axis], &mut at)?;
+            }
+        }
+        if !better {
+            break;
         }
     }
     let mut step = 1.0 / f64::from(SAMPLES - 1);

@@ -38,7 +38,7 @@ pub(crate) struct Codes {
     /// The program ends here (M2, M30), or goes on elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
-    /// M70 to M73, which save and restore what is switched, and M97 and M198, which call what is elsewhere.
+    /// M70 to M73, which save and restore what is switched, and M96, M97 and M198, which go on elsewhere.
     pub(crate) not_followed: Option<Code>,
     /// A code of this control that moves nothing and changes no coordinate.
     pub(crate) harmless: Option<Code>,
@@ -83,6 +83,8 @@ impl Codes {
                     60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
                     970 | 1980 => codes.not_followed = Some(code),
+                    // Haas jumps, the others wait for an interrupt that calls a macro.
+                    960 if has_own_m => codes.not_followed = Some(code),
                     _ if has_own_m => {}
                     700 | 710 | 720 | 730 => codes.not_followed = Some(code),
                     4280 => codes.centre_point = Some(true),

@@ -857,7 +857,7 @@ impl Reader<'_, '_> {
         };
         self.block.commands.extend(command);
         // What is done at the end of a block.
-        let is_last = matches!(code, 0..=2 | 5 | 9 | 30 | 60 | 98 | 99);
+        let is_last = matches!(code, 0..=2 | 5 | 6 | 9 | 30 | 60 | 98 | 99);
         let letter = if is_last { LAST } else { OTHER };
         let text = from..self.scanner.at();
         self.word(letter, at, text, Some(0.0), Manner::Modal, None);

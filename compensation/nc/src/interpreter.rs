@@ -317,14 +317,17 @@ impl Interpreter {
         name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
     }
 
-    /// Whether it is not known which way the axis at a place turns to a coordinate: the machine file lets it roll over, and neither the language nor the
-    /// set-up says it.
+    /// Whether a rotary axis may roll over at the control: by the machine file it goes round, or has a travel of a turn or more.
+    pub(crate) fn may_roll_over(&self, axis: usize) -> bool {
+        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
+        axis.is_some_and(|axis| {
+            axis.modulo.is_some() || axis.travel[1] - axis.travel[0] >= 360.0 - 1e-6
+        })
+    }
+
+    /// Whether it is not known which way the axis at a place turns to a coordinate: it rolls over, and neither the language nor the set-up says it.
     pub(crate) fn may_turn_either_way(&self, axis: usize) -> bool {
-        let rolls_over = || {
-            let axis = name_of(axis).and_then(|name| self.machine.axis(name));
-            axis.is_some_and(|axis| axis.modulo.is_some())
-        };
-        !self.states_rotary_words && is_rotary(axis) && rolls_over()
+        !self.states_rotary_words && is_rotary(axis) && self.may_roll_over(axis)
     }
 
     /// Puts the tool of the offset that holds into the spindle.

@@ -104,7 +104,11 @@ impl Interpreter {
         };
         self.check_axes_of_tip(&motion, given)?;
         for axis in 0..9 {
-            let shorter = self.modal.shorter && is_rotary(axis) && motion.words[axis].is_some();
+            // Words of RS-274 are those of a setting of each axis.
+            let shorter = self.modal.shorter
+                && is_rotary(axis)
+                && motion.words[axis].is_some()
+                && (self.dialect != Dialect::Rs274 || self.may_roll_over(axis));
             if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {
                 self.goes_shorter(axis, &mut motion, given)?;
             }
@@ -298,7 +302,7 @@ impl Interpreter {
         let way = motion.to[axis] - motion.from[axis];
         if self.known[axis] && way.abs() > 180.0 - HALF_TURN_DEG {
             return Err(given.refused(&format!(
-                "a word of {letter} half a turn away or more: the machine file lets {letter} roll over (modulo), and some controls turn it by the shorter way. State rotary_words = \"linear\" or \"shorter\" in the set-up file"
+                "a word of {letter} half a turn away or more: {letter} has `modulo` or a travel of a turn or more in the machine file, and some controls turn such an axis by the shorter way. State rotary_words = \"linear\" or \"shorter\" in the set-up file"
             )));
         }
         self.notes.add(Note::RollsOver(letter), given.line);
@@ -317,6 +321,11 @@ impl Interpreter {
         }
         let way = motion.to[axis] - motion.from[axis];
         let turns = 360.0 * (way / 360.0).round();
+        if turns != 0.0 && self.machine_has(axis) && !self.may_roll_over(axis) {
+            return Err(given.refused(
+                "the shorter way (DC, M126) over the end of a travel of less than a turn: such an axis goes by its travel. State the travel of the axis, or modulo, in the machine file",
+            ));
+        }
         if self.known[axis] && (way - turns).abs() > 180.0 - HALF_TURN_DEG {
             return Err(given.refused(
                 "half a turn by the shorter way (DC, M126), which its correction would turn round",

@@ -80,7 +80,7 @@ pub enum Note {
     )]
     MayBeSkipped,
     #[error(
-        "{0} rolls over (modulo): do not run the result on a control that takes the sign of a rotary word for the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC): a number that the correction makes lower turns {0} nearly once round there. Otherwise state rotary_words = \"linear\" or \"shorter\" in the set-up file"
+        "{0} may roll over (modulo, or a travel of a turn or more): do not run the result on a control that takes the sign of a rotary word for the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC): a number that the correction makes lower turns {0} nearly once round there. Otherwise state rotary_words = \"linear\" or \"shorter\" in the set-up file"
     )]
     RollsOver(char),
     #[error(

@@ -12,7 +12,7 @@ use volcomp_model::vocabulary::CorrectionLimit;
 use crate::{
     NcError,
     block::{Begins, Block, Parameter, Word},
-    control::{Dialect, INCREMENTS},
+    control::{Control, Dialect, INCREMENTS},
     coordinates::{Axes, Frame, LETTERS, dot, each},
     correction::{Bounds, Corrector, Seen},
     error::BoundViolation,
@@ -27,7 +27,7 @@ use crate::{
     number::{Decimals, Form, Number, Numerals, half_step},
     parameters::Parameters,
     reversal::Turns,
-    rs274::{corner, hint, read_control_line, read_increments},
+    rs274::{check_end_of_block, corner, hint, read_control_line, read_increments},
     setup::SetUp,
     siemens::read_siemens,
 };
@@ -442,15 +442,16 @@ impl Rewriter {
             Path::Spline => self.spline(motion, line, out),
             Path::Rapid => {
                 self.turns = self.turns_of(motion);
-                self.straight(motion, &self.ends_of(motion), &[1.0], line, out);
+                self.straight(motion, &self.ends_of(motion), &[1.0], line, out)?;
             }
             Path::Line => {
                 let ends = self.ends_of(motion);
                 let mut parts = std::mem::take(&mut self.parts);
                 parts.clear();
                 self.parts(motion, &ends, line, &mut parts)?;
-                self.straight(motion, &ends, &parts, line, out);
+                let written = self.straight(motion, &ends, &parts, line, out);
                 self.parts = parts;
+                written?;
             }
             Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
             Path::Hole { .. } => self.hole(motion, (0, true), line, out),
@@ -769,6 +770,9 @@ fn read_block(
             block
                 .read(text, &expressions)
                 .map_err(|of| fault(corner(text, &of).or_else(|| hint(text)).unwrap_or(of)))?;
+            if interpreter.control.is_some_and(Control::is_fanuc_like) {
+                check_end_of_block(&text[block.end..], block.end).map_err(fault)?;
+            }
             read_increments(block, text, interpreter).map_err(fault)?;
             Ok(expressions.reads.get())
         }

@@ -139,6 +139,31 @@ fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
     Ok(())
 }
 
+/// FANUC and Haas controls end a block at a semicolon, where others begin a comment.
+///
+/// # Errors
+/// Anything but comments behind the semicolon in `rest`, what of a line is behind its last word, from column `from` on.
+pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> {
+    let (mut in_comment, mut ended) = (false, false);
+    for (place, byte) in rest.iter().enumerate() {
+        match byte {
+            b')' => in_comment = false,
+            _ if in_comment => {}
+            b'(' => in_comment = true,
+            b';' => ended = true,
+            b' ' | b'\t' => {}
+            _ if ended => {
+                return Err(malformed(
+                    from + place + 1,
+                    "found words behind a semicolon, which ends a block on this control: write them into a line of their own, or a comment in parentheses",
+                ));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 const MACRO: &str =
     "that is the macro language of FANUC controls; only O-words as LinuxCNC has them are executed";
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::{
     NcError,
     block::{Begins, LAST, Manner, Word},
+    control::{Control, Dialect},
     coordinates::{Axes, LETTERS, between, each, is_rotary},
     line::{Line, NewWord, Shape},
     modal::FeedMode,
@@ -33,7 +34,7 @@ pub(crate) struct Part<'a> {
     pub(crate) numbers: &'a Axes<Option<Number>>,
     /// Words behind these in a line of its own: the circle of an arc.
     pub(crate) others: &'a [(u8, Number)],
-    /// G2 or G3 before them, where another code has come in between.
+    /// G2 or G3 before them, where another code has come in between, or G93.
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
@@ -377,9 +378,14 @@ impl Rewriter {
         parts: &[f64],
         line: Line<'_>,
         out: &mut Vec<u8>,
-    ) {
+    ) -> Result<(), NcError> {
         let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
+        let is_feed = motion.path == Path::Line;
+        let way_alone = is_feed
+            .then(|| self.way_without_tool(&[from, end]))
+            .flatten();
+        let mut minutes = None;
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;
@@ -438,20 +444,111 @@ impl Rewriter {
                 // There is nothing to take up.
                 continue;
             }
-            let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
+            let mut feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
+            let mut code = None;
+            if let Some(way) = way_alone
+                && (minutes.is_some() || words[..3].iter().any(Option::is_some))
+            {
+                if minutes.is_none() {
+                    minutes = Some(self.minutes_of(way, line)?);
+                    // From here on F is one over the time of each part.
+                    let inverse_time = Number::nearest(93.0, 0);
+                    match place {
+                        0 => self
+                            .edits
+                            .added
+                            .extend(inverse_time.map(|code| (b'G', code))),
+                        _ => code = inverse_time,
+                    }
+                }
+                feed = minutes.and_then(|minutes| {
+                    Number::nearest(1.0 / (minutes * share_of_time(share - passed)), 4)
+                });
+            }
             let part = Part {
                 place,
                 share,
+                code,
                 feed,
                 ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
         }
+        if minutes.is_some() {
+            self.per_minute_again(line, out);
+        }
         self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
         self.has_moved(motion);
         if keeps.contains(&true) {
             self.unsettles();
+        }
+        Ok(())
+    }
+
+    /// How far a feed motion goes by which no word of the program moves X, Y or Z: mm, inch or deg of the axes whose feed F is then. `None`: F is that
+    /// of X, Y and Z with and without a correction, or the control takes mm and deg together.
+    ///
+    /// LinuxCNC (and NIST IR 6556, 2.1.2.5) takes F for the way of X, Y and Z wherever one of them moves, and turns the rotary axes in the same time: with
+    /// a correction of 1 µm in Y an axis that was to turn at F600 would turn as fast as it can.
+    pub(crate) fn way_without_tool(&self, [from, to]: &[Axes; 2]) -> Option<f64> {
+        let modal = &self.interpreter.modal;
+        let way = |axes: Range<usize>| {
+            let square: f64 = axes
+                .map(|axis| ((to[axis] - from[axis]) / modal.scale(axis)).powi(2))
+                .sum();
+            // What the coordinates are rounded by.
+            Some(square.sqrt()).filter(|way| *way > 1e-7)
+        };
+        if way(0..3).is_some() || modal.feed_mode == FeedMode::InverseTime {
+            return None;
+        }
+        let takes_together = self.interpreter.dialect == Dialect::Heidenhain
+            || self.interpreter.is_printer()
+            || matches!(
+                self.interpreter.control,
+                Some(Control::Fanuc | Control::Mazak)
+            );
+        way(6..9).or_else(|| way(3..6)).filter(|_| !takes_together)
+    }
+
+    /// The time that a motion of this way takes.
+    ///
+    /// # Errors
+    /// Its F is not known, or goes by the spindle.
+    fn minutes_of(&self, way: f64, line: Line<'_>) -> Result<f64, NcError> {
+        let modal = &self.interpreter.modal;
+        let says_mode = |word: &Word| {
+            word.letter == b'G' && matches!(word.value, Some(code) if code == 94.0 || code == 95.0)
+        };
+        let why = match (modal.feed_mode, modal.feed) {
+            _ if line.block.words.iter().any(says_mode) => {
+                "beside G94 or G95, which belongs into a block before it"
+            }
+            (FeedMode::PerMinute, Some(feed)) if feed > 0.0 => return Ok(way / feed),
+            (FeedMode::PerMinute, _) => "with an F that only the machine knows",
+            _ => "with an F of each revolution (G95)",
+        };
+        Err(NcError::not_compensated(
+            line.number,
+            format!(
+                "a motion of rotary axes alone {why}: its correction moves X, Y or Z, which F would go by then. Write G94 and F as a number before it"
+            ),
+        ))
+    }
+
+    /// F is that of the program again.
+    fn per_minute_again(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
+        out.extend_from_slice(line.more);
+        self.begin_line(line, out);
+        let feed = self.interpreter.modal.feed;
+        let words = [(b'G', Some(94.0)), (b'F', feed)];
+        for (letter, value) in words {
+            let number = value.and_then(|value| Number::shortest(value, 6));
+            if let Some(number) = number {
+                line.script
+                    .write_word(&NewWord::plain((letter, number)), out);
+            }
         }
     }
 
@@ -475,9 +572,7 @@ impl Rewriter {
         let feed = modal
             .feed
             .filter(|_| modal.feed_mode == FeedMode::InverseTime)?;
-        // Taking up the play of an axis takes a little time, too.
-        let share = if share == 0.0 { 1e-3 } else { share };
-        Number::nearest(feed / share, 4)
+        Number::nearest(feed / share_of_time(share), 4)
     }
 
     /// The first part goes into the line itself, each other one into a line of its own.
@@ -486,8 +581,13 @@ impl Rewriter {
             self.ends_part(part.share);
         }
         let script = line.script;
-        let stops = |word: &&Word| {
-            word.letter == LAST || word.letter == b'M' && word.value.is_some_and(is_stop)
+        let ends_late = self.interpreter.control.is_none_or(Control::is_fanuc_like);
+        let stops = |word: &&Word| match (word.letter, word.value) {
+            (LAST, _) => true,
+            (b'M', Some(code)) => is_stop(code) || ends_late && is_switched_off(code),
+            // An exact stop is meant for the end.
+            (b'G', Some(code)) => code == 9.0,
+            _ => false,
         };
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
@@ -883,6 +983,11 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
     )
 }
 
+/// The part of its time that a part of a motion gets: taking up the play of an axis takes a little, too.
+fn share_of_time(share: f64) -> f64 {
+    if share == 0.0 { 1e-3 } else { share }
+}
+
 /// The words of axes, and F behind them.
 pub(crate) fn words_of(
     numbers: &Axes<Option<Number>>,
@@ -903,6 +1008,11 @@ pub(crate) fn words_of(
 /// Whether an M code stops the program once the motion of its block has ended.
 fn is_stop(code: f64) -> bool {
     [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
+}
+
+/// Whether an M code stops the spindle or the coolant: FANUC and Haas controls do so once the motion of its block has ended, LinuxCNC before it.
+fn is_switched_off(code: f64) -> bool {
+    [5.0, 9.0, 19.0].contains(&code)
 }
 
 /// When X and Y of a motion in polar coordinates are written.

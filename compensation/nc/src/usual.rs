@@ -252,6 +252,10 @@ impl Rewriter {
             return None;
         }
         let after = frame.to_program(&to);
+        // F is that of the rotary axes, and must stay so.
+        if code != 0 && self.way_without_tool(&[before, after]).is_some() {
+            return None;
+        }
         let (ends, ends_in_program) = ([&from, &to], [&before, &after]);
         // Rapid motions are not split.
         if code != 0 && !corrector.is_straight_in(frame, &mut self.seen, ends, ends_in_program) {

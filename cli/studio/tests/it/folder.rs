@@ -383,4 +383,17 @@ fn tables_and_programs_hold_the_correction() {
     // They are not lost: somebody may have edited them.
     let aside = dir.path().join("result/before-1/nc/part.ngc");
     assert_eq!(fs::read_to_string(aside).expect("kept"), text);
+    // However many earlier programs there are, no measurement is left out for them.
+    let earlier = dir.path().join("result/before-7/nc");
+    fs::create_dir_all(&earlier).expect("writable");
+    for number in 0..450 {
+        fs::write(earlier.join(format!("{number}.ngc")), "M2\n").expect("writable");
+    }
+    for number in 0..40 {
+        let copy = dir.path().join(format!("copy-{number}.csv"));
+        fs::copy(dir.path().join("exx.csv"), copy).expect("writable");
+    }
+    let state = folder.state().expect("readable");
+    assert_eq!(state.files.len(), 41);
+    assert!(state.results.iter().all(|name| !name.contains("before-")));
 }

@@ -276,7 +276,7 @@ fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
             all.push((path.clone(), true));
             continue;
         }
-        let files = files_below(path, usize::MAX).map_err(|error| {
+        let files = files_below(path, &[], usize::MAX).map_err(|error| {
             Failure::in_file(path, format_args!("cannot be looked through: {error}"))
         })?;
         if files.is_empty() {

@@ -197,6 +197,28 @@ fn the_ends_of_the_travels_are_reached_from_both_sides() {
     assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");
 }
 
+/// A spot of each axis that is one node of its table wide: they add up at one place of the travels.
+#[test]
+fn narrow_spots_of_curves_are_found() {
+    use rand::RngExt as _;
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    for _ in 0..20 {
+        let mut text = String::from(
+            "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\n",
+        );
+        for name in ["EXX", "EYY", "EZZ"] {
+            let spot = random.random_range(1..200);
+            let node = |place: u32| [f64::from(5 * place), if place == spot { 30.0 } else { 0.0 }];
+            let table: Vec<[f64; 2]> = (0..=200).map(node).collect();
+            text += &format!("{name} = {{ table = {table:?}, interpolation = \"linear\" }}\n");
+        }
+        let found = of_one_tool(&Machine::parse(&text, "spots.toml").unwrap());
+        let expected = 0.03 * 3.0_f64.sqrt();
+        assert!((found.max_mm - expected).abs() < 1e-6, "{found:?}");
+        assert!(found.position.value > 0.97 * expected, "{found:?}");
+    }
+}
+
 /// A tilt that is constant is aligned away with one tool; with tools of two lengths its lever differs by the same shift, which
 /// one alignment for both keeps.
 #[test]

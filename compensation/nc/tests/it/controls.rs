@@ -278,7 +278,7 @@ fanuc | G8 P1, G11, G13.1, G23, G25, G26, G40.1, G50, G50.1, G62, G63
 fanuc | G67, G04 X2., G4 U1.5, G4 X2, M70, M73, M430, G10 L12 P1 R5., G10 L13 P1 R0.02
 haas | G50, G100, G103 P1, G103, G187 P1 E0.005, G187 P3, M70, G10 L12 P1 R5.
 mazak | G8 P1, G23, G50, G62, G67, G61.1, G5 P2, G04 X2.
-fanuc haas mazak | G05.1 Q1, G5 P10000, M29 S500, G61, G64, G9, M428, G80
+fanuc haas mazak | G64 ;, G64 (a;b) ; (c), G05.1 Q1, G5 P10000, M29 S500, G61, G64, G9, M428, G80
 ",
     ) {
         for control in controls.split(' ') {
@@ -326,6 +326,9 @@ fanuc | G54 P0 | G54 without a P from 1 to 300
 fanuc | G54.1 P2 G81 X1. Y1. Z-1. R1. F1. | G54.1 without a P from 1 to 300 of its own
  | G1 X10. Y110. ,R5. F100. | column 15: ,R is not followed: a rounded corner
 fanuc | G1 X10. Y110. , C2. F100. | column 15: ,C is not followed: a bevelled corner
+fanuc | G1 X50. F100.;X70. | column 15: found words behind a semicolon
+haas | G1 X50. F100. (a;b) ; G91 | column 23: found words behind a semicolon
+haas | M96 P40 Q5 | M96, which is not followed
 fanuc | M97 P1000 | M97, which is not followed
  | M73 | M73, which is not followed
 "#;

@@ -9,10 +9,13 @@ use volcomp_model::{
     },
 };
 use volcomp_nc::{
-    BoundViolation, Corrector, Decimals, Job, NcError, SetUp, Summary, Virtual, compensate, verify,
+    BoundViolation, Corrector, Decimals, Dialect, Job, NcError, SetUp, Summary, Virtual,
+    compensate, verify,
 };
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
+/// The axes of these programs turn as linear ones do.
+const LINEAR_WORDS: &str = "rotary_words = \"linear\"\n";
 /// Where the centre lines of the table cross, and the length of the machine's own tool, mm.
 const POINT: [f64; 3] = [300.0, 250.0, -450.0];
 const LENGTH: f64 = 150.0;
@@ -142,7 +145,7 @@ fn program(first: &str, places: impl Iterator<Item = [f64; 5]>) -> String {
 fn coordinates_of_the_axes() {
     let machine = machine(LENGTH);
     let text = program("G90 G54", random_places(300).into_iter());
-    let (out, _) = run(&machine, "", &text, Decimals::default());
+    let (out, _) = run(&machine, LINEAR_WORDS, &text, Decimals::default());
     let mut before = 0.0;
     for (wanted, commanded) in random_places(300)
         .into_iter()
@@ -178,7 +181,7 @@ fn coordinates_of_the_centre_point() {
             mm: 4,
             ..Decimals::default()
         };
-        let (out, _) = run(&own, setup, &text, decimals);
+        let (out, _) = run(&own, &format!("{LINEAR_WORDS}{setup}"), &text, decimals);
         let commanded = places(&out).into_iter().skip(1).map(to_axes);
         for (wanted, commanded) in random_places(300).into_iter().zip(commanded) {
             let miss = miss_um(length, wanted, commanded);
@@ -438,14 +441,14 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
 /// the place that it turns from.
 #[test]
 fn which_way_an_axis_with_modulo_turns_is_stated() {
-    let machine = |modulo: &str| {
+    let machine = |travel: &str| {
         let text = format!(
-            "structure = \"w C' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nECC = {{ poly = [50.0] }}\n"
+            "structure = \"w C' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.C]\n{travel}[errors]\nECC = {{ poly = [50.0] }}\n"
         );
         Machine::parse(&text, "m.toml").expect("a good machine")
     };
-    let result = |modulo: &str, setup: &str, program: &str| {
-        let machine = machine(modulo);
+    let result = |travel: &str, setup: &str, program: &str| {
+        let machine = machine(travel);
         let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
         let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
         let mut out = Vec::new();
@@ -455,12 +458,14 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
             let notes = summary.notes.by_line();
             let notes = notes
                 .iter()
-                .filter(|(_, note)| note.to_string().contains("rolls over"));
+                .filter(|(_, note)| note.to_string().contains("may roll over"));
             let lines: Vec<usize> = notes.map(|(line, _)| *line).collect();
             (String::from_utf8(out).expect("text"), lines)
         })
     };
-    const MODULO: &str = "modulo = 360.0\n";
+    const MODULO: &str = "travel = [0, 360]\nmodulo = 360.0\n";
+    const TURNS: &str = "travel = [-360, 360]\n";
+    const SWIVELS: &str = "travel = [-175, 175]\n";
     const LINEAR: &str = "rotary_words = \"linear\"\n";
     const SHORTER: &str = "rotary_words = \"shorter\"\n";
     let over_the_end = "G0 X10 Y20 Z0 C250\nG1 C10 F500\n";
@@ -469,13 +474,15 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         "G0 X10 Y20 Z0 C0\nC180\n",
         "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n",
     ] {
-        let error = result(MODULO, "", program).expect_err(program);
-        assert!(
-            error.starts_with("line 2: ") && error.contains("rotary_words"),
-            "{error}"
-        );
-        // A way, or an axis that is not stated to roll over, is that of a linear axis.
-        result("", "", program).expect(program);
+        for travel in [MODULO, TURNS] {
+            let error = result(travel, "", program).expect_err(program);
+            assert!(
+                error.starts_with("line 2: ") && error.contains("rotary_words"),
+                "{error}"
+            );
+        }
+        // What swivels cannot roll over.
+        result(SWIVELS, "", program).expect(program);
     }
     result(MODULO, "", "G0 X10 Y20 Z0 C0\nG91 G1 C250 F500\n").expect("a way");
     // Half a turn has no shorter way.
@@ -499,11 +506,111 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         linear.windows(2).all(|pair| pair[1] < pair[0]),
         "{linear:?}"
     );
+    // A stated way is that of axes that roll over: A goes by +200 over 0, as it can within its travel.
+    let swivel = "G0 X10 Y20 Z0 C-100\nG1 C100 F500\n";
+    let (out, _) = result(SWIVELS, SHORTER, swivel).expect("compensated");
+    let turned: Vec<f64> = places(&out).iter().map(|place| place[4]).collect();
+    assert!(
+        turned.windows(2).all(|pair| pair[1] > pair[0]),
+        "{turned:?}"
+    );
     // By 120°.
     assert!(
         shorter.iter().all(|c| !(10.1..249.9).contains(c)),
         "{shorter:?}"
     );
+}
+
+/// A motion of rotary axes alone keeps its time where its correction moves linear axes, whose feed F is then on some controls: its F is one over the
+/// time of each part. On a control that takes mm and deg together, and where nothing linear moves, it stays as it is.
+#[test]
+fn a_turn_alone_keeps_its_time() {
+    let travel = "travel = [-300, 300]\n";
+    let machine = |errors: &str| {
+        let text = format!(
+            "structure = \"w A' X' Y' b Z t\"\n[axes.X]\n{travel}[axes.Y]\n{travel}[axes.Z]\n{travel}[axes.A]\ntravel = [-360, 360]\n[errors]\n{errors}"
+        );
+        Machine::parse(&text, "m.toml").expect("a good machine")
+    };
+    let result = |errors: &str, setup: &str, dialect: Dialect, program: &str| {
+        let machine = machine(errors);
+        let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+        let mut out = Vec::new();
+        let job = Job {
+            dialect,
+            ..Job::new(&corrector, &setup)
+        };
+        let done = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()));
+        done.map(|_| String::from_utf8(out).expect("text"))
+            .map_err(|error| error.to_string())
+    };
+    const TILTED: &str =
+        "EC0A = 200.0\nEZA = { table = [[-360, -15], [360, 15]], interpolation = \"linear\" }\n";
+    let start = "G94 G0 X20 Y0 Z30 A0\nG1 Z25 F100\n";
+    let program = format!("{start}G1 A90 F600\nX30 F50\n");
+    let split = |setup: &str, dialect| {
+        let out = result(TILTED, setup, dialect, &program).expect("compensated");
+        out.lines().skip(2).map(str::to_owned).collect::<Vec<_>>()
+    };
+    for (setup, dialect) in [
+        ("", Dialect::Rs274),
+        ("control = \"linuxcnc\"\n", Dialect::Rs274),
+        (
+            "control = \"haas\"\nwithout_point = \"unit\"\n",
+            Dialect::Rs274,
+        ),
+        ("", Dialect::Siemens),
+    ] {
+        let lines = split(setup, dialect);
+        let [turn @ .., again, last] = &lines[..] else {
+            panic!("{lines:?}");
+        };
+        let feed = |line: &String| -> f64 {
+            let text = line.split('F').nth(1).expect("an F");
+            let text = text.split(' ').next().unwrap_or_default();
+            text.parse().expect("a number")
+        };
+        // 90° at 600°/min; where nothing linear moves yet, F is as it was.
+        let first = turn.iter().position(|line| line.contains("G93"));
+        let (plain, timed) = turn.split_at(first.expect("a G93"));
+        let parts = turn.len() as f64;
+        let minutes: f64 = (plain.iter().map(|line| 90.0 / parts / feed(line)))
+            .chain(timed.iter().map(|line| 1.0 / feed(line)))
+            .sum();
+        assert!((minutes - 0.15).abs() < 1e-6, "{minutes}: {lines:?}");
+        assert_eq!(again, "G94 F600");
+        assert!(last.contains("F50") && !last.contains("G93"), "{last}");
+    }
+    let lines = split(
+        "control = \"fanuc\"\nwithout_point = \"unit\"\n",
+        Dialect::Rs274,
+    );
+    assert!(
+        !lines.concat().contains("G93") && lines[0].contains("F600"),
+        "{lines:?}"
+    );
+    // EAA moves A alone, by 0.006°.
+    let program = format!("{start}G1 A90 F600\n");
+    let alone = result(
+        "EAA = { poly = [104.719755] }\n",
+        "",
+        Dialect::Rs274,
+        &program,
+    );
+    let alone = alone.expect("compensated");
+    assert!(alone.contains(" F600") && !alone.contains("G93"), "{alone}");
+    for (program, expected) in [
+        (format!("{start}G95 G1 A90 F0.1\n"), "G94 or G95"),
+        (format!("{start}G95\nG1 A90 F0.1\n"), "each revolution"),
+        (format!("{start}G94 G1 A90 F600\n"), "G94 or G95"),
+    ] {
+        let error = result(TILTED, "", Dialect::Rs274, &program).expect_err(&program);
+        assert!(
+            error.contains(expected) && error.contains("Write G94"),
+            "{error}"
+        );
+    }
 }
 
 /// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C

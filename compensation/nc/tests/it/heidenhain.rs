@@ -289,7 +289,13 @@ fn m128_has_the_numbers_of_m428() {
             });
         }
         let in_heidenhain = program(&lines);
-        let (expected, _, of_rs274) = judged(&machine, "", Dialect::Rs274, &text).expect("taken");
+        let (expected, _, of_rs274) = judged(
+            &machine,
+            "rotary_words = \"linear\"\n",
+            Dialect::Rs274,
+            &text,
+        )
+        .expect("taken");
         let (found, _, of_heidenhain) =
             judged(&machine, "", Dialect::Heidenhain, &in_heidenhain).expect("taken");
         let numbers = |text: &str| -> Vec<String> {

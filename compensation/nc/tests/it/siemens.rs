@@ -241,8 +241,9 @@ fn traori_has_the_numbers_of_m428() {
         let in_rs274 = text.replace("ON", "M428").replace("OFF", "M429");
         let in_siemens = text.replace("ON", "TRAORI(1)").replace("OFF", "TRAFOOF");
         let setup = "[work_offset.G54]\nX = 1.0\nY = 2.0\nZ = -3.0\n";
+        let in_linear_words = format!("rotary_words = \"linear\"\n{setup}");
         let (expected, _, of_rs274) =
-            judged(&machine, setup, Dialect::Rs274, &in_rs274).expect("taken");
+            judged(&machine, &in_linear_words, Dialect::Rs274, &in_rs274).expect("taken");
         let (found, _, of_siemens) =
             judged(&machine, setup, Dialect::Siemens, &in_siemens).expect("taken");
         let expected = expected
@@ -313,8 +314,8 @@ fn added_lines_keep_the_manner() {
 /// DC goes by the shorter way, whatever whole turns the axis has made, and stays within one turn.
 #[test]
 fn the_shorter_way() {
-    let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
-    let machine = Machine::parse(machine, "m.toml").expect("a good machine");
+    let machine_text = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
+    let machine = Machine::parse(machine_text, "m.toml").expect("a good machine");
     // 0.006 deg.
     let program = "G0 X0 Y0 Z0 A350\nA=DC(10)\nA=DC(0)\nA=DC(359.9)\nA=IC(-10)\n";
     let (text, _) = written(&machine, "", program).expect("taken");
@@ -326,6 +327,16 @@ fn the_shorter_way() {
     assert!(error.to_string().contains("half a turn"), "{error}");
     let error = written(&machine, "", "G0 X=DC(5)\n").expect_err("refused");
     assert!(error.to_string().contains("does not turn"), "{error}");
+    let swivel = machine_text.replace("[-360, 360]", "[-120, 120]");
+    let swivel = Machine::parse(&swivel, "m.toml").expect("a good machine");
+    let error = written(&swivel, "", "G0 X0 Y0 Z0 A-100\nA=DC(100)\n").expect_err("refused");
+    assert!(
+        error.to_string().contains("over the end of a travel"),
+        "{error}"
+    );
+    // What holds for one block would hold for the first part of it.
+    let error = written(&machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n").expect_err("refused");
+    assert!(error.to_string().contains("FB is not followed"), "{error}");
 }
 
 #[test]

@@ -193,6 +193,34 @@ fn stops_come_behind_the_last_part() {
     let out = result(bent, "G0 X0 Y0 Z0\nG3 X400 Y0 R2000M2\n");
     assert_eq!(out.matches('M').count(), 1, "{out}");
     assert!(out.ends_with("M2\n"), "{out}");
+    // The spindle and the coolant stop where LinuxCNC stops them, before the motion, or where FANUC and Haas controls do, behind it; an exact stop is
+    // meant for the end.
+    for (control, word, is_last) in [
+        ("linuxcnc", "M5", false),
+        ("linuxcnc", "M9", false),
+        ("fanuc", "M5", true),
+        ("haas", "M9", true),
+        ("mazak", "M19", true),
+        ("fanuc", "G9", true),
+        ("fanuc", "M8", false),
+    ] {
+        let without_point = if control == "linuxcnc" {
+            ""
+        } else {
+            "without_point = \"unit\"\n"
+        };
+        let setup = format!("control = \"{control}\"\n{without_point}");
+        let program = format!("G0 X0 Y0 Z0\nG1 X400 {word}\n");
+        let machine = format!("{LINEAR}{bent}");
+        let texts = [&machine, &format!("{setup}{START}"), &program];
+        let (out, ..) =
+            verified_in(Dialect::Rs274, texts.map(String::as_str), Strategy::Plain).expect("taken");
+        let lines: Vec<&str> = out.lines().skip(1).collect();
+        let at = lines.iter().position(|line| line.contains(word));
+        let expected = if is_last { lines.len() - 1 } else { 0 };
+        assert_eq!(at, Some(expected), "{control}: {out}");
+        assert_eq!(out.matches(word).count(), 1, "{out}");
+    }
     // What is done before the motion stays where it is.
     let out = result(bent, "G0 X0 Y0 Z0\nG1 M3 S100 X400 M8\n");
     assert!(
