@@ -325,9 +325,16 @@ impl Interpreter {
         })
     }
 
-    /// Whether it is not known which way the axis at a place turns to a coordinate: it rolls over, and neither the language nor the set-up says it.
+    /// Whether it is not known which way the axis at a place turns to a coordinate: it may roll over, and neither the language nor the set-up says it.
     pub(crate) fn may_turn_either_way(&self, axis: usize) -> bool {
         !self.states_rotary_words && is_rotary(axis) && self.may_roll_over(axis)
+    }
+
+    /// Whether an axis that may roll over does so: the machine file has `modulo`, or the control is one whose rotary tables usually do.
+    pub(crate) fn rolls_over(&self, axis: usize) -> bool {
+        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
+        axis.is_some_and(|axis| axis.modulo.is_some())
+            || self.control.is_some_and(Control::is_fanuc_like)
     }
 
     /// Puts the tool of the offset that holds into the spindle.

@@ -300,9 +300,9 @@ impl Interpreter {
         }
         let letter = char::from(LETTERS[axis]);
         let way = motion.to[axis] - motion.from[axis];
-        if self.known[axis] && way.abs() > 180.0 - HALF_TURN_DEG {
+        if self.known[axis] && way.abs() > 180.0 - HALF_TURN_DEG && self.rolls_over(axis) {
             return Err(given.refused(&format!(
-                "a word of {letter} half a turn away or more: {letter} has `modulo` or a travel of a turn or more in the machine file, and some controls turn such an axis by the shorter way. State rotary_words = \"linear\" or \"shorter\" in the set-up file"
+                "a word of {letter} half a turn away or more: it may roll over by the machine file (modulo, or a travel of a turn or more), and some controls turn such an axis by the shorter way. State rotary_words = \"linear\" or \"shorter\" in the set-up file"
             )));
         }
         self.notes.add(Note::RollsOver(letter), given.line);

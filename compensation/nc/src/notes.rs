@@ -80,7 +80,7 @@ pub enum Note {
     )]
     MayBeSkipped,
     #[error(
-        "{0} may roll over (modulo, or a travel of a turn or more): do not run the result on a control that takes the sign of a rotary word for the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC): a number that the correction makes lower turns {0} nearly once round there. Otherwise state rotary_words = \"linear\" or \"shorter\" in the set-up file"
+        "{0} may roll over at the control (modulo, or a travel of a turn or more in the machine file), and is taken to turn as a linear axis: where the control turns it by the shorter way, state rotary_words = \"shorter\" in the set-up file, else \"linear\". Do not run the result where the sign of a word is the direction (WRAPPED_ROTARY of LinuxCNC, parameter 1008#1 of FANUC)"
     )]
     RollsOver(char),
     #[error(

@@ -474,8 +474,11 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         "G0 X10 Y20 Z0 C0\nC180\n",
         "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n",
     ] {
-        for travel in [MODULO, TURNS] {
-            let error = result(travel, "", program).expect_err(program);
+        let (_, noted) = result(TURNS, "", program).expect(program);
+        assert!(!noted.is_empty(), "{program}");
+        let fanuc = "control = \"fanuc\"\nwithout_point = \"unit\"\n";
+        for (travel, setup) in [(MODULO, ""), (TURNS, fanuc)] {
+            let error = result(travel, setup, program).expect_err(program);
             assert!(
                 error.starts_with("line 2: ") && error.contains("rotary_words"),
                 "{error}"
