@@ -7,8 +7,8 @@ use crate::{
     coefficients::{Role, micro},
     error::IdentifyError,
     observations::Observations,
+    params::Values,
     system::System,
-    values::Values,
 };
 
 /// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where

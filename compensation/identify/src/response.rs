@@ -4,9 +4,14 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_model::Machine;
 
 use crate::{
-    error::IdentifyError, followers::Follower, identify::Fitted, observations::Observations,
-    parameters::told_by_searched, rank::of_unit_length, solve::weight, system::System,
-    values::Values,
+    equation::weight,
+    error::IdentifyError,
+    fit::Fitted,
+    observations::Observations,
+    parameters::told_by_searched,
+    params::Values,
+    rank::of_unit_length,
+    system::{Follower, System},
 };
 
 /// How the determined unknowns of an identification change, to first order, where the known errors of the machine are others: what
@@ -40,7 +45,7 @@ impl Response {
         fitted: &Fitted,
     ) -> Self {
         let values = fitted.solution.values.clone();
-        let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
+        let rows = system.prepare(observations.fitted_rows());
         let equations = system.equations(&rows, &values);
         let mut jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
         let normed = of_unit_length(jacobian.clone());
@@ -137,7 +142,7 @@ impl Response {
         let mut observations = self.observations.clone();
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;
-        let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
+        let rows = system.prepare(observations.fitted_rows());
         let there = system.equations(&rows, &self.values).residuals;
         Ok(there - &self.residuals)
     }

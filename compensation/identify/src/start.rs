@@ -6,15 +6,13 @@ use volcomp_kinematics::{
 };
 
 use crate::{
-    design::design,
     error::IdentifyError,
-    observations::{Observations, Row, Seen},
-    params::{Param, Part},
-    prepared::Rows,
+    fit::design,
+    observations::{Observations, Part, Row, Seen},
+    params::{Param, Values},
     rank::independent,
     solve::{Exactness, solve},
-    system::System,
-    values::Values,
+    system::{Rows, System},
 };
 
 /// Fewer rows do not determine targets and a general matrix for the frame.

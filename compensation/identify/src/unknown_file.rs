@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     basis::Basis,
-    checked::{LEAST_SPLINE, MOST_COEFFICIENTS, MOST_SECOND},
+    checks::input::{LEAST_SPLINE, MOST_COEFFICIENTS, MOST_SECOND},
     observations::{SecondAxis, Unknown},
 };
 
