@@ -4,16 +4,17 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
-    calibration_file::{CalibrationFile, Location},
+    branches::FittedCurve,
+    calibration_file::{CalibrationFile, Line, Location, located, measured},
     checks::{
-        different_machines, files_of, not_followed, odd, odd_values, same_readings, without_point,
+        lines::{
+            different_machines, files_of, odd, odd_values, same_readings, with_files, without_point,
+        },
+        result::not_followed,
     },
     error::CalibrateError,
-    fitted::{measured, notes_of},
-    fitted_curve::FittedCurve,
-    fitted_line::FittedLine,
+    fitted::FittedLine,
     identified::{Identified, Wanted, settled},
-    locations::located,
     not_measured::not_measured,
     provenance::with_provenance,
     stages::Stages,
@@ -111,4 +112,13 @@ fn calibrated(
         contradictions: stages.contradictions,
         not_measured,
     })
+}
+
+/// The notes from reading the measurement files, each with the names of all files before it that it is about.
+fn notes_of(lines: &[Line]) -> Vec<String> {
+    with_files(lines.iter().flat_map(|line| {
+        let file = line.file.display().to_string();
+        let notes = line.readings.notes.iter();
+        notes.map(move |note| (file.clone(), note.clone()))
+    }))
 }

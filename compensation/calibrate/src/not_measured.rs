@@ -6,10 +6,9 @@ use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
 use crate::{
+    branches::FittedCurve,
     calibration_file::CalibrationFile,
-    fitted_curve::FittedCurve,
-    location_file::{is_square, square_of},
-    squares::{partner_of, reference_of},
+    squareness::{is_square, partner_of, reference_of, square_of},
     stages::Stages,
 };
 

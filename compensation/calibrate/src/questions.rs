@@ -120,28 +120,4 @@ mod tests {
         );
         assert!(asked("C").contains("this test, deg?"), "{}", asked("C"));
     }
-
-    /// Another sentence may follow.
-    #[test]
-    fn every_question_ends_as_a_sentence() {
-        let keys = [
-            "unit",
-            "error",
-            "file",
-            "at",
-            "point",
-            "rides",
-            "sign",
-            "bridge_mm",
-            "reading",
-            "holds_location",
-            "reference_angle_urad",
-            "other",
-        ];
-        let inner = ["target", "reading", "reading_is", "unit"];
-        let all = keys.map(|key| question(key, None)).into_iter();
-        for asked in all.chain(inner.map(|key| question("channels", Some(key)))) {
-            assert!(asked.ends_with(['?', '.']), "{asked}");
-        }
-    }
 }

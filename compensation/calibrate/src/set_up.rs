@@ -13,7 +13,10 @@ use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES, Urad};
 
-use crate::{calibration_file::CalibrationFile, fitted::measured, squares::set_square};
+use crate::{
+    calibration_file::{CalibrationFile, measured},
+    squareness::set_square,
+};
 
 /// Targets of a straightness that nobody measured.
 const TARGETS: usize = 21;

@@ -57,7 +57,7 @@ impl CalibrationFile {
 
     /// Whether everything that is measured directly reads as in another file of the same measurements.
     pub(crate) fn reads_as(&self, other: &Self) -> bool {
-        let lines = self.measurements.iter().zip(&other.measurements);
+        let mut lines = self.measurements.iter().zip(&other.measurements);
         let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
         let rows = |of: &Observations| -> Vec<Row> {
             let observations = of.observations.iter();
@@ -65,17 +65,7 @@ impl CalibrationFile {
         };
         self.squareness == other.squareness
             && self.locations == other.locations
-            && lines
-                .map(|(a, b)| (&a.readings, &b.readings))
-                .all(|(a, b)| {
-                    let deviations = |of: &Measurement| -> Vec<f64> {
-                        of.readings
-                            .iter()
-                            .map(|reading| reading.deviation)
-                            .collect()
-                    };
-                    deviations(a) == deviations(b)
-                })
+            && lines.all(|(a, b)| a.readings.readings == b.readings.readings)
             && diagonals.all(|(a, b)| {
                 let [a, b] = [&a.observations, &b.observations];
                 rows(a) == rows(b) && a.setup.numbers == b.setup.numbers
