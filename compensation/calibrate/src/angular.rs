@@ -28,7 +28,7 @@ pub(crate) struct Angular {
     /// The standard deviation of each fitted tilt at a target, µrad, where its readings show it.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
-    /// Those of the notes that say which lines contradict each other.
+    /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
@@ -57,11 +57,11 @@ pub(crate) fn angular(
             let read = Profile::new(line, &joint)?;
             profiles.push(without_others(read, whole, set_up)?);
         }
-        let told = contradictions(error, &profiles, None)?;
+        let found = contradictions(error, &profiles, None)?;
         result
             .notes
-            .extend(told.iter().map(|(_, text)| text.clone()));
-        result.contradictions.extend(told);
+            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.contradictions.extend(found);
         let noise = noise_of_lines(&profiles);
         result.noise_urad.extend(noise.map(|noise| (error, noise)));
         let (fitted, _) = fit(file, error, profiles)?;

@@ -1,4 +1,4 @@
-//! The open questions of a draft, answered one by one as somebody types them: each answer is checked where it is given, so that
+//! Answers to the open questions of a draft, as the user types them: each answer is checked where it is given, so that
 //! the text of the calibration file is never put together by hand.
 
 use volcomp_document::toml_string;
@@ -25,10 +25,10 @@ pub enum Subject {
     Squareness(ErrorName),
 }
 
-/// An answer as somebody has typed it.
+/// An answer as the user typed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// What was asked about.
+    /// The measurement or the squareness.
     pub of: Subject,
     /// The key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which takes the measurement
     /// or the squareness out.
@@ -48,7 +48,7 @@ pub enum AnswerError {
     /// The draft does not ask for this key there.
     #[error("{subject}: {key} is not asked for")]
     Key { subject: String, key: String },
-    /// The value is none that the key can have.
+    /// The value is invalid for the key.
     #[error("{subject}: {key}: found {found:?}, expected {expected}")]
     Value {
         subject: String,
@@ -157,7 +157,7 @@ impl Draft {
         let proposed: Vec<Proposed> = proposed.into_iter().flatten().collect();
         let possible = squares_of(&proposed);
         squares.retain(|square| possible.iter().any(|of| of.error == square.error));
-        // An error that was asked for may make a squareness that nobody could see before.
+        // A newly answered error may complete a squareness.
         let new = |of: &Square| self.squares.iter().all(|known| known.error != of.error);
         squares.extend(possible.into_iter().filter(new));
         let mut conflicts = self.conflicts.clone();
@@ -283,7 +283,7 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
 }
 
 fn set_unit(of: &mut Proposed, unit: &str) {
-    of.told.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
+    of.facts.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
     of.follow();
 }
 

@@ -18,9 +18,9 @@ const LINES_AGREE_UM: f64 = 1e-6;
 /// Each round leaves at most half of the disagreement where lines share their targets.
 const ROUNDS: usize = 40;
 
-/// A mean reading is this many standard deviations off at the most: one in 370.
+/// Maximum deviation of a mean reading in standard deviations: one in 370 exceeds it.
 const WITHIN_SIGMAS: f64 = 3.0;
-/// A curve is told in so many equal steps.
+/// Number of steps in which a curve is sampled.
 const STEPS: usize = 120;
 
 /// What a mean reading scatters by about a curve: what runs differ by in zero and slope moves and turns the curve, and tells nothing of what it misses.

@@ -35,15 +35,15 @@ pub struct Calibration {
     pub locations: Vec<Location>,
     /// What was found from observations of the whole machine; `None` where the file has none.
     pub identified: Option<Identified>,
-    /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
+    /// Messages for the user: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
-    /// Those of the messages that say which lines contradict each other, with their error.
+    /// Subset of `warnings`: contradictory measurement lines, with their error.
     pub contradictions: Vec<(ErrorName, String)>,
-    /// Those of the messages that name the errors which nothing measured, each with what it can do.
+    /// Subset of `warnings`: errors that were not measured, each with its largest effect.
     pub not_measured: Vec<String>,
 }
 
-/// Turns measurements into a machine. `progress` is told how many of how many errors are done.
+/// Turns measurements into a machine. `progress` receives the number of errors done and of all.
 ///
 /// Errors of the machine file that were not measured are kept.
 ///

@@ -37,7 +37,7 @@ pub struct CalibrationFile {
     pub locations: Vec<Location>,
     /// What is to be found from observations of the whole machine.
     pub observations: Option<Observations>,
-    /// What the machine file tells of the files of the observations.
+    /// Provenance of the files of the observations.
     pub observed: Vec<Source>,
     /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
@@ -129,7 +129,7 @@ pub struct Diagonals {
     /// The diagonals as lines of sight. The offset of each is unknown, and a scale that all share: the laser's, its
     /// material temperature's, and that of the diagonals' mean.
     pub observations: Observations,
-    /// What the machine file tells of their files.
+    /// Provenance of their files.
     pub sources: Vec<Source>,
 }
 

@@ -17,12 +17,12 @@ use crate::{
     questions::{OPEN, question},
 };
 
-/// A calibration file that somebody has to complete.
+/// A calibration file with open questions for the user.
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Draft {
-    /// Every file that was looked at: what must not be overwritten.
+    /// Every file that was scanned: these must not be overwritten.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub looked_at: Vec<PathBuf>,
     /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
@@ -75,7 +75,7 @@ impl fmt::Display for LeftOver {
     }
 }
 
-/// Looks through a folder and those in it, and proposes a calibration file for a machine. `machine_file` and the measurement
+/// Scans a folder and its subfolders, and proposes a calibration file for a machine. `machine_file` and the measurement
 /// files are named as the caller says by `named`: relative to where the draft will stand.
 ///
 /// # Errors
@@ -102,22 +102,25 @@ pub fn draft_of(
     let mut conflicts = Vec::new();
     let mut used: Vec<(String, Metadata)> = Vec::new();
     let mut seen = SeenReadings::default();
+    let unused = |file: String, path: &Path, reason: String, metadata: &Metadata| LeftOver {
+        file,
+        reason,
+        error: Hints::of(path, metadata, machine).only_error(),
+    };
     for path in paths {
         let name = named(&path);
         match read_content(&path, None) {
-            Err(error) => left_over.push(LeftOver {
-                file: name,
-                reason: without_file(&error.to_string(), &path),
-                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
-            }),
-            Ok(Content::Capture(capture)) => left_over.push(LeftOver {
-                file: name,
-                reason: format!(
+            Err(error) => {
+                let reason = without_file(&error.to_string(), &path);
+                left_over.push(unused(name, &path, reason, &Metadata::default()));
+            }
+            Ok(Content::Capture(capture)) => {
+                let reason = format!(
                     "a dynamic capture of {} samples, which has no targets",
                     capture.samples.len()
-                ),
-                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
-            }),
+                );
+                left_over.push(unused(name, &path, reason, &Metadata::default()));
+            }
             Ok(Content::Log(log)) => {
                 let names = log.channels.iter().map(|channel| channel.name.as_str());
                 let names = names.collect::<Vec<_>>().join(", ");
@@ -144,11 +147,10 @@ pub fn draft_of(
                         );
                         proposed.push(found);
                     }
-                    Err(reason) => left_over.push(LeftOver {
-                        file: name,
-                        reason: without_file(&reason, &path),
-                        error: Hints::of(&path, &measurement.metadata, machine).only_error(),
-                    }),
+                    Err(reason) => {
+                        let reason = without_file(&reason, &path);
+                        left_over.push(unused(name, &path, reason, &measurement.metadata));
+                    }
                 }
             }
         }
@@ -241,12 +243,12 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
 /// What is said of measurements that answers have brought to the same places. Those of which the draft itself knew it stand in
 /// one measurement already.
 pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
-    let told = |(place, of): (usize, &Proposed)| {
+    let conflict = |(place, of): (usize, &Proposed)| {
         let mut before = now[..place].iter();
         let other = before.find(|other| of.has_known_place() && of.is_at_place_of(other))?;
         Some(keep_one(other, of))
     };
-    now.iter().enumerate().filter_map(told).collect()
+    now.iter().enumerate().filter_map(conflict).collect()
 }
 
 fn keep_one(one: &Proposed, other: &Proposed) -> String {
@@ -267,12 +269,12 @@ fn both_measure(one: &Proposed, other: &Proposed) -> String {
 pub(crate) struct Square {
     pub(crate) error: ErrorName,
     from: [ErrorName; 2],
-    /// The angle of the references, µrad, where somebody has stated it.
+    /// The angle of the references, µrad, once it is stated.
     pub(crate) reference_angle_urad: Option<f64>,
 }
 
 impl Square {
-    /// What is asked about it.
+    /// Its open question.
     pub(crate) fn question(&self) -> Question {
         Question {
             of: self.error.to_string(),

@@ -89,7 +89,7 @@ pub enum CalibrateError {
 }
 
 impl From<IdentifyError> for CalibrateError {
-    /// What is wrong in a file is that, whoever read it.
+    /// A wrong file is reported alike by both readers.
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Read(error) => Self::Read(error),

@@ -15,9 +15,9 @@ use crate::{
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
 const SETTLED: f64 = 0.01;
-/// The smallest uncertainty that is looked at, in the unit of the parameter.
+/// Smallest uncertainty that counts, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
-/// What has not settled after so many rounds is an error.
+/// Maximum number of rounds.
 const ROUNDS: usize = 60;
 /// Where one round carries a larger share into the next, unknowns and lines do not settle by turns: they are found together.
 const TOGETHER_ABOVE: f64 = 0.9;

@@ -26,7 +26,7 @@ pub(crate) struct Linear<'a> {
     /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
     pub(crate) removed: Vec<Removed<'a>>,
     pub(crate) notes: Vec<String>,
-    /// Those of the notes that say which lines contradict each other.
+    /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
@@ -55,11 +55,11 @@ pub(crate) fn linear<'a>(
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
-        let told = contradictions(error, &profiles, Some(tilts))?;
+        let found = contradictions(error, &profiles, Some(tilts))?;
         result
             .notes
-            .extend(told.iter().map(|(_, text)| text.clone()));
-        result.contradictions.extend(told);
+            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.contradictions.extend(found);
         if straightness {
             let straight = |profile: Profile<'a>| {
                 let line = profile.reference_line()?;

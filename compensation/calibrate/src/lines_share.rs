@@ -16,7 +16,7 @@ use crate::{
     varied::{Part, normal},
 };
 
-/// Up to so many independent shifts each is looked at alone; more of them are drawn together.
+/// Maximum number of independent shifts that are propagated one by one; more of them are drawn together.
 const ALONE: usize = 60;
 /// How often many shifts are drawn together: the standard deviation is then known to some 5 %.
 const DRAWS: u64 = 200;
@@ -223,7 +223,7 @@ pub(crate) struct FewRuns {
 }
 
 impl FewRuns {
-    /// Adds a part of the variance that comes from a scatter with so many degrees of freedom.
+    /// Adds a part of the variance that comes from a scatter with these degrees of freedom.
     pub(crate) fn add(&mut self, variance: f64, degrees: f64) {
         self.variance += variance;
         self.over_degrees += variance * variance / degrees;

@@ -38,7 +38,7 @@ pub struct Proposed {
     pub said: Vec<String>,
     /// What its keys follow from, beside the error.
     #[cfg_attr(feature = "serde", serde(skip))]
-    pub(crate) told: Told,
+    pub(crate) facts: FileFacts,
 }
 
 #[cfg(feature = "serde")]
@@ -58,7 +58,7 @@ pub struct Question {
     pub of: String,
     /// The key of the calibration file: `point`, `at.Y`.
     pub key: String,
-    /// What is asked.
+    /// The question.
     pub question: String,
 }
 
@@ -110,9 +110,9 @@ pub(crate) fn open() -> String {
     format!("\"{OPEN}\"")
 }
 
-/// What a file says of itself.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Told {
+/// What header, ending and name of a file state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct FileFacts {
     /// Every axis of the machine, with the place that a name or a text gives it.
     pub(crate) places: Vec<(AxisName, Option<f64>)>,
     /// The axis that moved, where the error is not known.
@@ -121,18 +121,18 @@ pub(crate) struct Told {
     pub(crate) format: Option<FileFormat>,
     /// The unit of the readings, of the file or as it was answered.
     pub(crate) unit: Option<DeviationUnit>,
-    /// Whether the unit is asked for.
+    /// Whether the unit is an open question.
     pub(crate) asks_unit: bool,
-    /// Whether it is a log, of which nobody said which channel is what.
+    /// Whether it is a log whose channels are not assigned yet.
     pub(crate) is_log: bool,
 }
 
 impl Proposed {
     /// Gives it the places and the keys that follow from what is known now; what was stated or answered of them stays.
     pub(crate) fn follow(&mut self) {
-        let own = self.error.map(|error| error.axis).or(self.told.axis);
+        let own = self.error.map(|error| error.axis).or(self.facts.axis);
         let held = self
-            .told
+            .facts
             .places
             .iter()
             .filter(|(axis, _)| Some(*axis) != own);
@@ -143,7 +143,7 @@ impl Proposed {
         self.at = held
             .map(|(axis, hinted)| (*axis, known(*axis).or(*hinted)))
             .collect();
-        let mut keys = keys(self.error, &self.told);
+        let mut keys = keys(self.error, &self.facts);
         for (key, value) in &mut keys {
             if let Some((_, stated)) = self.keys.iter().find(|(of, _)| of == key) {
                 value.clone_from(stated);
@@ -154,14 +154,14 @@ impl Proposed {
 
     /// Whether the error or the unit, or what else decides which keys there are, was left to be answered.
     pub(crate) fn may_lose_keys(&self) -> bool {
-        self.error.is_none() || self.told.asks_unit || self.told.is_log
+        self.error.is_none() || self.facts.asks_unit || self.facts.is_log
     }
 
     /// Whether this is a key of other errors or units that this measurement does not have.
     pub(crate) fn has_lost(&self, key: &str) -> bool {
         if let Some(letter) = key.strip_prefix("at.") {
             let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;
-            return self.told.places.iter().any(is_it) && !self.at.iter().any(is_it);
+            return self.facts.places.iter().any(is_it) && !self.at.iter().any(is_it);
         }
         FOLLOWING.contains(&key) && !self.keys.iter().any(|(of, _)| *of == key)
     }
@@ -177,9 +177,9 @@ const FOLLOWING: [&str; 6] = [
     "reading",
 ];
 
-fn keys(error: Option<ErrorName>, told: &Told) -> Vec<(&'static str, String)> {
+fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, String)> {
     let mut keys = Vec::new();
-    if told.is_log {
+    if facts.is_log {
         let channels = CHANNEL_KEYS.map(|key| format!("{key} = {}", open()));
         keys.push(("channels", format!("{{ {} }}", channels.join(", "))));
     }
@@ -190,24 +190,24 @@ fn keys(error: Option<ErrorName>, told: &Told) -> Vec<(&'static str, String)> {
     if error.is_some_and(|error| error.axis.is_rotary()) {
         keys.push(("holds_location", open()));
     }
-    if told.asks_unit {
+    if facts.asks_unit {
         keys.push(("unit", open()));
     }
     // Whether the table or the tool moved gives no sign to a positioning alone.
     let is_positioning = match error {
         Some(error) => MotionKind::of(error) == MotionKind::Positioning,
-        None => told.quantity.is_none_or(|q| q == Quantity::Positioning),
+        None => facts.quantity.is_none_or(|q| q == Quantity::Positioning),
     };
-    if !is_positioning || told.format == Some(FileFormat::RenishawExport) {
+    if !is_positioning || facts.format == Some(FileFormat::RenishawExport) {
         keys.push(("sign", open()));
     }
     // A straightness whose readings are angles was measured by a level on a bridge, or by an angular interferometer.
     let is_straightness = error.is_some_and(|error| {
         MotionKind::of(error) == MotionKind::Straightness && !error.axis.is_rotary()
     });
-    let reads_angles = match told.unit {
+    let reads_angles = match facts.unit {
         Some(unit) => unit == DeviationUnit::Urad,
-        None => told.quantity == Some(Quantity::Angle),
+        None => facts.quantity == Some(Quantity::Angle),
     };
     if is_straightness && reads_angles {
         keys.push(("method", "\"angular\"".to_owned()));
@@ -217,14 +217,14 @@ fn keys(error: Option<ErrorName>, told: &Told) -> Vec<(&'static str, String)> {
     keys
 }
 
-/// A log of which nobody said which channel is what.
+/// A log whose channels are not assigned yet.
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = Hints::of(path, &Metadata::default(), machine);
-    let told = Told {
+    let facts = FileFacts {
         is_log: true,
-        ..told(&hints, machine)
+        ..facts_of_names(&hints, machine)
     };
-    let mut found = proposed(name, hints.only_error(), told);
+    let mut found = proposed(name, hints.only_error(), facts);
     found.said.push(format!("a log of the channels {channels}"));
     found.said.extend(hints.contradictions);
     found
@@ -245,7 +245,7 @@ pub(crate) fn of_measurement(
         ));
     }
     let axis = stated.or(hints.axis);
-    let mut said = vec![facts(measurement)];
+    let mut said = vec![summary(measurement)];
     let mut candidates = match axis {
         Some(axis) => candidates(axis, measurement.quantity),
         None => Vec::new(),
@@ -299,15 +299,15 @@ pub(crate) fn of_measurement(
         said.push(format!("the targets are within the travel of {fits}"));
     }
     said.extend(hints.contradictions.iter().cloned());
-    let told = Told {
+    let facts = FileFacts {
         axis,
         quantity: measurement.quantity,
         format: measurement.format,
         unit: measurement.unit,
         asks_unit: measurement.unit.is_none(),
-        ..told(&hints, machine)
+        ..facts_of_names(&hints, machine)
     };
-    let mut found = proposed(name.to_owned(), error, told);
+    let mut found = proposed(name.to_owned(), error, facts);
     found.said = said;
     Ok(found)
 }
@@ -324,33 +324,28 @@ pub(crate) fn out_of_place(
     said.into_iter().flatten().collect()
 }
 
-/// What names and texts say of where the axes stood.
-fn told(hints: &Hints, machine: &Machine) -> Told {
+/// Positions of the axes according to names and texts.
+fn facts_of_names(hints: &Hints, machine: &Machine) -> FileFacts {
     let place = |axis: &Axis| {
         let place = hints.places.get(&axis.name).copied();
         // A place where the axis cannot stand is no hint.
         let place = place.filter(|place| axis.check_coordinate(*place).is_ok());
         (axis.name, place)
     };
-    Told {
+    FileFacts {
         places: machine.axes().iter().map(place).collect(),
-        axis: None,
-        quantity: None,
-        format: None,
-        unit: None,
-        asks_unit: false,
-        is_log: false,
+        ..FileFacts::default()
     }
 }
 
-fn proposed(file: String, error: Option<ErrorName>, told: Told) -> Proposed {
+fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Proposed {
     let mut found = Proposed {
         files: vec![file],
         error,
         at: Vec::new(),
         keys: Vec::new(),
         said: Vec::new(),
-        told,
+        facts,
     };
     found.follow();
     found
@@ -413,8 +408,8 @@ fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
     }
 }
 
-/// What the file says of itself, in one line.
-fn facts(measurement: &Measurement) -> String {
+/// The header of a file in one line.
+fn summary(measurement: &Measurement) -> String {
     let mut facts = Vec::new();
     facts.extend(
         measurement
@@ -438,7 +433,7 @@ fn facts(measurement: &Measurement) -> String {
     facts.join("; ")
 }
 
-/// What names and texts say.
+/// Error, axis and positions that names and texts state.
 #[derive(Debug, Default)]
 pub(crate) struct Hints {
     /// Every error motion that is named, each once.
@@ -447,7 +442,7 @@ pub(crate) struct Hints {
     pub(crate) axis: Option<AxisName>,
     /// Where axes stood: `y-z1050`, `X at Y = 0`.
     pub(crate) places: BTreeMap<AxisName, f64>,
-    /// Texts that say different things.
+    /// Contradictory texts.
     pub(crate) contradictions: Vec<String>,
 }
 
@@ -484,27 +479,22 @@ impl Hints {
             Some((axis, number.parse::<f64>().ok().filter(|_| plain)?))
         });
         let in_texts = texts.iter().flatten().flat_map(|text| stated_places(text));
+        let mut contradicted = Vec::new();
         for (axis, place) in in_name.chain(in_texts) {
             match hints.places.get(&axis) {
-                Some(other) if *other != place => hints.contradictions.push(format!(
-                    "CONTRADICTION: name, title and location say {axis} = {other} and {axis} = {place}"
-                )),
+                Some(other) if *other != place => {
+                    contradicted.push(axis);
+                    hints.contradictions.push(format!(
+                        "CONTRADICTION: name, title and location say {axis} = {other} and {axis} = {place}"
+                    ));
+                }
                 _ => {
                     hints.places.insert(axis, place);
                 }
             }
         }
         // Of two places none is the right one.
-        let contradicted = std::mem::take(&mut hints.contradictions);
-        for axis in AxisName::ALL {
-            if contradicted
-                .iter()
-                .any(|said| said.contains(&format!("say {axis} = ")))
-            {
-                hints.places.remove(&axis);
-            }
-        }
-        hints.contradictions = contradicted;
+        hints.places.retain(|axis, _| !contradicted.contains(axis));
         hints
     }
 

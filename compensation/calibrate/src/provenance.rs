@@ -17,7 +17,7 @@ use crate::{
 const STATED: &str = "stated in the calibration file";
 
 /// The machine of the stages with what is known of where its errors come from. What its machine file tells of errors that
-/// were not measured anew stays. No clock is asked: the same files give the same text.
+/// were not measured anew stays. No date is added: the same files give the same text.
 pub(crate) fn with_provenance(
     file: &CalibrationFile,
     stages: &Stages,

@@ -202,7 +202,7 @@ struct Common<'a> {
     columns: Option<Mapping>,
 }
 
-/// Refuses compensation values of which nobody says what they are: deviations or their negatives, in which unit.
+/// Refuses compensation values without a stated sign and unit.
 fn refuse_unstated_export(
     section: &Section<'_>,
     file: &Value<'_>,
@@ -278,7 +278,7 @@ fn decode_line(
     })
 }
 
-/// What the machine file tells of a measurement file.
+/// The provenance of a measurement file.
 fn source_of(
     value: &Value<'_>,
     path: &Path,

@@ -18,7 +18,7 @@ use crate::{
     squareness::set_square,
 };
 
-/// Targets of a straightness that nobody measured.
+/// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
 /// A direction whose part across another one is smaller is parallel to it.
 const PARALLEL_BELOW: f64 = 0.02;

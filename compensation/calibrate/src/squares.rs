@@ -21,7 +21,7 @@ use crate::{
     squareness::{set_square, tilt_of},
 };
 
-/// Slopes of lines of one error contradict each other when they differ by so many times their noise.
+/// Slopes of lines of one error contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
 /// Slopes that differ by less matter to no machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;

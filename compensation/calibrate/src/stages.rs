@@ -18,7 +18,7 @@ use crate::{
     squares::{slopes, squares},
 };
 
-/// Passes over the lines after the first, at the most: what a rotary axis adds to the lines of another is small.
+/// Maximum number of passes after the first: what a rotary axis adds to the lines of another is small.
 const PASSES: usize = 4;
 
 /// What the lines of a file make of a machine.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_identify::{
-    Basis, Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, SetUp, Stand, Unknown,
+    Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, Stand, Unknown,
     standard_uncertainty_um,
 };
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -163,7 +163,7 @@ fn check(
     Ok(())
 }
 
-/// The keys of which a squareness has one at the most.
+/// Keys that exclude each other.
 const SOURCES: [&str; 5] = [
     "value_urad",
     "reference_angle_urad",
@@ -332,39 +332,15 @@ pub(crate) fn decode_diagonals(
     (machine, reference_axes): (&Machine, [AxisName; 2]),
     folder: &Path,
 ) -> Result<Diagonals, CalibrateError> {
-    let mut found = Observations {
-        files: Vec::new(),
-        machine: machine.clone(),
-        measured: Vec::new(),
-        unknown: Vec::new(),
-        observations: Vec::new(),
-        setup: SetUp::default(),
-        robust: false,
-        folds: 0,
-        notes: Vec::new(),
-    };
-    for error in &errors {
-        found.unknown.push(Unknown {
-            error: tilt_of(*error, reference_axes).0,
-            basis: Some(Basis::Constant),
-            second: None,
-            reversal: false,
-            penalised: false,
-        });
-    }
-    let number = |name: String| Quantity {
-        name,
-        value: Some(0.0),
+    let mut found = Observations::of(machine.clone());
+    let tilts = errors.iter().map(|error| tilt_of(*error, reference_axes).0);
+    found.unknown.extend(tilts.map(Unknown::constant));
+    let from_zero = |name: String| Quantity {
         unknown: true,
-        drift: 0,
-        known_within: None,
+        ..Quantity::new(name, Some(0.0), 0)
     };
-    let setup = &mut found.setup;
-    let scale = setup.numbers.len();
-    setup
-        .numbers
-        .push(number("scale of the diagonals".to_owned()));
-    setup.number_kinds.push(NumberKind::Slope);
+    let scale = from_zero("scale of the diagonals".to_owned());
+    let scale = found.setup.add_number(NumberKind::Slope, scale);
     let items = value.items()?;
     if items.len() < 2 {
         return Err(value
@@ -386,11 +362,8 @@ pub(crate) fn decode_diagonals(
         }
         let [from, to] = ["from", "to"].map(|key| end(&section, key, machine));
         let (from, to) = (from?, to?);
-        let offset = setup.numbers.len();
-        setup
-            .numbers
-            .push(number(format!("{}:offset", file.display())));
-        setup.number_kinds.push(NumberKind::Offset);
+        let offset = from_zero(format!("{}:offset", file.display()));
+        let offset = found.setup.add_number(NumberKind::Offset, offset);
         found.observations.push(Observation {
             file: file.display().to_string(),
             kind: Kind::Line,

@@ -157,7 +157,7 @@ fn most_runs(readings: &Measurement) -> usize {
 
 /// Shifts what was observed by its uncertainties.
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
-    // Nobody reads how well a drawn one predicts.
+    // The prediction error of a drawn one is not used.
     observations.folds = 0;
     // What is known of the distances of balls and of targets is a reading like those of this machine.
     for number in &mut observations.setup.numbers {

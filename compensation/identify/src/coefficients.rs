@@ -100,7 +100,7 @@ impl Unknowns {
                     let rank = 1 + 2 * modes.order(mode);
                     coefficients.push(add(name, Role::Mode(mode), rank, group));
                 }
-                // Found anew; a reversal value that is not asked for stays.
+                // Found anew; a reversal value that is not an unknown stays.
                 let reversal = match machine.error(error) {
                     Some(ErrorCurve::Reversal { reversal, .. }) if !item.reversal => *reversal,
                     _ => 0.0,
@@ -129,7 +129,7 @@ impl Unknowns {
                     let group = item
                         .penalised
                         .then_some((group, products.weight(own, place)));
-                    // What a curve of one axis says is kept first.
+                    // Curves of one axis are kept first.
                     let rank = PRODUCTS_FROM + products.order(own, place);
                     coefficients.push(add(name, Role::Product(place), rank, group));
                 }
@@ -351,7 +351,7 @@ impl Products {
     }
 }
 
-/// The ends of so many equal parts of the range of some modes.
+/// The ends of equal parts of the range of some modes.
 fn nodes(modes: &Modes, parts: usize) -> Vec<f64> {
     let [low, high] = modes.domain();
     let node = |k: usize| match k {

@@ -1,4 +1,4 @@
-//! What one row says: its residuals and how each parameter moves them.
+//! The equations of rows: residuals and their derivatives by every parameter.
 
 use volcomp_kinematics::{
     ErrorMotion,
@@ -203,7 +203,7 @@ impl System {
     /// The residuals alone of every row, mm: three numbers, or one and two zeros. Rows before an axis first moved have the
     /// side that they fit best, or less of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        /// So often the rows that do not fit are counted less.
+        /// Number of reweighting rounds.
         const ROUNDS: usize = 5;
         /// What was found is uncertain, too, where a row tells nothing of it: by so many uncertainties of a reading at the most.
         const WITHIN: f64 = 8.0;

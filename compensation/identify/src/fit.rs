@@ -1,7 +1,7 @@
-//! One fit: what can be told apart, and the search for it.
+//! One fit: which unknowns are distinguishable, and the search for them.
 //!
-//! What can be told apart is judged on the ideal experiment, the same poses on a machine without errors, with readings that fit it exactly:
-//! what it does not tell apart is told apart by the errors of the real machine only in appearance.
+//! This is judged on the ideal experiment, the same poses on a machine without errors with readings that fit it exactly: unknowns that it
+//! cannot distinguish are distinguished by the errors of the real machine only in appearance.
 
 use volcomp_kinematics::{
     REACHED_WITHIN_MM, State,
@@ -18,9 +18,9 @@ use crate::{
     system::{Rows, System},
 };
 
-/// What can be told apart where nothing tells from which side an axis came before it first moved: reversal values that only such
-/// rows tell of are left at zero, and some columns in any case.
-pub(crate) fn told_apart(system: &System, design: &Equations, without: &[usize]) -> Rank {
+/// The distinguishable unknowns, where it is not known from which side an axis came before it first moved: reversal values that only such
+/// rows depend on are left at zero, and so are the columns `without`.
+pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[usize]) -> Rank {
     let rank = independent_without(&design.jacobian, without);
     if !design.sides.has_unknown() {
         return rank;
@@ -91,7 +91,7 @@ pub(crate) fn fit(
     values: Values,
 ) -> Result<Fitted, IdentifyError> {
     let design = design(system, rows, &values);
-    let rank = told_apart(system, &design, &[]);
+    let rank = distinguishable(system, &design, &[]);
     if rank.kept.len() > design.jacobian.nrows()
         || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
     {
@@ -113,7 +113,7 @@ pub(crate) fn fit(
         while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
             uncertain.push(one);
             let without: Vec<usize> = uncertain.iter().map(|of| of.param).collect();
-            rank = told_apart(system, &design, &without);
+            rank = distinguishable(system, &design, &without);
         }
     }
     // What is left at zero begins there.

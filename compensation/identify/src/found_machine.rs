@@ -85,7 +85,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
                 _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
             },
         };
-        // A reversal value that was not asked for stays.
+        // A reversal value that is not an unknown stays.
         let reversal = reversal.or(match before {
             Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
             _ => None,

@@ -94,7 +94,7 @@ pub struct Identification {
     pub warnings: Vec<Note>,
 }
 
-/// More than so many times the stated uncertainty is left of observations by unknowns that do not describe the machine.
+/// Unknowns do not describe the machine if the residuals exceed this multiple of the stated uncertainty.
 const NOT_DESCRIBED: f64 = 3.0;
 
 impl Identification {
@@ -130,7 +130,7 @@ fn as_maps<S: serde::Serializer>(
     serializer.collect_seq(null.iter().map(|weights| Weights(weights)))
 }
 
-/// Finds the unknowns of the observations. `progress` is told how many of how many fits are done.
+/// Finds the unknowns of the observations. `progress` receives the number of fits done and of all.
 ///
 /// # Errors
 /// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
@@ -160,7 +160,7 @@ pub fn identify_followed(
     followed(observations, followers, &mut progress)
 }
 
-/// Compiled once, and not for each closure that is told the progress.
+/// Compiled once, not for each type of `progress`.
 fn followed(
     observations: &Observations,
     followers: &[Follower],
@@ -301,7 +301,7 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
+/// Residuals of rows that were left out of the fit, in `folds` parts by pose; everything, penalties included, is
 /// found anew from the others. A note in place of it where the poses are too few.
 pub(crate) fn left_out(
     system: &System,

@@ -62,7 +62,7 @@ pub(crate) fn next(
         .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
     let now = system.equations(rows, values).jacobian;
-    let of_missing = || most_told(system, &now, &ahead, &missing);
+    let of_missing = || most_informative(system, &now, &ahead, &missing);
     let (place, parameter, improvement) = match of_missing() {
         Some((place, parameter)) => (place, parameter, None),
         None => surest(&largest_effects(system, values), fitted, &ahead)?,
@@ -163,7 +163,7 @@ fn variances_after<'a>(
 
 /// The candidate that tells most of what is not determined, and the unknown of which it tells most. What is not known yet is
 /// taken to be of a size that errors and set-ups have, so that everything has a covariance.
-fn most_told(
+fn most_informative(
     system: &System,
     now: &DMatrix<f64>,
     ahead: &Equations,
@@ -202,9 +202,9 @@ fn most_told(
             let before = covariance[(column, column)];
             (before / after[column].max(f64::MIN_POSITIVE), column)
         });
-        let told: Vec<(f64, usize)> = times.collect();
-        let sum: f64 = told.iter().map(|(times, _)| times.ln()).sum();
-        let Some(&(times, most)) = told.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
+        let gains: Vec<(f64, usize)> = times.collect();
+        let sum: f64 = gains.iter().map(|(times, _)| times.ln()).sum();
+        let Some(&(times, most)) = gains.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
             continue;
         };
         if times > TOLD * TOLD && best.is_none_or(|(largest, ..)| sum > largest) {
@@ -214,7 +214,7 @@ fn most_told(
     best.map(|(_, place, most)| (place, most))
 }
 
-/// How many poses are looked at, of all files together.
+/// Number of candidate poses over all files.
 const CANDIDATES: usize = 200;
 /// Many draws are out of reach, most of them at a machine with short travels.
 const TRIES: usize = 10;
@@ -394,7 +394,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         .map(|(state, tip_mm)| Row {
             line: 0,
             stand: Stand { state, tip_mm },
-            // What is seen there is not asked for.
+            // The reading is not used.
             seen: Seen::Line {
                 direction: Vector3::x(),
                 offset: 0,

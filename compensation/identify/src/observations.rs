@@ -53,6 +53,19 @@ pub struct Unknown {
     pub penalised: bool,
 }
 
+impl Unknown {
+    /// An error of which one number is to be found: a location error, or the constant of a curve.
+    pub fn constant(error: ErrorName) -> Self {
+        Self {
+            error,
+            basis: Some(Basis::Constant),
+            second: None,
+            reversal: false,
+            penalised: false,
+        }
+    }
+}
+
 /// A second axis on which an error depends: products of the modes of its own curve and of a curve along this axis are
 /// found too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +93,7 @@ pub struct Quantity<T> {
 
 impl<T> Quantity<T> {
     /// A part of a set-up that is known, or to be found where it has no value.
-    pub(crate) fn new(name: String, value: Option<T>, drift: usize) -> Self {
+    pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
         Self {
             name,
             unknown: value.is_none(),
@@ -112,7 +125,7 @@ impl SetUp {
     }
 
     /// Adds a number and gives its place.
-    pub(crate) fn add_number(&mut self, kind: NumberKind, number: Quantity<f64>) -> usize {
+    pub fn add_number(&mut self, kind: NumberKind, number: Quantity<f64>) -> usize {
         self.number_kinds.push(kind);
         self.numbers.push(number);
         self.numbers.len() - 1
@@ -353,6 +366,21 @@ impl Seen {
 const WIDEST_GAP_DEG: f64 = 120.0;
 
 impl Observations {
+    /// No observations yet, of a machine that they will be of.
+    pub fn of(machine: Machine) -> Self {
+        Self {
+            files: Vec::new(),
+            machine,
+            measured: Vec::new(),
+            unknown: Vec::new(),
+            observations: Vec::new(),
+            setup: SetUp::default(),
+            robust: false,
+            folds: 0,
+            notes: Vec::new(),
+        }
+    }
+
     /// The files that are fitted, each with the places of its rows among all that are fitted.
     pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Observation, Range<usize>)> {
         let fitted = self.observations.iter().filter(|o| !o.judge);

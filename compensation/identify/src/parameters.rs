@@ -10,15 +10,15 @@ use crate::{
     system::System,
 };
 
-/// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
+/// The derivatives of the reported parameters by those of the search: diagonal but for frames, whose search
 /// moves them about their middle.
-pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
+pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.rank.kept.len();
-    let mut told = DMatrix::zeros(count, count);
+    let mut derivatives = DMatrix::zeros(count, count);
     for (row, &param) in fitted.rank.kept.iter().enumerate() {
         let (_, scale) = system.unit_of(param);
         let Some((frame, place)) = of_frame(system.params.at(param)) else {
-            told[(row, row)] = scale;
+            derivatives[(row, row)] = scale;
             continue;
         };
         let frame_now = &fitted.solution.values.frames[frame];
@@ -36,7 +36,7 @@ pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64>
             } else {
                 turn[by - 3] = 1.0;
             }
-            told[(row, column)] = if place < 3 {
+            derivatives[(row, column)] = if place < 3 {
                 (shift + turn.cross(&arm))[place]
             } else {
                 // ω = (R_z R_y e_x) da + (R_z e_y) db + e_z dc, solved for the rates of the angles.
@@ -53,7 +53,7 @@ pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64>
             };
         }
     }
-    told
+    derivatives
 }
 
 /// Which frame a number that does not drift belongs to, and which of its six it is.
@@ -70,8 +70,8 @@ fn of_frame(param: Param) -> Option<(usize, usize)> {
 
 /// The covariance of what is determined, in the products of the units.
 pub(crate) fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
-    let told = told_by_searched(system, fitted);
-    &told * &fitted.solution.covariance * told.transpose()
+    let derivatives = reported_by_searched(system, fitted);
+    &derivatives * &fitted.solution.covariance * derivatives.transpose()
 }
 
 /// Every unknown with what was found of it.

@@ -43,7 +43,7 @@ pub(crate) struct Params {
     highest_order: usize,
 }
 
-/// What is to be found of the parts of one kind with so many numbers each: the numbers themselves, and their drifts.
+/// The parameters of the parts of one kind with `numbers` numbers each: the numbers themselves, and their drifts.
 fn of_kind<T>(
     quantities: &[Quantity<T>],
     part: impl Fn(usize) -> Part,

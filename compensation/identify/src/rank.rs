@@ -1,4 +1,4 @@
-//! What can be told apart: which columns are independent, and in what combination the others are not.
+//! Which columns are independent, and in what combination the others are not.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 

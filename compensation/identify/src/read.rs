@@ -131,14 +131,13 @@ fn observations(
         .extend(one_tool(&machine, &reading.without_tool));
     Ok(Observations {
         files,
-        machine,
-        measured: Vec::new(),
         unknown,
         observations,
         setup: reading.setup,
         robust: root.truth_or("robust", false)?,
         folds: root.whole_or("folds", 0..=MOST_FOLDS, 10)?,
         notes: reading.notes,
+        ..Observations::of(machine)
     })
 }
 

@@ -52,7 +52,7 @@ pub(crate) struct ReadRows {
     pub(crate) has_tool: bool,
 }
 
-/// A coordinate further outside travel than so many travels is no pose of this machine.
+/// Maximum distance of a coordinate from the travel, in travels: beyond it is no pose of this machine.
 const NEVER_BEYOND: f64 = 1.0;
 /// Rows outside travel that are named.
 const SHOWN: usize = 5;
@@ -458,7 +458,7 @@ impl<'k> SeenColumns<'k> {
         Ok(is_pair)
     }
 
-    /// What a row of a tool says, at a pose or between two of the named ones.
+    /// The reading of a row, at a pose or between two of the named ones.
     fn read(
         &self,
         row: &CsvRow<'_>,

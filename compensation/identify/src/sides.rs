@@ -47,7 +47,7 @@ impl Sides {
         }
     }
 
-    /// The columns in so many equations, of all numbers or of those of unknown reversal values.
+    /// The columns of all numbers, or of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
         let wanted = self
             .0

@@ -35,7 +35,7 @@ const SIDE_STEPS: usize = 4;
 const LARGEST_REVERSAL: f64 = 1e3;
 const MOST_STEPS: usize = 60;
 const MOST_STEPS_ROBUST: usize = 400;
-/// A search with robust weights goes so many times as far as its step where that is better still.
+/// Maximum multiple of a step in a search with robust weights.
 const LONGEST: f64 = 64.0;
 /// After the most steps a search with robust weights has ended where its last step was smaller, in standard uncertainties.
 const SMALL_ROBUST: f64 = 1e-3;
@@ -112,7 +112,7 @@ impl Solution {
     }
 }
 
-/// The most that chance makes of the sum of the squares of so many numbers of variance 1.
+/// Upper limit by chance of the sum of the squares of `freedom` numbers of variance 1.
 pub(crate) fn squares_by_chance(freedom: f64) -> f64 {
     const CHANCE: f64 = 4.0;
     freedom + CHANCE * (2.0 * freedom).sqrt()

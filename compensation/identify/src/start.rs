@@ -230,7 +230,7 @@ fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     }
 }
 
-/// Centres of spheres from the tips that stand there; points of bars by trilateration.
+/// Centres of spheres from the tips on them; points of bars by trilateration.
 fn points_of_spheres_and_bars(
     system: &System,
     observations: &Observations,

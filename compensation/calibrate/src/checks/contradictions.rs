@@ -9,7 +9,7 @@ use volcomp_vocabulary::{Component, Direction, ErrorName};
 
 use crate::{abbe::Lever, profile::Profile};
 
-/// Lines differ when they do by so many times their noise.
+/// Lines contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
 /// Differences that are nowhere larger matter to no machine tool, µm or µrad.
 const NEVER_BELOW: f64 = 0.5;
@@ -33,8 +33,8 @@ pub(crate) fn contradictions(
     let mut notes = Vec::new();
     for (second, line_2) in cleared.iter().enumerate() {
         for line_1 in cleared.iter().take(second) {
-            let told = contradiction(error, [line_1, line_2], tilts)?;
-            notes.extend(told.map(|told| (error, told)));
+            let note = contradiction(error, [line_1, line_2], tilts)?;
+            notes.extend(note.map(|note| (error, note)));
         }
     }
     Ok(notes)

@@ -234,7 +234,7 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     notes
 }
 
-/// The files of lines with what they say of themselves.
+/// The files of lines with their metadata.
 pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
     let file = |line: &Line| line.file.display().to_string();
     let lines = lines.iter();
@@ -496,14 +496,14 @@ impl Stated {
 /// Sentences, each once behind the names of all files that it is about, from pairs of a file's name and what is to be said of it: in the order
 /// in which each was first said.
 pub fn with_files(notes: impl IntoIterator<Item = (String, String)>) -> Vec<String> {
-    let mut told: Vec<(String, Vec<String>)> = Vec::new();
+    let mut by_note: Vec<(String, Vec<String>)> = Vec::new();
     for (file, note) in notes {
-        match told.iter_mut().find(|(text, _)| *text == note) {
+        match by_note.iter_mut().find(|(text, _)| *text == note) {
             Some((_, files)) if files.contains(&file) => {}
             Some((_, files)) => files.push(file),
-            None => told.push((note, vec![file])),
+            None => by_note.push((note, vec![file])),
         }
     }
     let text = |(note, files): (String, Vec<String>)| format!("{}: {note}", files.join(", "));
-    told.into_iter().map(text).collect()
+    by_note.into_iter().map(text).collect()
 }

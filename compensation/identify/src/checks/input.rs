@@ -200,7 +200,7 @@ pub(crate) fn refuse_units(
 ) -> Result<(), InputError> {
     /// Targets that spread more or less than the tool by this factor are in another unit: an inch is 25 times a mm.
     const OTHER_UNIT: f64 = 15.0;
-    /// A tool that moves less says nothing of the unit, mm.
+    /// Minimum motion of the tool for a check of the unit, mm.
     const MIN_MOTION_MM: f64 = 1.0;
     /// Largest difference of a length between two poses from the nominal one, mm at usual extents, and per mm of length.
     const MAX_APART_MM: f64 = 5.0;

@@ -51,7 +51,7 @@ pub(crate) fn limit_mm<'r>(
 fn scaled(usual_mm: f64, extent_mm: f64) -> f64 {
     let [small, large] = USUAL_EXTENT_MM;
     let factor = if extent_mm <= 0.0 {
-        // Rows that extend over nothing say nothing of the size.
+        // One pose does not show the size of the machine.
         1.0
     } else if extent_mm < small {
         (extent_mm / small).max(SMALLEST_FACTOR)
