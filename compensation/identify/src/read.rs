@@ -179,6 +179,25 @@ fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     Ok(())
 }
 
+/// The table of a row file; a note where another row file has the same content.
+fn read_table(
+    file: &Value<'_>,
+    path: &Path,
+    read: &ReadFile<'_>,
+    reading: &mut Reading,
+) -> Result<CsvTable, IdentifyError> {
+    let name = file.text()?;
+    let text = read(path).map_err(|error| file.error(error.to_string()))?;
+    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    if let Some((other, _)) = reading.texts.iter().find(|(_, known)| *known == text) {
+        reading.notes.push(format!(
+            "{name} has the same content as {other}: is it one test under two names? Its rows count twice, as if it had been made twice"
+        ));
+    }
+    reading.texts.push((name.to_owned(), text));
+    Ok(table)
+}
+
 fn decode_observation(
     section: &Section<'_>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -205,15 +224,8 @@ fn decode_observation(
     let file_value = section.require("file")?;
     let name = file_value.text()?.to_owned();
     let path = folder.join(&name);
-    let text = read(&path).map_err(|error| file_value.error(error.to_string()))?;
-    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    let table = read_table(&file_value, &path, read, reading)?;
     files.push(path);
-    if let Some((other, _)) = reading.texts.iter().find(|(_, known)| *known == text) {
-        reading.notes.push(format!(
-            "{name} has the same content as {other}: is it one test under two names? Its rows count twice, as if it had been made twice"
-        ));
-    }
-    reading.texts.push((name.clone(), text));
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
         .optional("uncertainty_um", |value| {

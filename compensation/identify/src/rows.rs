@@ -58,7 +58,6 @@ const NEVER_BEYOND: f64 = 1.0;
 const SHOWN: usize = 5;
 
 /// Reads every row.
-#[expect(clippy::too_many_lines, reason = "one column after the other")]
 pub(crate) fn read_rows(
     table: &CsvTable,
     kind: &RowKind,

@@ -206,19 +206,15 @@ pub(crate) fn targets(
             None => Ok(Vec::new()),
         };
     };
-    match value.section() {
-        Ok(by_tool) => by_tool
-            .values()
-            .map(|(tool, value)| {
-                let place = target(of, tool, &value, within, reading)?;
-                Ok((tool.to_owned(), Some(place)))
-            })
-            .collect(),
-        Err(_) => {
-            let place = target(of, "", &value, within, reading)?;
-            Ok(vec![(String::new(), Some(place))])
-        }
-    }
+    let Ok(by_tool) = value.section() else {
+        let place = target(of, "", &value, within, reading)?;
+        return Ok(vec![(String::new(), Some(place))]);
+    };
+    let targets = by_tool.values().map(|(tool, value)| {
+        let place = target(of, tool, &value, within, reading)?;
+        Ok((tool.to_owned(), Some(place)))
+    });
+    targets.collect()
 }
 
 /// The point of the target of one tool.
