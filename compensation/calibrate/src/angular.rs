@@ -1,18 +1,23 @@
-//! First stage: the angular errors, from their readings alone.
+//! First stage: the angular errors, from their readings alone; then tilts that nothing measured, from parallel lines of positioning or
+//! straightness: what lines at different levers differ by is the tilt times the difference of their levers (Abbe's principle).
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::PathBuf};
 
+use volcomp_kinematics::nalgebra::{DMatrix, DVector};
+use volcomp_metrology::{DeviationUnit, Measurement, MotionKind, Reading, ReferenceKind, Rides};
 use volcomp_model::Machine;
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName};
 
 use crate::{
-    calibration_file::CalibrationFile,
-    contradictions::{contradictions, noise_of_lines},
+    abbe::{Lever, without_abbe},
+    calibration_file::{CalibrationFile, Line, lines_of, measured},
+    checks::contradictions::{SideBySide, contradictions, noise_of_lines},
     error::CalibrateError,
-    fitted::{Fitted, fit, joint_of, lines_of, measured},
-    locations::without_others,
+    fitted::{Fitted, fit, joint_of},
+    line_of_sight::without_others,
     profile::Profile,
     set_up::SetUp,
+    setup::{Method, Setup},
 };
 
 /// The fitted angular errors, and the machine with them.
@@ -23,7 +28,7 @@ pub(crate) struct Angular {
     /// The standard deviation of each fitted tilt at a target, µrad, where its readings show it.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
-    /// Those of the notes that say which lines contradict each other.
+    /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
@@ -52,11 +57,11 @@ pub(crate) fn angular(
             let read = Profile::new(line, &joint)?;
             profiles.push(without_others(read, whole, set_up)?);
         }
-        let told = contradictions(error, &profiles, None)?;
+        let found = contradictions(error, &profiles, None)?;
         result
             .notes
-            .extend(told.iter().map(|(_, text)| text.clone()));
-        result.contradictions.extend(told);
+            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.contradictions.extend(found);
         let noise = noise_of_lines(&profiles);
         result.noise_urad.extend(noise.map(|noise| (error, noise)));
         let (fitted, _) = fit(file, error, profiles)?;
@@ -69,12 +74,219 @@ pub(crate) fn angular(
     Ok(result)
 }
 
+/// Levers whose differences are a smaller part of the diagonal of the working space say nothing useful of a tilt that acts
+/// over all of it.
+const LEAST_PART: f64 = 0.02;
+/// Levers that differ by less are the same, mm.
+const SAME_LEVER_MM: f64 = 1.0;
+
+/// The tilts that several lines show, with notes on those that cannot be told apart. Looks at every linear error of a linear axis with several lines: positioning first, which shows the whole tilt.
+pub(crate) fn from_parallel_lines(
+    file: &CalibrationFile,
+    tilted: &Machine,
+) -> Result<Angular, CalibrateError> {
+    let mut result = Angular {
+        fitted: Vec::new(),
+        tilted: tilted.clone(),
+        noise_urad: BTreeMap::new(),
+        notes: Vec::new(),
+        contradictions: Vec::new(),
+    };
+    let mut names = measured(file);
+    names.retain(|name| !name.component.is_angular() && name.axis.kind() == AxisKind::Linear);
+    names.sort_by_key(|name| MotionKind::of(*name) == MotionKind::Straightness);
+    for error in names {
+        let lines: Vec<&Line> = lines_of(file, error).collect();
+        if lines.len() > 1 {
+            of_error(file, error, &lines, &mut result)?;
+        }
+    }
+    Ok(result)
+}
+
+fn of_error(
+    file: &CalibrationFile,
+    error: ErrorName,
+    lines: &[&Line],
+    result: &mut Angular,
+) -> Result<(), CalibrateError> {
+    let (acting, differences) = differing_levers(file, error, lines, &result.tilted)?;
+    if acting.is_empty() {
+        return Ok(());
+    }
+    let svd = differences.svd(true, true);
+    let least_mm = LEAST_PART * file.machine.diagonal_of_travels_mm();
+    let singular = svd.singular_values.iter();
+    let rank = singular.filter(|s| **s > least_mm).count();
+    if rank < acting.len() {
+        let note = not_separated(error, lines, &acting, rank, least_mm);
+        result.notes.push(note);
+        return Ok(());
+    }
+    let profiles: Vec<Profile<'_>> = lines
+        .iter()
+        .map(|line| {
+            let joint = joint_of(&result.tilted, error)?;
+            Ok(without_abbe(Profile::new(line, &joint)?, &result.tilted)?)
+        })
+        .collect::<Result<_, CalibrateError>>()?;
+    let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
+    let beside = SideBySide::of(&profiles.iter().collect::<Vec<_>>(), is_straightness);
+    // The inverse is there because the rank is full.
+    let (Some(beside), Ok(inverse)) = (beside, svd.pseudo_inverse(0.0)) else {
+        return Ok(());
+    };
+    let noise = profiles.iter().filter_map(Profile::noise_of_shape);
+    let noise_um = noise.reduce(f64::max);
+    let files = files_named(lines);
+    for (column, tilt) in acting.into_iter().enumerate() {
+        let readings = readings_of(&beside, &inverse, column);
+        let line = line_of(tilt, readings, lines);
+        let joint = joint_of(&result.tilted, tilt)?;
+        let profile = Profile::new(&line, &joint)?;
+        let gain = inverse.row(column).norm() * 1e3;
+        let of_runs = noise_um.map(|noise| noise * gain);
+        let noise_urad = of_runs.or_else(|| noise_of_lines(std::slice::from_ref(&profile)));
+        result
+            .noise_urad
+            .extend(noise_urad.map(|noise| (tilt, noise)));
+        let (fitted, _) = fit(file, tilt, vec![profile])?;
+        for one in &fitted {
+            one.set_in(&mut result.tilted)?;
+        }
+        result.fitted.extend(fitted);
+        let uncertain = of_runs.map_or_else(String::new, |at_target| {
+            format!(", with a standard uncertainty of {at_target:.2} µrad at a target")
+        });
+        let slope = if is_straightness {
+            ". What grows evenly along the axis is not in it, because each straightness line has a slope of its own"
+        } else {
+            ""
+        };
+        result.notes.push(format!(
+            "{tilt} was not measured: it was found from the lines of {error} ({files}), whose levers differ{uncertain}{slope}"
+        ));
+    }
+    Ok(())
+}
+
+/// The tilts of the axis that nothing states and over which the lines have different levers, and these levers, mm, a row
+/// for each line and a column for each tilt, without the mean of each column.
+fn differing_levers(
+    file: &CalibrationFile,
+    error: ErrorName,
+    lines: &[&Line],
+    tilted: &Machine,
+) -> Result<(Vec<ErrorName>, DMatrix<f64>), CalibrateError> {
+    let levers: Vec<[f64; 3]> = lines
+        .iter()
+        .map(|line| Ok(Lever::new(line, tilted)?.um_of_mrad(0.0)))
+        .collect::<Result<_, CalibrateError>>()?;
+    let observed = file.observations.iter().flat_map(|o| &o.unknown);
+    let unknown: Vec<ErrorName> = observed.map(|unknown| unknown.error).collect();
+    let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
+    let mut acting = Vec::new();
+    let mut columns = Vec::new();
+    for (about, component) in angular.enumerate() {
+        let tilt = ErrorName::motion(component, error.axis);
+        let own = || levers.iter().map(|lever| lever[about]);
+        let highest = own().fold(f64::NEG_INFINITY, f64::max);
+        let spread = highest - own().fold(f64::INFINITY, f64::min);
+        if spread > SAME_LEVER_MM && tilted.error(tilt).is_none() && !unknown.contains(&tilt) {
+            let mean = own().sum::<f64>() / lines.len() as f64;
+            acting.push(tilt);
+            columns.extend(own().map(|lever| lever - mean));
+        }
+    }
+    let matrix = DMatrix::from_vec(lines.len(), acting.len(), columns);
+    Ok((acting, matrix))
+}
+
+/// A note on tilts that the lines do not determine.
+fn not_separated(
+    error: ErrorName,
+    lines: &[&Line],
+    acting: &[ErrorName],
+    rank: usize,
+    least_mm: f64,
+) -> String {
+    let names: Vec<String> = acting.iter().map(ErrorName::to_string).collect();
+    let (names, files) = (names.join(" and "), files_named(lines));
+    let was = if acting.len() == 1 { "was" } else { "were" };
+    if rank == 0 {
+        return format!(
+            "{names} {was} not measured, and the levers of the lines of {error} ({files}) differ by too little to show it: expected lines at least {least_mm:.0} mm apart, or the angular measurement"
+        );
+    }
+    format!(
+        "{names} {was} not measured, and the {} lines of {error} ({files}) do not tell them apart: they determine {rank} of {} tilts. Expected lines that differ in one lever at a time, or the angular measurement",
+        lines.len(),
+        acting.len()
+    )
+}
+
+/// A tilt at every place, µrad: what the lines differ by there, by least squares. δ is the same in all lines and drops out
+/// with the mean over them.
+fn readings_of(beside: &SideBySide, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
+    let count = beside.lines.len();
+    let places = beside.places.iter().enumerate();
+    let reading = |(place, (direction, target)): (usize, &(Direction, f64))| {
+        let at = DVector::from_iterator(count, beside.lines.iter().map(|line| line[place]));
+        let mean = at.mean();
+        // µm by mm: mrad.
+        let tilt_mrad = (inverse.row(column) * at.add_scalar(-mean)).sum();
+        Reading {
+            target: *target,
+            run: 1,
+            direction: *direction,
+            deviation: tilt_mrad * 1e3,
+        }
+    };
+    places.map(reading).collect()
+}
+
+/// The names of the files of lines.
+fn files_named(lines: &[&Line]) -> String {
+    let files: Vec<String> = lines.iter().map(|l| l.file.display().to_string()).collect();
+    files.join(", ")
+}
+
+/// Readings of a tilt as if an instrument had given them, fitted with the kind of curve of the lines that they are from.
+fn line_of(tilt: ErrorName, readings: Vec<Reading>, lines: &[&Line]) -> Line {
+    Line {
+        setup: Setup {
+            error: tilt,
+            at: lines
+                .first()
+                .map_or_else(Vec::new, |line| line.setup.at.clone()),
+            point_mcs: None,
+            rides: Rides::Carriage,
+            method: Method::Direct,
+            sign: 1.0,
+        },
+        file: PathBuf::from(files_named(lines)),
+        sources: (lines.iter())
+            .flat_map(|line| line.sources.iter().cloned())
+            .collect(),
+        place: lines
+            .first()
+            .map_or_else(String::new, |line| line.place.clone()),
+        readings: Measurement {
+            unit: Some(DeviationUnit::Urad),
+            readings,
+            ..Measurement::default()
+        },
+        curve: lines.iter().find_map(|line| line.curve),
+        reference_line: ReferenceKind::LeastSquares,
+        holds_location: false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_vocabulary::AxisName;
-
     use crate::testing::{file, line, name};
+    use volcomp_vocabulary::AxisName;
 
     /// ECX = 3 + 0.02 q is zero at the reference q = 200: 0.02 (q − 200).
     #[test]

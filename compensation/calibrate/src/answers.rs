@@ -1,4 +1,4 @@
-//! The open questions of a draft, answered one by one as somebody types them: each answer is checked where it is given, so that
+//! Answers to the open questions of a draft, as the user types them: each answer is checked where it is given, so that
 //! the text of the calibration file is never put together by hand.
 
 use volcomp_document::toml_string;
@@ -6,9 +6,8 @@ use volcomp_metrology::ReadingUnit;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    draft::{CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
-    draft_text::{self, Square},
-    same_place,
+    draft::{Draft, LeftOver, Square, conflicts_of, squares_of, text_of},
+    proposal::{CHANNEL_KEYS, Proposed, Question, open},
 };
 
 /// The key of an answer that takes a measurement or a squareness out of the draft.
@@ -26,10 +25,10 @@ pub enum Subject {
     Squareness(ErrorName),
 }
 
-/// An answer as somebody has typed it.
+/// An answer as the user typed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// What was asked about.
+    /// The measurement or the squareness.
     pub of: Subject,
     /// The key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which takes the measurement
     /// or the squareness out.
@@ -40,32 +39,21 @@ pub struct Answer {
 
 /// An answer that cannot be taken.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum AnswerError {
     /// The draft has no such measurement or squareness.
     #[error("{subject}: the draft has no such measurement")]
-    Subject {
-        /// The measurement, or the squareness.
-        subject: String,
-    },
+    Subject { subject: String },
     /// The draft does not ask for this key there.
     #[error("{subject}: {key} is not asked for")]
-    Key {
-        /// The file or files, or the squareness.
-        subject: String,
-        /// The key.
-        key: String,
-    },
-    /// The value is none that the key can have.
+    Key { subject: String, key: String },
+    /// The value is invalid for the key.
     #[error("{subject}: {key}: found {found:?}, expected {expected}")]
     Value {
-        /// The file or files, or the squareness.
         subject: String,
-        /// The key.
         key: String,
-        /// What was typed.
         found: String,
-        /// What the key can have.
         expected: String,
     },
 }
@@ -167,19 +155,19 @@ impl Draft {
             }
         }
         let proposed: Vec<Proposed> = proposed.into_iter().flatten().collect();
-        let possible = draft_text::squares(&proposed);
+        let possible = squares_of(&proposed);
         squares.retain(|square| possible.iter().any(|of| of.error == square.error));
-        // An error that was asked for may make a squareness that nobody could see before.
+        // A newly answered error may complete a squareness.
         let new = |of: &Square| self.squares.iter().all(|known| known.error != of.error);
         squares.extend(possible.into_iter().filter(new));
         let mut conflicts = self.conflicts.clone();
-        conflicts.extend(same_place::conflicts(&proposed));
+        conflicts.extend(conflicts_of(&proposed));
         let mut questions: Vec<Question> = proposed.iter().flat_map(Proposed::questions).collect();
         let is_open = |square: &&Square| square.reference_angle_urad.is_none();
         questions.extend(squares.iter().filter(is_open).map(Square::question));
         Ok(Self {
             looked_at: self.looked_at.clone(),
-            text: draft_text::text(
+            text: text_of(
                 &self.machine_file,
                 &proposed,
                 &squares,
@@ -295,7 +283,7 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
 }
 
 fn set_unit(of: &mut Proposed, unit: &str) {
-    of.told.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
+    of.facts.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
     of.follow();
 }
 

@@ -4,16 +4,17 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
-    calibration_file::{CalibrationFile, Location},
+    branches::FittedCurve,
+    calibration_file::{CalibrationFile, Line, Location, located, measured},
     checks::{
-        different_machines, files_of, not_followed, odd, odd_values, same_readings, without_point,
+        lines::{
+            different_machines, files_of, odd, odd_values, same_readings, with_files, without_point,
+        },
+        result::not_followed,
     },
     error::CalibrateError,
-    fitted::{measured, notes_of},
-    fitted_curve::FittedCurve,
-    fitted_line::FittedLine,
+    fitted::FittedLine,
     identified::{Identified, Wanted, settled},
-    locations::located,
     not_measured::not_measured,
     provenance::with_provenance,
     stages::Stages,
@@ -34,15 +35,15 @@ pub struct Calibration {
     pub locations: Vec<Location>,
     /// What was found from observations of the whole machine; `None` where the file has none.
     pub identified: Option<Identified>,
-    /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
+    /// Messages for the user: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
-    /// Those of the messages that say which lines contradict each other, with their error.
+    /// Subset of `warnings`: contradictory measurement lines, with their error.
     pub contradictions: Vec<(ErrorName, String)>,
-    /// Those of the messages that name the errors which nothing measured, each with what it can do.
+    /// Subset of `warnings`: errors that were not measured, each with its largest effect.
     pub not_measured: Vec<String>,
 }
 
-/// Turns measurements into a machine. `progress` is told how many of how many errors are done.
+/// Turns measurements into a machine. `progress` receives the number of errors done and of all.
 ///
 /// Errors of the machine file that were not measured are kept.
 ///
@@ -111,4 +112,13 @@ fn calibrated(
         contradictions: stages.contradictions,
         not_measured,
     })
+}
+
+/// The notes from reading the measurement files, each with the names of all files before it that it is about.
+fn notes_of(lines: &[Line]) -> Vec<String> {
+    with_files(lines.iter().flat_map(|line| {
+        let file = line.file.display().to_string();
+        let notes = line.readings.notes.iter();
+        notes.map(move |note| (file.clone(), note.clone()))
+    }))
 }

@@ -4,10 +4,14 @@ use std::path::PathBuf;
 
 use volcomp_identify::Observations;
 use volcomp_metrology::{Measurement, ReferenceKind};
-use volcomp_model::{Machine, Source};
+use volcomp_model::{Machine, ModelError, Source};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
-use crate::{curve_choice::CurveChoice, diagonals::Diagonals, setup::Setup};
+use crate::{
+    curve_choice::CurveChoice,
+    setup::Setup,
+    squareness::{is_square, set_square},
+};
 
 /// A calibration file with everything it names read.
 #[derive(Clone, Debug)]
@@ -33,7 +37,7 @@ pub struct CalibrationFile {
     pub locations: Vec<Location>,
     /// What is to be found from observations of the whole machine.
     pub observations: Option<Observations>,
-    /// What the machine file tells of the files of the observations.
+    /// Provenance of the files of the observations.
     pub observed: Vec<Source>,
     /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
@@ -115,4 +119,45 @@ impl CalibrationFile {
     pub(crate) fn reference_at(&self, place: usize) -> f64 {
         self.reference.get(place).copied().unwrap_or(0.0)
     }
+}
+
+/// Diagonals from which one to three squareness errors are found together.
+#[derive(Clone, Debug)]
+pub struct Diagonals {
+    /// The squareness errors.
+    pub errors: Vec<ErrorName>,
+    /// The diagonals as lines of sight. The offset of each is unknown, and a scale that all share: the laser's, its
+    /// material temperature's, and that of the diagonals' mean.
+    pub observations: Observations,
+    /// Provenance of their files.
+    pub sources: Vec<Source>,
+}
+
+/// The errors that a file measures, each once: first the angular ones, which Abbe needs, then the linear ones.
+pub(crate) fn measured(file: &CalibrationFile) -> Vec<ErrorName> {
+    let mut names: Vec<ErrorName> = file.measurements.iter().map(|l| l.setup.error).collect();
+    names.sort_unstable_by_key(|name| (!name.component.is_angular(), *name));
+    names.dedup();
+    names
+}
+
+/// The lines of one error, in the order of the file.
+pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterator<Item = &Line> {
+    let lines = file.measurements.iter();
+    lines.filter(move |line| line.setup.error == error)
+}
+
+/// The machine of a calibration file with the location errors that the file states. The tilt of a squareness states all
+/// of it: what the machine file had for the other axis of the pair goes.
+pub(crate) fn located(file: &CalibrationFile) -> Result<Machine, ModelError> {
+    let mut machine = file.machine.clone();
+    for location in &file.locations {
+        if is_square(location.error) {
+            let value = Urad(location.value);
+            set_square(&mut machine, file.reference_axes, location.error, value)?;
+        } else {
+            machine.set_location(location.error, location.value)?;
+        }
+    }
+    Ok(machine)
 }

@@ -1,30 +1,28 @@
 //! A first calibration file from a folder of measurement files: what their headers, endings and names say is proposed, the
 //! rest is asked.
 
-use std::fmt;
-use std::path::{Path, PathBuf};
-
-use volcomp_metrology::{Content, Metadata, SeenReadings, oddities, read_content};
-use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisName, ErrorName};
-
-use crate::{
-    checks::different_machines,
-    draft_keys::Told,
-    draft_text::{self, Square},
-    folder::files_below,
-    hints::{self, Hints},
-    proposal::{of_log, of_measurement, out_of_place},
-    questions::{OPEN, question},
-    same_place,
+use std::{
+    fmt::{self, Write as _},
+    path::{Path, PathBuf},
 };
 
-/// A calibration file that somebody has to complete.
+use volcomp_document::toml_string;
+use volcomp_metrology::{Content, Metadata, SeenReadings, oddities, read_content};
+use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
+
+use crate::{
+    checks::lines::different_machines,
+    proposal::{Hints, Proposed, Question, of_log, of_measurement, open, out_of_place, sort},
+    questions::{OPEN, question},
+};
+
+/// A calibration file with open questions for the user.
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Draft {
-    /// Every file that was looked at: what must not be overwritten.
+    /// Every file that was scanned: these must not be overwritten.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub looked_at: Vec<PathBuf>,
     /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
@@ -47,54 +45,6 @@ pub struct Draft {
     pub(crate) machine_file: String,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) squares: Vec<Square>,
-}
-
-/// One `[[measurement]]` of a draft.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Proposed {
-    /// The files; several where they are measurements of the same error at the same place.
-    pub files: Vec<String>,
-    /// The error, where it is known.
-    pub error: Option<ErrorName>,
-    /// Where the other axes stood, `None` where it is not known.
-    #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
-    #[cfg_attr(
-        feature = "schema",
-        schemars(with = "std::collections::BTreeMap<AxisName, Option<f64>>")
-    )]
-    pub at: Vec<(AxisName, Option<f64>)>,
-    /// Keys with their value as it stands in the file, `"?"` where it is open.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub keys: Vec<(&'static str, String)>,
-    /// What stands above the table as comments.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub said: Vec<String>,
-    /// What its keys follow from, beside the error.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub(crate) told: Told,
-}
-
-#[cfg(feature = "serde")]
-fn as_map<S: serde::Serializer>(
-    at: &[(AxisName, Option<f64>)],
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(at.iter().map(|(axis, place)| (axis, place)))
-}
-
-/// A value that is not known.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Question {
-    /// The measurement file or files, or the squareness.
-    pub of: String,
-    /// The key of the calibration file: `point`, `at.Y`.
-    pub key: String,
-    /// What is asked.
-    pub question: String,
 }
 
 /// A file that fits nothing.
@@ -125,7 +75,7 @@ impl fmt::Display for LeftOver {
     }
 }
 
-/// Looks through a folder and those in it, and proposes a calibration file for a machine. `machine_file` and the measurement
+/// Scans a folder and its subfolders, and proposes a calibration file for a machine. `machine_file` and the measurement
 /// files are named as the caller says by `named`: relative to where the draft will stand.
 ///
 /// # Errors
@@ -152,22 +102,25 @@ pub fn draft_of(
     let mut conflicts = Vec::new();
     let mut used: Vec<(String, Metadata)> = Vec::new();
     let mut seen = SeenReadings::default();
+    let unused = |file: String, path: &Path, reason: String, metadata: &Metadata| LeftOver {
+        file,
+        reason,
+        error: Hints::of(path, metadata, machine).only_error(),
+    };
     for path in paths {
         let name = named(&path);
         match read_content(&path, None) {
-            Err(error) => left_over.push(LeftOver {
-                file: name,
-                reason: without_file(&error.to_string(), &path),
-                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
-            }),
-            Ok(Content::Capture(capture)) => left_over.push(LeftOver {
-                file: name,
-                reason: format!(
+            Err(error) => {
+                let reason = without_file(&error.to_string(), &path);
+                left_over.push(unused(name, &path, reason, &Metadata::default()));
+            }
+            Ok(Content::Capture(capture)) => {
+                let reason = format!(
                     "a dynamic capture of {} samples, which has no targets",
                     capture.samples.len()
-                ),
-                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
-            }),
+                );
+                left_over.push(unused(name, &path, reason, &Metadata::default()));
+            }
             Ok(Content::Log(log)) => {
                 let names = log.channels.iter().map(|channel| channel.name.as_str());
                 let names = names.collect::<Vec<_>>().join(", ");
@@ -194,11 +147,10 @@ pub fn draft_of(
                         );
                         proposed.push(found);
                     }
-                    Err(reason) => left_over.push(LeftOver {
-                        file: name,
-                        reason: without_file(&reason, &path),
-                        error: Hints::of(&path, &measurement.metadata, machine).only_error(),
-                    }),
+                    Err(reason) => {
+                        let reason = without_file(&reason, &path);
+                        left_over.push(unused(name, &path, reason, &measurement.metadata));
+                    }
                 }
             }
         }
@@ -207,15 +159,15 @@ pub fn draft_of(
         .map(|(name, metadata)| (name.clone(), metadata))
         .collect();
     conflicts.extend(different_machines(&files));
-    same_place::join(&mut proposed, &mut conflicts);
-    hints::sort(&mut proposed);
-    let squares = draft_text::squares(&proposed);
+    join_same_places(&mut proposed, &mut conflicts);
+    sort(&mut proposed);
+    let squares = squares_of(&proposed);
     let mut questions = Vec::new();
     for of in &proposed {
         questions.extend(of.questions());
     }
     questions.extend(squares.iter().map(Square::question));
-    let text = draft_text::text(machine_file, &proposed, &squares, &conflicts, &left_over);
+    let text = text_of(machine_file, &proposed, &squares, &conflicts, &left_over);
     Draft {
         looked_at,
         text,
@@ -244,49 +196,259 @@ fn without_file(said: &str, path: &Path) -> String {
 }
 
 impl Proposed {
-    /// What is open about it, in the order of its keys.
-    pub fn questions(&self) -> Vec<Question> {
-        let of = self.files.join(", ");
-        let mut questions = Vec::new();
-        let mut ask = |key: String, question: String| {
-            questions.push(Question {
-                of: of.clone(),
-                key,
-                question,
-            });
+    /// Whether both are of one error with the axes at the same places, and the measured point as far as it is known of both. Places
+    /// that are open are the same.
+    fn is_at_place_of(&self, other: &Self) -> bool {
+        let is_one_point = match (self.point(), other.point()) {
+            (Some(one), Some(other)) => one == other,
+            _ => true,
         };
-        if self.error.is_none() {
-            ask("error".to_owned(), question("error", None));
-        }
-        if self.files.len() > 1 {
-            ask("file".to_owned(), question("file", None));
-        }
-        for (axis, _) in self.at.iter().filter(|(_, place)| place.is_none()) {
-            ask(
-                format!("at.{axis}"),
-                question("at", Some(&axis.to_string())),
-            );
-        }
-        for (key, value) in &self.keys {
-            if *key == "channels" {
-                let is_open = |inner: &&str| value.contains(&format!("{inner} = {}", open()));
-                for inner in CHANNEL_KEYS.into_iter().filter(is_open) {
-                    ask(
-                        format!("channels.{inner}"),
-                        question("channels", Some(inner)),
-                    );
-                }
-            } else if *value == open() {
-                ask((*key).to_owned(), question(key, None));
-            }
-        }
-        questions
+        self.error.is_some() && self.error == other.error && self.at == other.at && is_one_point
+    }
+
+    fn has_known_place(&self) -> bool {
+        self.at.iter().all(|(_, place)| place.is_some())
+    }
+
+    fn point(&self) -> Option<&str> {
+        let mut keys = self.keys.iter();
+        let point = keys.find(|(key, value)| *key == "point" && *value != open());
+        point.map(|(_, value)| value.as_str())
     }
 }
 
-/// The keys of `channels` that have no default.
-pub(crate) const CHANNEL_KEYS: [&str; 4] = ["target", "reading", "reading_is", "unit"];
+/// Those at the same places become one measurement, whose file is asked for; those of which a place is not known are named.
+fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
+    let mut kept: Vec<Proposed> = Vec::new();
+    for of in proposed.drain(..) {
+        let Some(other) = kept.iter_mut().find(|other| of.is_at_place_of(other)) else {
+            kept.push(of);
+            continue;
+        };
+        if of.has_known_place() {
+            conflicts.push(keep_one(other, &of));
+            other.files.extend(of.files);
+            other.said.extend(of.said);
+        } else {
+            conflicts.push(format!(
+                "{}: `at` has to tell them apart, else keep one",
+                both_measure(other, &of)
+            ));
+            kept.push(of);
+        }
+    }
+    *proposed = kept;
+}
 
-pub(crate) fn open() -> String {
-    format!("\"{OPEN}\"")
+/// What is said of measurements that answers have brought to the same places. Those of which the draft itself knew it stand in
+/// one measurement already.
+pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
+    let conflict = |(place, of): (usize, &Proposed)| {
+        let mut before = now[..place].iter();
+        let other = before.find(|other| of.has_known_place() && of.is_at_place_of(other))?;
+        Some(keep_one(other, of))
+    };
+    now.iter().enumerate().filter_map(conflict).collect()
+}
+
+fn keep_one(one: &Proposed, other: &Proposed) -> String {
+    format!("{} at the same place: keep one", both_measure(one, other))
+}
+
+fn both_measure(one: &Proposed, other: &Proposed) -> String {
+    format!(
+        "{} and {} both measure {}",
+        one.files.join(", "),
+        other.files.join(", "),
+        one.error.map_or(String::new(), |error| error.to_string())
+    )
+}
+
+/// A squareness whose two straightnesses a draft has.
+#[derive(Clone, Debug)]
+pub(crate) struct Square {
+    pub(crate) error: ErrorName,
+    from: [ErrorName; 2],
+    /// The angle of the references, µrad, once it is stated.
+    pub(crate) reference_angle_urad: Option<f64>,
+}
+
+impl Square {
+    /// Its open question.
+    pub(crate) fn question(&self) -> Question {
+        Question {
+            of: self.error.to_string(),
+            key: "reference_angle_urad".to_owned(),
+            question: question("reference_angle_urad", None),
+        }
+    }
+}
+
+/// The squarenesses against X and Y of which both straightnesses are there.
+pub(crate) fn squares_of(proposed: &[Proposed]) -> Vec<Square> {
+    const PAIRS: [(&str, [&str; 2]); 3] = [
+        ("EC0Y", ["EXY", "EYX"]),
+        ("EA0Z", ["EYZ", "EZY"]),
+        ("EB0Z", ["EXZ", "EZX"]),
+    ];
+    let has = |error: &ErrorName| proposed.iter().any(|of| of.error == Some(*error));
+    let mut squares = Vec::new();
+    for (error, from) in PAIRS {
+        let names = from.map(str::parse::<ErrorName>);
+        if let (Ok(error), [Ok(first), Ok(second)]) = (error.parse(), names)
+            && has(&first)
+            && has(&second)
+        {
+            squares.push(Square {
+                error,
+                from: [first, second],
+                reference_angle_urad: None,
+            });
+        }
+    }
+    squares
+}
+
+pub(crate) fn text_of(
+    machine_file: &str,
+    proposed: &[Proposed],
+    squares: &[Square],
+    conflicts: &[String],
+    left_over: &[LeftOver],
+) -> String {
+    let mut text = String::from(
+        "# Draft of a calibration file. Every \"?\" is a question that only the one who measured can answer;\n\
+         # while there is one, `volcomp calibrate` refuses the file and names it. A key with a default may be taken out\n\
+         # (\"Without it\"); what many questions have in common is answered at once by `--draft … --answer KEY=VALUE`.\n",
+    );
+    for conflict in conflicts {
+        comment(&mut text, &format!("CONFLICT: {conflict}"));
+    }
+    for of in left_over {
+        comment(&mut text, &format!("not used: {of}"));
+    }
+    // Writing to a String cannot fail.
+    let _ = writeln!(text, "machine = {}", toml_string(machine_file));
+    for of in proposed {
+        text.push('\n');
+        for said in of.said.iter().filter(|said| !said.is_empty()) {
+            comment(&mut text, said);
+        }
+        for asked in of.questions() {
+            comment(
+                &mut text,
+                &format!("QUESTION {}: {}", asked.key, asked.question),
+            );
+        }
+        text.push_str("[[measurement]]\n");
+        let error = of
+            .error
+            .map_or_else(|| OPEN.to_owned(), |error| error.to_string());
+        let _ = writeln!(text, "error = \"{error}\"");
+        match &of.files[..] {
+            [only] => {
+                let _ = writeln!(text, "file = {}", toml_string(only));
+            }
+            several => {
+                comment(&mut text, &format!("files: {}", several.join(", ")));
+                let _ = writeln!(text, "file = \"{OPEN}\"");
+            }
+        }
+        if !of.at.is_empty() {
+            let places: Vec<String> = of
+                .at
+                .iter()
+                .map(|(axis, place)| match place {
+                    Some(place) => format!("{axis} = {place:?}"),
+                    None => format!("{axis} = \"{OPEN}\""),
+                })
+                .collect();
+            let _ = writeln!(text, "at = {{ {} }}", places.join(", "));
+        }
+        for (key, value) in &of.keys {
+            let _ = writeln!(text, "{key} = {value}");
+        }
+    }
+    for square in squares {
+        let [first, second] = square.from;
+        text.push('\n');
+        if square.reference_angle_urad.is_none() {
+            let asked = square.question();
+            comment(
+                &mut text,
+                &format!("QUESTION {}: {}", asked.key, asked.question),
+            );
+        }
+        let angle = match square.reference_angle_urad {
+            Some(angle) => format!("{angle:?}"),
+            None => format!("\"{OPEN}\""),
+        };
+        let _ = writeln!(
+            text,
+            "[[squareness]]\nerror = \"{}\"\nfrom = [\"{first}\", \"{second}\"]\nreference_angle_urad = {angle}",
+            square.error
+        );
+    }
+    text
+}
+
+/// Comment lines; whatever stands in a file, it cannot leave the comment.
+fn comment(text: &mut String, said: &str) {
+    let clean: String = said
+        .chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect();
+    text.push_str("# ");
+    text.push_str(&clean);
+    text.push('\n');
+}
+
+/// Files below a folder in the order of their names, without hidden ones, those that are no plain files, and the TOML files that say something of others. Links to folders are
+/// not followed, and the folders `without` not entered. The search ends once it has found more than `most` files.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn files_below(
+    folder: &Path,
+    without: &[PathBuf],
+    most: usize,
+) -> std::io::Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    list(folder, without, 0, most, &mut paths)?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn list(
+    folder: &Path,
+    without: &[PathBuf],
+    depth: usize,
+    most: usize,
+    paths: &mut Vec<PathBuf>,
+) -> std::io::Result<()> {
+    const DEEPEST: usize = 8;
+    for entry in std::fs::read_dir(folder)? {
+        if paths.len() > most {
+            return Ok(());
+        }
+        let entry = entry?;
+        let path = entry.path();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let is_toml = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        if name.starts_with('.') || is_toml {
+            continue;
+        }
+        let kind = entry.file_type()?;
+        if kind.is_dir() {
+            if depth < DEEPEST && !without.contains(&path) {
+                list(&path, without, depth + 1, most, paths)?;
+            }
+        } else if path.is_file() {
+            // A pipe or a socket would keep its reader waiting.
+            paths.push(path);
+        }
+    }
+    Ok(())
 }

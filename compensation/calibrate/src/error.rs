@@ -11,6 +11,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why measurement files do not make a machine file.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum CalibrateError {
     /// The calibration file cannot be read as text.
@@ -28,9 +29,7 @@ pub enum CalibrateError {
     /// The hash of a file that was read before cannot be made.
     #[error("{}: {source}", .file.display())]
     Hash {
-        /// The file.
         file: PathBuf,
-        /// The reason why it cannot be read.
         source: std::io::Error,
     },
     /// A measurement file cannot be read, or what it holds is broken.
@@ -39,29 +38,21 @@ pub enum CalibrateError {
     /// The readings of a file cannot become the profile or the slope of the error that they measure.
     #[error("{error} from {}: {source}", .file.display())]
     Profile {
-        /// The error that is measured.
         error: ErrorName,
-        /// The measurement file of its line.
         file: PathBuf,
-        /// The reason why its readings are refused.
         source: Box<MetrologyError>,
     },
     /// No line of an error has a reading.
     #[error("{error} from {}: found no readings, expected at least one", named(.files))]
     NoReadings {
-        /// The error that is measured.
         error: ErrorName,
-        /// The measurement files of its lines.
         files: Vec<PathBuf>,
     },
     /// No curve can be fitted to the readings of an error.
     #[error("{error} from {}: {source}", named(.files))]
     Fit {
-        /// The error that is measured.
         error: ErrorName,
-        /// The measurement files of its lines.
         files: Vec<PathBuf>,
-        /// Why no curve can be fitted.
         source: FitError,
     },
     /// The positioning deviation of an oblique axis fills a second error, and that one was measured too.
@@ -70,48 +61,35 @@ pub enum CalibrateError {
         named(.files)
     )]
     Oblique {
-        /// The positioning deviation that is measured.
         error: ErrorName,
-        /// The measurement files of its lines.
         files: Vec<PathBuf>,
-        /// The axis that is oblique to the machine coordinate system.
         axis: AxisName,
-        /// The other error that the deviation fills.
         other: ErrorName,
     },
     /// The unknowns and the lines that are cleared of them do not settle.
     #[error(
         "the unknowns did not settle in {rounds} rounds, each with the lines cleared of what was found before: the last moved one by {moved:.2} of its standard uncertainty; expected lines and observations that hold the unknowns apart: measure the other tilt of the rotary axis, too, or leave out the unknown that the lines contain"
     )]
-    NotSettled {
-        /// How often the unknowns were identified.
-        rounds: usize,
-        /// By how much the last round moved one of them, in its standard uncertainty.
-        moved: f64,
-    },
+    NotSettled { rounds: usize, moved: f64 },
     /// Diagonals do not determine a squareness.
     #[error(
         "{error} from {}: the diagonals do not determine it, expected the two face diagonals of its plane or the four body diagonals",
         named(.files)
     )]
     Diagonals {
-        /// The squareness error.
         error: ErrorName,
-        /// The measurement files of the diagonals.
         files: Vec<PathBuf>,
     },
     /// A squareness is to come from slopes, and one of its straightness errors has no line.
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
     NoSlope {
-        /// The squareness error that the calibration file asks for.
         squareness: ErrorName,
-        /// The straightness error without a line.
         straightness: ErrorName,
     },
 }
 
 impl From<IdentifyError> for CalibrateError {
-    /// What is wrong in a file is that, whoever read it.
+    /// A wrong file is reported alike by both readers.
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Read(error) => Self::Read(error),

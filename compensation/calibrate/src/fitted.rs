@@ -1,17 +1,15 @@
-//! The curves that the lines of one error make.
+//! The curves that the lines of one error make, and the readings that these curves follow.
 
 use volcomp_kinematics::{Joint, nalgebra::Vector3};
 use volcomp_metrology::MotionKind;
-use volcomp_model::{Axis, Machine, ModelError};
+use volcomp_model::{Axis, Machine, ModelError, Source};
 use volcomp_vocabulary::{Component, ErrorName};
 
 use crate::{
     branches::Branches,
-    calibration_file::{CalibrationFile, Line},
+    calibration_file::{CalibrationFile, lines_of},
     error::CalibrateError,
-    fitted_line::FittedLine,
     profile::{Profile, files_of},
-    with_files,
 };
 
 /// A fitted error: its name and its curve for each direction, zero at the reference.
@@ -27,29 +25,6 @@ impl Fitted {
     pub(crate) fn set_in(&self, machine: &mut Machine) -> Result<(), ModelError> {
         machine.set_error(self.error, self.branches.clone().into_curve())
     }
-}
-
-/// The errors that a file measures, each once: first the angular ones, which Abbe needs, then the linear ones.
-pub(crate) fn measured(file: &CalibrationFile) -> Vec<ErrorName> {
-    let mut names: Vec<ErrorName> = file.measurements.iter().map(|l| l.setup.error).collect();
-    names.sort_unstable_by_key(|name| (!name.component.is_angular(), *name));
-    names.dedup();
-    names
-}
-
-/// The lines of one error, in the order of the file.
-pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterator<Item = &Line> {
-    let lines = file.measurements.iter();
-    lines.filter(move |line| line.setup.error == error)
-}
-
-/// The notes from reading the measurement files, each with the names of all files before it that it is about.
-pub(crate) fn notes_of(lines: &[Line]) -> Vec<String> {
-    with_files(lines.iter().flat_map(|line| {
-        let file = line.file.display().to_string();
-        let notes = line.readings.notes.iter();
-        notes.map(move |note| (file.clone(), note.clone()))
-    }))
 }
 
 /// The joint of the axis of an error.
@@ -127,4 +102,46 @@ fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
         (name, direction[component.mcs_index()])
     });
     shares.filter(|(_, share)| share.abs() > 1e-12).collect()
+}
+
+/// One measured line of an error, brought to where its curve is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedLine {
+    /// The error that the curve states.
+    pub error: ErrorName,
+    /// The place of the line in [`CalibrationFile::measurements`]; `None` where the error was found from several other
+    /// lines.
+    pub line: Option<usize>,
+    /// The files that its readings come from.
+    pub sources: Vec<Source>,
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without what tilts and other
+    /// axes add, a straightness without its line, moved onto the first line of its error, with the zero of the curve.
+    /// Empty in a direction that was not run.
+    pub points: [Vec<(f64, f64)>; 2],
+    /// How many times a difference of readings counts in the error: 1, or along an oblique axis the share of a component.
+    pub factor: f64,
+}
+
+impl FittedLine {
+    /// The line of a profile, with the factor and the zero of its curve.
+    pub(crate) fn new(
+        file: &CalibrationFile,
+        error: ErrorName,
+        profile: &Profile<'_>,
+        (factor, zero): (f64, f64),
+    ) -> Self {
+        let mut lines = file.measurements.iter();
+        Self {
+            error,
+            line: lines.position(|line| std::ptr::eq(line, profile.line)),
+            sources: profile.line.sources.clone(),
+            factor,
+            points: profile.points.each_ref().map(|points| {
+                let points = points.iter();
+                points
+                    .map(|(target, value)| (*target, (value - zero) * factor))
+                    .collect()
+            }),
+        }
+    }
 }

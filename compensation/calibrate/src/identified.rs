@@ -2,28 +2,25 @@
 //! ones fitted again without what the found ones add to their lines, until both settle; where the lines contain so much of the
 //! unknowns that this leads nowhere soon, both together.
 
-use volcomp_identify::{
-    Follower, Identification, Observations, Parameter, identify_followed, machine_with,
-};
+use volcomp_identify::{Follower, Identification, Observations, Parameter, identify_followed};
 use volcomp_model::Machine;
-use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    calibration_file::CalibrationFile, checks::contradicted_values, error::CalibrateError,
-    lines_share::LinesShare, stages::Stages,
+    calibration_file::CalibrationFile,
+    checks::result::contradicted_values,
+    error::CalibrateError,
+    lines_share::{CHANGE, LinesShare, changed, take},
+    stages::Stages,
 };
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
 const SETTLED: f64 = 0.01;
-/// The smallest uncertainty that is looked at, in the unit of the parameter.
+/// Smallest uncertainty that counts, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
-/// What has not settled after so many rounds is an error.
+/// Maximum number of rounds.
 const ROUNDS: usize = 60;
 /// Where one round carries a larger share into the next, unknowns and lines do not settle by turns: they are found together.
 const TOGETHER_ABOVE: f64 = 0.9;
-/// By how much an unknown is changed to see how the lines follow it, µm or µrad. That is of the size of errors, and the lines follow
-/// an error of this size in proportion, so that any other change would show the same.
-pub(crate) const CHANGE: f64 = 10.0;
 
 /// Errors found from observations.
 #[derive(Clone, Debug)]
@@ -166,27 +163,6 @@ fn following(
     Ok(followers)
 }
 
-/// The lines fitted again with one unknown larger by [`CHANGE`]; `None` for a number of a set-up, which changes nothing of the
-/// machine.
-pub(crate) fn changed(
-    file: &CalibrationFile,
-    observations: &Observations,
-    known: &Machine,
-    (found, place): (&[Parameter], usize),
-) -> Result<Option<Stages>, CalibrateError> {
-    let Some(error) = found.get(place).and_then(|parameter| parameter.error) else {
-        return Ok(None);
-    };
-    let values = found.iter().enumerate().map(|(of, parameter)| {
-        let by = if of == place { CHANGE } else { 0.0 };
-        (parameter.name.clone(), parameter.value + by)
-    });
-    let machine = machine_with(observations, &values.collect::<Vec<_>>())?;
-    let mut there = known.clone();
-    take(&mut there, &machine, error)?;
-    Stages::of(file, &there, || ()).map(Some)
-}
-
 /// The largest change of a determined parameter in its standard uncertainties.
 fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
     let pairs = before.iter().zip(after);
@@ -195,19 +171,4 @@ fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
         Some((after.value - before.value).abs() / uncertainty)
     });
     changes.fold(0.0, f64::max)
-}
-
-/// Gives `to` an error of another machine: a location error that this one has not becomes 0, and a curve that it has not stays as it is.
-pub(crate) fn take(
-    to: &mut Machine,
-    from: &Machine,
-    error: ErrorName,
-) -> Result<(), CalibrateError> {
-    if error.location {
-        let value = from.locations().get(&error).copied();
-        to.set_location(error, value.unwrap_or_default())?;
-    } else if let Some(curve) = from.error(error) {
-        to.set_error(error, curve.clone())?;
-    }
-    Ok(())
 }

@@ -7,14 +7,14 @@ use volcomp_vocabulary::{Component, ErrorName};
 
 use crate::{
     abbe::{Lever, without_abbe},
-    calibration_file::CalibrationFile,
-    contradictions::{Tilts, contradictions},
+    calibration_file::{CalibrationFile, lines_of, measured},
+    checks::contradictions::{Tilts, contradictions},
     error::CalibrateError,
-    fitted::{Fitted, fit, joint_of, lines_of, measured},
-    locations::without_others,
+    fitted::{Fitted, fit, joint_of},
+    line_of_sight::without_others,
     profile::Profile,
     set_up::SetUp,
-    slopes::Removed,
+    squares::Removed,
 };
 
 /// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
@@ -26,7 +26,7 @@ pub(crate) struct Linear<'a> {
     /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
     pub(crate) removed: Vec<Removed<'a>>,
     pub(crate) notes: Vec<String>,
-    /// Those of the notes that say which lines contradict each other.
+    /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
@@ -55,11 +55,11 @@ pub(crate) fn linear<'a>(
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
-        let told = contradictions(error, &profiles, Some(tilts))?;
+        let found = contradictions(error, &profiles, Some(tilts))?;
         result
             .notes
-            .extend(told.iter().map(|(_, text)| text.clone()));
-        result.contradictions.extend(told);
+            .extend(found.iter().map(|(_, text)| text.clone()));
+        result.contradictions.extend(found);
         if straightness {
             let straight = |profile: Profile<'a>| {
                 let line = profile.reference_line()?;
@@ -101,10 +101,9 @@ fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_vocabulary::{AxisName, Urad};
-
     use crate::testing::{file, line, machine};
     use std::collections::BTreeMap;
+    use volcomp_vocabulary::AxisName;
 
     /// The linear errors with tilts that are known.
     fn with_tilts<'a>(file: &'a CalibrationFile, machine: &Machine) -> Linear<'a> {
@@ -143,17 +142,5 @@ mod tests {
             left_in,
             ["ECX was not measured: EXX from EXX.csv keeps its part, over a lever of up to 400 mm"]
         );
-    }
-
-    /// A straightness of 7 + 0.03 q µm is all line: nothing is left, and the slope is 30 µrad.
-    #[test]
-    fn a_straightness_loses_its_line_and_the_slope_is_kept() {
-        let file = file(vec![line("EYX", |q| 7.0 + 0.03 * q)]);
-        let found = with_tilts(&file, &machine(""));
-        assert!(found.fitted[0].branches.mean_at(640.0).abs() < 1e-9);
-        let [Removed { slope, .. }] = found.removed[..] else {
-            panic!("one line");
-        };
-        assert!((slope - Urad(30.0)).abs() < Urad(1e-9), "{slope}");
     }
 }

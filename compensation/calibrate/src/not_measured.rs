@@ -6,17 +6,16 @@ use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity};
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
 use crate::{
+    branches::FittedCurve,
     calibration_file::CalibrationFile,
-    fitted_curve::FittedCurve,
-    location_file::{is_square, square_of},
-    squares::{partner_of, reference_of},
+    squareness::{is_square, partner_of, reference_of, square_of},
     stages::Stages,
 };
 
 /// Nodes on a rotary axis at which the effect of an error is looked at. On a linear axis the largest effect is at an end,
 /// because a displacement that grows with the coordinate is never longer between two places than at both.
 const ROTARY_NODES: usize = 8;
-/// The size of an error whose effect is told, µm or µrad.
+/// Size of the error whose effect is stated, µm or µrad.
 const EXAMPLE: f64 = 10.0;
 
 /// Notes on the errors that a calibration did not measure.
@@ -167,7 +166,7 @@ fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
             let effects = found.errors.iter();
             effects.map(|e| Some(e.position_max_um)).collect()
         }
-        // No names, or more poses than can be looked at: nothing is told.
+        // No names, or too many poses.
         Err(_) => vec![None; names.len()],
     }
 }

@@ -5,15 +5,16 @@ use std::path::Path;
 
 use volcomp_document::{InputError, Section, Value, read_text};
 use volcomp_identify::{Observations, Unknown};
-use volcomp_kinematics::{ErrorMotion, Joint, vector_from_rotation};
+use volcomp_kinematics::{
+    ErrorMotion, Joint, Pose, Side, rotation_about_axis, rotation_from_vector, vector_from_rotation,
+};
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName};
 
 use crate::{
     calibration_file::{Line, Location, Squareness},
     error::CalibrateError,
-    location_file::square_of,
-    locations::displaced,
+    squareness::square_of,
 };
 
 /// An error that a location error adds to by less than this part of what it adds to others holds nothing of it.
@@ -152,4 +153,23 @@ fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> 
         .filter(|(_, part)| *part > NOTHING.max(1e-3 * most))
         .map(|(component, _)| ErrorName::motion(component, joint.name))
         .collect()
+}
+
+/// How far a rotary axis at the angle `q_rad` stands from the commanded pose because its line lies elsewhere, in the frame
+/// that carries it: M·M_ideal⁻¹ on the tool side, M_ideal⁻¹·M on the workpiece side, where the axis turns the other way
+/// as the bed sees it. The identity for a linear axis, and at 0.
+fn displaced(joint: &Joint, location: &ErrorMotion, q_rad: f64) -> Pose {
+    if joint.kind == AxisKind::Linear {
+        return Pose::identity();
+    }
+    let direction = rotation_from_vector(&location.angular_rad) * joint.direction;
+    let actual = Pose::about_point(
+        rotation_about_axis(&direction, q_rad),
+        joint.point_mm + location.linear_mm,
+    );
+    let back = joint.motion(q_rad).inverse();
+    match joint.side {
+        Side::Tool => actual * back,
+        Side::Workpiece => back * actual,
+    }
 }

@@ -1,26 +1,230 @@
 //! What one file of a folder is proposed as, by what its header, its ending and its name say.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
-use volcomp_metrology::{Measurement, Metadata, Quantity, axis_named};
+use volcomp_metrology::{
+    DeviationUnit, FileFormat, Measurement, Metadata, MotionKind, Quantity, axis_named,
+    errors_named,
+};
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
-    checks::{beyond_travel, other_machine},
-    draft::Proposed,
-    draft_keys::Told,
-    hints::Hints,
+    checks::lines::{beyond_travel, other_machine},
+    questions::{OPEN, question},
 };
 
-/// A log of which nobody said which channel is what.
+/// One `[[measurement]]` of a draft.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Proposed {
+    /// The files; several where they are measurements of the same error at the same place.
+    pub files: Vec<String>,
+    /// The error, where it is known.
+    pub error: Option<ErrorName>,
+    /// Where the other axes stood, `None` where it is not known.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::collections::BTreeMap<AxisName, Option<f64>>")
+    )]
+    pub at: Vec<(AxisName, Option<f64>)>,
+    /// Keys with their value as it stands in the file, `"?"` where it is open.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub keys: Vec<(&'static str, String)>,
+    /// What stands above the table as comments.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub said: Vec<String>,
+    /// What its keys follow from, beside the error.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(crate) facts: FileFacts,
+}
+
+#[cfg(feature = "serde")]
+fn as_map<S: serde::Serializer>(
+    at: &[(AxisName, Option<f64>)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(at.iter().map(|(axis, place)| (axis, place)))
+}
+
+/// A value that is not known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Question {
+    /// The measurement file or files, or the squareness.
+    pub of: String,
+    /// The key of the calibration file: `point`, `at.Y`.
+    pub key: String,
+    /// The question.
+    pub question: String,
+}
+
+impl Proposed {
+    /// What is open about it, in the order of its keys.
+    pub fn questions(&self) -> Vec<Question> {
+        let of = self.files.join(", ");
+        let mut questions = Vec::new();
+        let mut ask = |key: String, question: String| {
+            questions.push(Question {
+                of: of.clone(),
+                key,
+                question,
+            });
+        };
+        if self.error.is_none() {
+            ask("error".to_owned(), question("error", None));
+        }
+        if self.files.len() > 1 {
+            ask("file".to_owned(), question("file", None));
+        }
+        for (axis, _) in self.at.iter().filter(|(_, place)| place.is_none()) {
+            ask(
+                format!("at.{axis}"),
+                question("at", Some(&axis.to_string())),
+            );
+        }
+        for (key, value) in &self.keys {
+            if *key == "channels" {
+                let is_open = |inner: &&str| value.contains(&format!("{inner} = {}", open()));
+                for inner in CHANNEL_KEYS.into_iter().filter(is_open) {
+                    ask(
+                        format!("channels.{inner}"),
+                        question("channels", Some(inner)),
+                    );
+                }
+            } else if *value == open() {
+                ask((*key).to_owned(), question(key, None));
+            }
+        }
+        questions
+    }
+}
+
+/// The keys of `channels` that have no default.
+pub(crate) const CHANNEL_KEYS: [&str; 4] = ["target", "reading", "reading_is", "unit"];
+
+pub(crate) fn open() -> String {
+    format!("\"{OPEN}\"")
+}
+
+/// What header, ending and name of a file state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct FileFacts {
+    /// Every axis of the machine, with the place that a name or a text gives it.
+    pub(crate) places: Vec<(AxisName, Option<f64>)>,
+    /// The axis that moved, where the error is not known.
+    pub(crate) axis: Option<AxisName>,
+    pub(crate) quantity: Option<Quantity>,
+    pub(crate) format: Option<FileFormat>,
+    /// The unit of the readings, of the file or as it was answered.
+    pub(crate) unit: Option<DeviationUnit>,
+    /// Whether the unit is an open question.
+    pub(crate) asks_unit: bool,
+    /// Whether it is a log whose channels are not assigned yet.
+    pub(crate) is_log: bool,
+}
+
+impl Proposed {
+    /// Gives it the places and the keys that follow from what is known now; what was stated or answered of them stays.
+    pub(crate) fn follow(&mut self) {
+        let own = self.error.map(|error| error.axis).or(self.facts.axis);
+        let held = self
+            .facts
+            .places
+            .iter()
+            .filter(|(axis, _)| Some(*axis) != own);
+        let known = |axis: AxisName| {
+            let mut at = self.at.iter();
+            at.find(|(of, _)| *of == axis).and_then(|(_, place)| *place)
+        };
+        self.at = held
+            .map(|(axis, hinted)| (*axis, known(*axis).or(*hinted)))
+            .collect();
+        let mut keys = keys(self.error, &self.facts);
+        for (key, value) in &mut keys {
+            if let Some((_, stated)) = self.keys.iter().find(|(of, _)| of == key) {
+                value.clone_from(stated);
+            }
+        }
+        self.keys = keys;
+    }
+
+    /// Whether the error or the unit, or what else decides which keys there are, was left to be answered.
+    pub(crate) fn may_lose_keys(&self) -> bool {
+        self.error.is_none() || self.facts.asks_unit || self.facts.is_log
+    }
+
+    /// Whether this is a key of other errors or units that this measurement does not have.
+    pub(crate) fn has_lost(&self, key: &str) -> bool {
+        if let Some(letter) = key.strip_prefix("at.") {
+            let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;
+            return self.facts.places.iter().any(is_it) && !self.at.iter().any(is_it);
+        }
+        FOLLOWING.contains(&key) && !self.keys.iter().any(|(of, _)| *of == key)
+    }
+}
+
+/// The keys that one error has and another has not.
+const FOLLOWING: [&str; 6] = [
+    "point",
+    "rides",
+    "holds_location",
+    "sign",
+    "bridge_mm",
+    "reading",
+];
+
+fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, String)> {
+    let mut keys = Vec::new();
+    if facts.is_log {
+        let channels = CHANNEL_KEYS.map(|key| format!("{key} = {}", open()));
+        keys.push(("channels", format!("{{ {} }}", channels.join(", "))));
+    }
+    if error.is_none_or(|error| !error.component.is_angular()) {
+        keys.push(("point", open()));
+        keys.push(("rides", open()));
+    }
+    if error.is_some_and(|error| error.axis.is_rotary()) {
+        keys.push(("holds_location", open()));
+    }
+    if facts.asks_unit {
+        keys.push(("unit", open()));
+    }
+    // Whether the table or the tool moved gives no sign to a positioning alone.
+    let is_positioning = match error {
+        Some(error) => MotionKind::of(error) == MotionKind::Positioning,
+        None => facts.quantity.is_none_or(|q| q == Quantity::Positioning),
+    };
+    if !is_positioning || facts.format == Some(FileFormat::RenishawExport) {
+        keys.push(("sign", open()));
+    }
+    // A straightness whose readings are angles was measured by a level on a bridge, or by an angular interferometer.
+    let is_straightness = error.is_some_and(|error| {
+        MotionKind::of(error) == MotionKind::Straightness && !error.axis.is_rotary()
+    });
+    let reads_angles = match facts.unit {
+        Some(unit) => unit == DeviationUnit::Urad,
+        None => facts.quantity == Some(Quantity::Angle),
+    };
+    if is_straightness && reads_angles {
+        keys.push(("method", "\"angular\"".to_owned()));
+        keys.push(("bridge_mm", open()));
+        keys.push(("reading", open()));
+    }
+    keys
+}
+
+/// A log whose channels are not assigned yet.
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = Hints::of(path, &Metadata::default(), machine);
-    let told = Told {
+    let facts = FileFacts {
         is_log: true,
-        ..told(&hints, machine)
+        ..facts_of_names(&hints, machine)
     };
-    let mut found = proposed(name, hints.only_error(), told);
+    let mut found = proposed(name, hints.only_error(), facts);
     found.said.push(format!("a log of the channels {channels}"));
     found.said.extend(hints.contradictions);
     found
@@ -41,7 +245,7 @@ pub(crate) fn of_measurement(
         ));
     }
     let axis = stated.or(hints.axis);
-    let mut said = vec![facts(measurement)];
+    let mut said = vec![summary(measurement)];
     let mut candidates = match axis {
         Some(axis) => candidates(axis, measurement.quantity),
         None => Vec::new(),
@@ -55,7 +259,7 @@ pub(crate) fn of_measurement(
             None
         }
         Some(hinted) => {
-            let fits = crate::proposal::candidates(hinted.axis, measurement.quantity);
+            let fits = self::candidates(hinted.axis, measurement.quantity);
             let is_angular_method = measurement.quantity == Some(Quantity::Angle)
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
@@ -95,15 +299,15 @@ pub(crate) fn of_measurement(
         said.push(format!("the targets are within the travel of {fits}"));
     }
     said.extend(hints.contradictions.iter().cloned());
-    let told = Told {
+    let facts = FileFacts {
         axis,
         quantity: measurement.quantity,
         format: measurement.format,
         unit: measurement.unit,
         asks_unit: measurement.unit.is_none(),
-        ..told(&hints, machine)
+        ..facts_of_names(&hints, machine)
     };
-    let mut found = proposed(name.to_owned(), error, told);
+    let mut found = proposed(name.to_owned(), error, facts);
     found.said = said;
     Ok(found)
 }
@@ -120,33 +324,28 @@ pub(crate) fn out_of_place(
     said.into_iter().flatten().collect()
 }
 
-/// What names and texts say of where the axes stood.
-fn told(hints: &Hints, machine: &Machine) -> Told {
+/// Positions of the axes according to names and texts.
+fn facts_of_names(hints: &Hints, machine: &Machine) -> FileFacts {
     let place = |axis: &Axis| {
         let place = hints.places.get(&axis.name).copied();
         // A place where the axis cannot stand is no hint.
         let place = place.filter(|place| axis.check_coordinate(*place).is_ok());
         (axis.name, place)
     };
-    Told {
+    FileFacts {
         places: machine.axes().iter().map(place).collect(),
-        axis: None,
-        quantity: None,
-        format: None,
-        unit: None,
-        asks_unit: false,
-        is_log: false,
+        ..FileFacts::default()
     }
 }
 
-fn proposed(file: String, error: Option<ErrorName>, told: Told) -> Proposed {
+fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Proposed {
     let mut found = Proposed {
         files: vec![file],
         error,
         at: Vec::new(),
         keys: Vec::new(),
         said: Vec::new(),
-        told,
+        facts,
     };
     found.follow();
     found
@@ -209,8 +408,8 @@ fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
     }
 }
 
-/// What the file says of itself, in one line.
-fn facts(measurement: &Measurement) -> String {
+/// The header of a file in one line.
+fn summary(measurement: &Measurement) -> String {
     let mut facts = Vec::new();
     facts.extend(
         measurement
@@ -232,4 +431,133 @@ fn facts(measurement: &Measurement) -> String {
         facts.push(format!("{} targets from {first} to {last}", targets.len()));
     }
     facts.join("; ")
+}
+
+/// Error, axis and positions that names and texts state.
+#[derive(Debug, Default)]
+pub(crate) struct Hints {
+    /// Every error motion that is named, each once.
+    pub(crate) errors: Vec<ErrorName>,
+    /// The one axis that stands alone as a word of the file's name.
+    pub(crate) axis: Option<AxisName>,
+    /// Where axes stood: `y-z1050`, `X at Y = 0`.
+    pub(crate) places: BTreeMap<AxisName, f64>,
+    /// Contradictory texts.
+    pub(crate) contradictions: Vec<String>,
+}
+
+impl Hints {
+    pub(crate) fn of(path: &Path, texts: &Metadata, machine: &Machine) -> Self {
+        let stem = path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let mut hints = Self::default();
+        let texts = [texts.title.as_deref(), texts.location.as_deref()];
+        let has = |error: &ErrorName| !error.location && machine.axis(error.axis).is_some();
+        let all = [Some(stem.as_str())].into_iter().chain(texts).flatten();
+        for error in all.flat_map(errors_named).filter(has) {
+            if !hints.errors.contains(&error) {
+                hints.errors.push(error);
+            }
+        }
+        let words: Vec<&str> = stem
+            .split(|c: char| !(c.is_ascii_alphanumeric() || c == '.'))
+            .collect();
+        let mut alone = words
+            .iter()
+            .filter_map(|word| letter(word, machine).filter(|(_, rest)| rest.is_empty()));
+        hints.axis = match (alone.next(), alone.next()) {
+            (Some((axis, _)), None) => Some(axis),
+            _ => None,
+        };
+        // A minus in a file's name may be a dash: only numbers right behind their letter count.
+        let in_name = words.iter().filter_map(|word| {
+            let (axis, number) = letter(word, machine)?;
+            let plain = number.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+            Some((axis, number.parse::<f64>().ok().filter(|_| plain)?))
+        });
+        let in_texts = texts.iter().flatten().flat_map(|text| stated_places(text));
+        let mut contradicted = Vec::new();
+        for (axis, place) in in_name.chain(in_texts) {
+            match hints.places.get(&axis) {
+                Some(other) if *other != place => {
+                    contradicted.push(axis);
+                    hints.contradictions.push(format!(
+                        "CONTRADICTION: name, title and location say {axis} = {other} and {axis} = {place}"
+                    ));
+                }
+                _ => {
+                    hints.places.insert(axis, place);
+                }
+            }
+        }
+        // Of two places none is the right one.
+        hints.places.retain(|axis, _| !contradicted.contains(axis));
+        hints
+    }
+
+    /// The error, where one is named and no other.
+    pub(crate) fn only_error(&self) -> Option<ErrorName> {
+        match self.errors[..] {
+            [only] => Some(only),
+            _ => None,
+        }
+    }
+}
+
+/// The axis of the machine whose letter a word begins with, and the rest of the word.
+fn letter<'w>(word: &'w str, machine: &Machine) -> Option<(AxisName, &'w str)> {
+    let mut letters = word.chars();
+    let first = letters.next()?.to_ascii_uppercase();
+    let axis = AxisName::from_letter(first).filter(|axis| machine.axis(*axis).is_some())?;
+    Some((axis, letters.as_str()))
+}
+
+/// Every `Y = 12.5` of a text.
+fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
+    let mut places = Vec::new();
+    let parts: Vec<&str> = text.split('=').collect();
+    for pair in parts.windows(2) {
+        let before = pair[0].trim_end();
+        let mut letters = before.chars().rev();
+        let axis = letters
+            .next()
+            .and_then(|c| AxisName::from_letter(c.to_ascii_uppercase()));
+        let stands_alone = letters.next().is_none_or(|c| !c.is_alphanumeric());
+        let number = pair[1].trim_start();
+        let end = number.find(|c: char| !(c.is_ascii_digit() || "+-.".contains(c)));
+        let number = number[..end.unwrap_or(number.len())].parse::<f64>().ok();
+        if let (Some(axis), true, Some(number)) = (axis, stands_alone, number) {
+            places.push((axis, number));
+        }
+    }
+    places
+}
+
+/// Known errors in the order of their names, then the unknown ones; within an error by file.
+pub(crate) fn sort(proposed: &mut [Proposed]) {
+    let key = |of: &Proposed| {
+        let error = of
+            .error
+            .map(|error| (error.axis.index(), error.component.index()));
+        (error.is_none(), error, of.files.clone())
+    };
+    proposed.sort_by_key(key);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_stand_behind_their_letter() {
+        assert_eq!(
+            stated_places("X at Y = 0, Z=-1050.5 mm"),
+            [(AxisName::Y, 0.0), (AxisName::Z, -1050.5)]
+        );
+        assert_eq!(stated_places("FLY = 3; Y ="), []);
+        assert_eq!(stated_places("= = ="), []);
+    }
 }

@@ -1,18 +1,15 @@
 //! Where the errors of a calibrated machine come from: what stands in `[provenance]` of its machine file.
 
-use std::path::{Path, PathBuf};
-
 use volcomp_metrology::squareness_parts;
 use volcomp_model::{Machine, ModelError, Origin, Provenance, Source};
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    calibration_file::{CalibrationFile, Squareness, SquarenessSource},
+    branches::FittedCurve,
+    calibration_file::{CalibrationFile, Squareness, SquarenessSource, lines_of},
     curve_choice::CurveChoice,
     error::CalibrateError,
-    fitted::lines_of,
-    fitted_curve::FittedCurve,
-    squares::tilt_of,
+    squareness::tilt_of,
     stages::Stages,
 };
 
@@ -20,7 +17,7 @@ use crate::{
 const STATED: &str = "stated in the calibration file";
 
 /// The machine of the stages with what is known of where its errors come from. What its machine file tells of errors that
-/// were not measured anew stays. No clock is asked: the same files give the same text.
+/// were not measured anew stays. No date is added: the same files give the same text.
 pub(crate) fn with_provenance(
     file: &CalibrationFile,
     stages: &Stages,
@@ -37,15 +34,13 @@ pub(crate) fn with_provenance(
     for square in &file.squareness {
         origins.push(of_square(file, square)?);
     }
-    origins.extend(file.locations.iter().map(|location| Origin {
-        error: location.error,
-        method: STATED.to_owned(),
-        rule: None,
-        residual: None,
-        leave_one_out: None,
-        sources: Vec::new(),
+    let stated = file.locations.iter();
+    origins.extend(stated.map(|location| plain(location.error, STATED, Vec::new())));
+    let unknown = file.observations.iter().flat_map(|of| &of.unknown);
+    origins.extend(unknown.map(|unknown| {
+        let method = "identified from observations";
+        plain(unknown.error, method, file.observed.clone())
     }));
-    origins.extend(of_observations(file));
     let is_stated = |error: ErrorName| {
         machine.error(error).is_some() || machine.locations().contains_key(&error)
     };
@@ -158,43 +153,17 @@ fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, Cali
             ("diagonals".to_owned(), sources.collect())
         }
     };
-    Ok(Origin {
+    Ok(plain(error, &method, sources))
+}
+
+/// The origin of an error that is no curve through readings.
+fn plain(error: ErrorName, method: &str, sources: Vec<Source>) -> Origin {
+    Origin {
         error,
-        method,
+        method: method.to_owned(),
         rule: None,
         residual: None,
         leave_one_out: None,
         sources,
-    })
-}
-
-fn of_observations(file: &CalibrationFile) -> Vec<Origin> {
-    let mut origins: Vec<Origin> = Vec::new();
-    for unknown in file.observations.iter().flat_map(|o| &o.unknown) {
-        if origins.iter().any(|origin| origin.error == unknown.error) {
-            continue;
-        }
-        origins.push(Origin {
-            error: unknown.error,
-            method: "identified from observations".to_owned(),
-            rule: None,
-            residual: None,
-            leave_one_out: None,
-            sources: file.observed.clone(),
-        });
     }
-    origins
-}
-
-/// Files by their names relative to the folder of the calibration file.
-pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>, CalibrateError> {
-    let read = |path: &PathBuf| {
-        let name = path.strip_prefix(folder).unwrap_or(path);
-        let read = Source::read(&name.display().to_string(), path);
-        read.map_err(|source| CalibrateError::Hash {
-            file: path.clone(),
-            source,
-        })
-    };
-    paths.iter().map(read).collect()
 }

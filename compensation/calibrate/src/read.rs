@@ -1,29 +1,28 @@
 //! Reads a calibration file, its machine file and its measurement files.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_identify::Observations;
 use volcomp_metrology::{
-    Columns, DeviationUnit, FileFormat, Mapping, Measurement, MetrologyError, MotionKind,
-    ReadingUnit, ReferenceKind, read_file_with,
+    Columns, DeviationUnit, FileFormat, Mapping, Measurement, MotionKind, ReadingUnit,
+    ReferenceKind,
 };
 use volcomp_model::{Axis, Machine, Source};
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 use crate::{
-    calibration_file::{CalibrationFile, Line, Location, Squareness, Uncertainty},
-    checks,
+    calibration_file::{CalibrationFile, Diagonals, Line, Location, Squareness, Uncertainty},
+    checks::lines::{refuse, refuse_serial, refuse_turning, refuse_twice},
     curve_choice::CurveChoice,
-    diagonals::Diagonals,
     error::CalibrateError,
-    location_file::{decode_location, square_of, standard_uncertainty},
     observed::{Direct, decode_observations},
-    provenance::sources_of,
     questions::refuse_open,
-    setup::Setup,
-    setup_file::{decode_motion, set_coordinates},
-    squareness_file::decode_squareness,
+    setup::{Setup, decode_motion, set_coordinates},
+    squareness::square_of,
+    tables::{
+        decode_location, decode_squareness, read_measurement, sources_of, standard_uncertainty,
+    },
 };
 
 impl CalibrationFile {
@@ -82,9 +81,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         let section = item.section()?;
         let line = decode_line(&section, &machine, &common)?;
         check_same_curve(&measurements, &line, &section)?;
-        checks::refuse_file_twice(&measurements, &line, &section.require("file")?)?;
-        checks::refuse_line_twice(&measurements, &line, &section.require("file")?)?;
-        checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
+        refuse_twice(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
     }
     let mut squareness: Vec<Squareness> = Vec::new();
@@ -179,25 +176,6 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
     }
 }
 
-/// The measurement file that a value names, and its readings.
-pub(crate) fn read_measurement(
-    value: &Value<'_>,
-    folder: &Path,
-    mapping: Option<&Mapping>,
-) -> Result<(PathBuf, Measurement), CalibrateError> {
-    let file = folder.join(value.text()?);
-    let readings = read_file_with(&file, mapping).map_err(|error| match error {
-        // Not what is in a file, but which file is named: the calibration file is where to look.
-        MetrologyError::Unreadable { .. }
-        | MetrologyError::Directory { .. }
-        | MetrologyError::Extension { .. }
-        | MetrologyError::TooLarge { .. } => value.error(error.to_string()).into(),
-        inside => CalibrateError::from(inside),
-    })?;
-    readings.check_directions()?;
-    Ok((file, readings))
-}
-
 /// The key of [`decode_holds_location`].
 pub const HOLDS_LOCATION: &str = "holds_location";
 
@@ -224,7 +202,7 @@ struct Common<'a> {
     columns: Option<Mapping>,
 }
 
-/// Refuses compensation values of which nobody says what they are: deviations or their negatives, in which unit.
+/// Refuses compensation values without a stated sign and unit.
 fn refuse_unstated_export(
     section: &Section<'_>,
     file: &Value<'_>,
@@ -259,7 +237,7 @@ fn decode_line(
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error_value = section.require("error")?;
     let error = decode_motion(&error_value, machine)?;
-    checks::refuse_turning(&error_value, error, machine)?;
+    refuse_turning(&error_value, error, machine)?;
     let setup = Setup::decode(section, error, machine)?;
     let holds_location = decode_holds_location(section, error)?;
     let file_value = section.require("file")?;
@@ -281,8 +259,8 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= setup.sign;
     }
-    checks::refuse_serial(&file_value, &readings, common.serial)?;
-    checks::refuse(&file_value, &setup, &readings, machine)?;
+    refuse_serial(&file_value, &readings, common.serial)?;
+    refuse(&file_value, &setup, &readings, machine)?;
     let at = file_value.error("");
     let source = source_of(&file_value, &file, &setup, &readings, machine)?;
     Ok(Line {
@@ -300,7 +278,7 @@ fn decode_line(
     })
 }
 
-/// What the machine file tells of a measurement file.
+/// The provenance of a measurement file.
 fn source_of(
     value: &Value<'_>,
     path: &Path,

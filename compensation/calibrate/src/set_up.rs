@@ -13,9 +13,12 @@ use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName, MAX_AXES, Urad};
 
-use crate::{calibration_file::CalibrationFile, fitted::measured, squares::set_square};
+use crate::{
+    calibration_file::{CalibrationFile, measured},
+    squareness::set_square,
+};
 
-/// Targets of a straightness that nobody measured.
+/// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
 /// A direction whose part across another one is smaller is parallel to it.
 const PARALLEL_BELOW: f64 = 0.02;

@@ -1,14 +1,119 @@
-//! Fourth stage: squareness errors from slopes, and the location errors that state them on a machine.
+//! Third stage: the slopes of the straightness lines, cleared of what the tilts of held axes add, and the squareness errors that they,
+//! stated values or diagonals (ISO 230-6) give.
 
-use volcomp_metrology::{squareness, squareness_parts};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
+
+use volcomp_identify::identify;
+use volcomp_metrology::{OfRun, slope_uncertainty_with_runs, squareness, squareness_parts};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::{
-    calibration_file::{CalibrationFile, Squareness, SquarenessSource},
+    calibration_file::{CalibrationFile, Diagonals, Line, Squareness, SquarenessSource},
     error::CalibrateError,
-    slopes::Slopes,
+    line_of_sight::OtherErrors,
+    profile::Profile,
+    set_up::SetUp,
+    setup::Method,
+    squareness::{set_square, tilt_of},
 };
+
+/// Slopes of lines of one error contradict each other if they differ by more than this multiple of their noise.
+const TIMES_NOISE: f64 = 3.0;
+/// Slopes that differ by less matter to no machine tool, µrad.
+const NEVER_BELOW_URAD: f64 = 0.5;
+
+/// The least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
+pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
+
+/// The slope that was removed from a straightness line.
+pub(crate) struct Removed<'a> {
+    pub(crate) line: &'a Line,
+    pub(crate) slope: Urad,
+    /// Its standard deviation: from repeated runs, else from how unevenly the line runs; `None` where neither tells it.
+    pub(crate) noise: Option<Urad>,
+}
+
+impl<'a> Removed<'a> {
+    pub(crate) fn of(profile: &Profile<'a>) -> Self {
+        let count = profile.all().count().max(1) as f64;
+        let middle = profile.all().map(|(at, _)| at).sum::<f64>() / count;
+        let spread: f64 = profile.all().map(|(at, _)| (at - middle).powi(2)).sum();
+        let noise_um = profile
+            .scatter_of_mean(OfRun::Zero)
+            .map(|noise| noise.deviation)
+            .or_else(|| profile.unevenness());
+        let noise = noise_um.filter(|_| spread > 0.0);
+        let of_line = noise.map(|um| 1e3 * um / spread.sqrt());
+        let of_slope = match profile.line.setup.method {
+            Method::Direct => slope_uncertainty_with_runs(&profile.line.readings, of_line),
+            Method::Angular { .. } => of_line,
+        };
+        Self {
+            line: profile.line,
+            slope: profile.removed,
+            noise: of_slope.map(Urad),
+        }
+    }
+}
+
+/// The mean slope of the lines of each straightness error, from the slopes that were removed from them, and notes on lines whose slopes contradict
+/// each other.
+pub(crate) fn slopes(
+    removed: &[Removed<'_>],
+    tilted: &Machine,
+    set_up: &SetUp,
+) -> Result<(Slopes, Vec<(ErrorName, String)>), ModelError> {
+    let mut of_errors: BTreeMap<ErrorName, Vec<(&Removed<'_>, Urad)>> = BTreeMap::new();
+    for of in removed {
+        let slope = of.slope - held_slope(of.line, tilted, set_up)?;
+        let all = of_errors.entry(of.line.setup.error).or_default();
+        all.push((of, slope));
+    }
+    let mut slopes = Slopes::new();
+    let mut contradictions = Vec::new();
+    for (error, all) in of_errors {
+        let direction = tilted.chain().joints()[tilted.index_of(error.axis)?].direction;
+        let along_mcs = direction[error.axis.mcs_index()].signum();
+        let sum: f64 = all.iter().map(|(_, slope)| slope.0).sum();
+        slopes.insert(error, Urad(along_mcs * sum / all.len() as f64));
+        contradictions.extend(contradiction(&all).map(|text| (error, text)));
+    }
+    Ok((slopes, contradictions))
+}
+
+/// A note on the steepest and the flattest line of an error, where no noise explains what they differ by.
+fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
+    let by_slope = |a: &&(&Removed<'_>, Urad), b: &&(&Removed<'_>, Urad)| a.1.0.total_cmp(&b.1.0);
+    let (low, low_slope) = all.iter().min_by(by_slope)?;
+    let (high, high_slope) = all.iter().max_by(by_slope)?;
+    let noise = low.noise?.0.hypot(high.noise?.0);
+    let apart = high_slope.0 - low_slope.0;
+    (apart > (TIMES_NOISE * noise).max(NEVER_BELOW_URAD)).then(|| {
+        format!(
+            "{}: the slopes of {} and {} contradict each other: {:.1} and {:.1} µrad, with a noise of {noise:.2} µrad. A squareness from their mean is that of neither; state the reference of each line, or leave one out",
+            low.line.setup.error,
+            low.line.file.display(),
+            high.line.file.display(),
+            low_slope.0,
+            high_slope.0,
+        )
+    })
+}
+
+/// Slope of a line that all known errors of the machine give it at the held positions but those of its own travel: what
+/// a perfect instrument would read along an axis that is straight and points where it should.
+fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, ModelError> {
+    /// Half of a way over which the slope is read, mm; the reading is a straight line.
+    const REACH_MM: f64 = 500.0;
+    let others = OtherErrors::new(line, tilted, set_up)?;
+    let ends = others.readings([-REACH_MM, REACH_MM].into_iter())?;
+    let read = (ends[1] - ends[0]) / (2.0 * REACH_MM) * 1e3;
+    Ok(Urad(read + others.reference_slope_urad()))
+}
 
 /// Every squareness of a file that is given, or made from the slopes of its two straightness errors.
 pub(crate) fn squares(
@@ -41,125 +146,57 @@ fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, Calibrate
     Ok(Some(squareness(entry.error, reference_angle, parts)?))
 }
 
-/// The machine with a squareness, which is the difference of the tilts of its two axes about the third; the reference
-/// axes have none: of the pair, the primary, else the secondary.
-pub(crate) fn set_square(
-    machine: &mut Machine,
-    reference_axes: [AxisName; 2],
-    error: ErrorName,
-    value: Urad,
-) -> Result<(), ModelError> {
-    let (tilt, sign) = tilt_of(error, reference_axes);
-    for name in [error, partner_tilt(error)] {
-        let value = if name == tilt { sign * value.0 } else { 0.0 };
-        // A zero is written only over what the machine file had.
-        if value != 0.0 || name == error || machine.locations().contains_key(&name) {
-            machine.set_location(name, value)?;
+/// What diagonals show.
+pub(crate) struct Squares {
+    /// The squareness errors and their values.
+    pub(crate) errors: Vec<(ErrorName, Urad)>,
+    /// How well they do.
+    pub(crate) notes: Vec<String>,
+    /// What the diagonals do not bear out.
+    pub(crate) undecided: BTreeSet<ErrorName>,
+}
+
+impl Diagonals {
+    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad, and notes on how well they do.
+    pub(crate) fn squares(
+        &self,
+        machine: &Machine,
+        reference_axes: [AxisName; 2],
+    ) -> Result<Squares, CalibrateError> {
+        let mut machine = machine.clone();
+        for error in &self.errors {
+            set_square(&mut machine, reference_axes, *error, Urad(0.0))?;
         }
-    }
-    Ok(())
-}
-
-/// The tilt that states a squareness on a machine with these reference axes, and its sign there.
-pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64) {
-    if reference_of(reference_axes, squareness) == partner_of(squareness) {
-        (squareness, 1.0)
-    } else {
-        (partner_tilt(squareness), -1.0)
-    }
-}
-
-/// The tilt of the other axis of a squareness about the same direction.
-fn partner_tilt(squareness: ErrorName) -> ErrorName {
-    ErrorName::location(squareness.component, partner_of(squareness))
-}
-
-/// Which of the two axes of a squareness has no tilt: the primary reference axis where it is one of them, else the
-/// secondary.
-pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: ErrorName) -> AxisName {
-    if [squareness.axis, partner_of(squareness)].contains(&primary) {
-        primary
-    } else {
-        secondary
-    }
-}
-
-/// The other axis of a squareness: neither its own nor the one it turns about.
-pub(crate) fn partner_of(squareness: ErrorName) -> AxisName {
-    let is_partner = |axis: &AxisName| {
-        let index = axis.mcs_index();
-        index != squareness.axis.mcs_index() && index != squareness.component.mcs_index()
-    };
-    let primary = [AxisName::X, AxisName::Y, AxisName::Z];
-    // A name that is no squareness may leave none over; it is refused where it is used.
-    primary
-        .into_iter()
-        .find(is_partner)
-        .unwrap_or(squareness.axis)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::{file, machine, name};
-
-    fn entry(error: &str, source: SquarenessSource) -> Squareness {
-        Squareness {
-            error: name(error),
-            source,
-        }
+        let mut observations = self.observations.clone();
+        observations.machine = machine;
+        let found = identify(&observations, |_, _| {})?;
+        let square = |error: &ErrorName| {
+            let (tilt, sign) = tilt_of(*error, reference_axes);
+            let name = tilt.to_string();
+            let parameter = found.parameters.iter().find(|p| p.name == name);
+            match parameter.filter(|p| p.determined && p.given_zero.is_empty()) {
+                Some(parameter) => Ok((*error, Urad(sign * parameter.value))),
+                None => Err(CalibrateError::Diagonals {
+                    error: *error,
+                    files: self.files().collect(),
+                }),
+            }
+        };
+        let errors = self.errors.iter().map(square).collect::<Result<_, _>>()?;
+        let names: Vec<String> = self.errors.iter().map(ErrorName::to_string).collect();
+        let names = names.join(" ");
+        let notes = found.warnings.iter();
+        let notes = notes.map(|note| format!("{names} from diagonals: {note}"));
+        Ok(Squares {
+            errors,
+            notes: notes.collect(),
+            undecided: found.undecided(),
+        })
     }
 
-    /// EC0Y = (φ − π/2) − slope(EXY) − slope(EYX) = −3 − (−10) − 4.
-    #[test]
-    fn slopes_and_the_reference_make_a_squareness() {
-        let slopes = Slopes::from([(name("EXY"), Urad(-10.0)), (name("EYX"), Urad(4.0))]);
-        let reference_angle = Urad(-3.0);
-        let mut file = file(Vec::new());
-        file.squareness = vec![
-            entry("EC0Y", SquarenessSource::Slopes { reference_angle }),
-            entry("EA0Z", SquarenessSource::Value(Urad(8.0))),
-        ];
-        let found = squares(&file, &slopes).unwrap();
-        assert_eq!(
-            found,
-            [(name("EC0Y"), Urad(3.0)), (name("EA0Z"), Urad(8.0))]
-        );
-        file.squareness = vec![entry("EB0Z", SquarenessSource::Slopes { reference_angle })];
-        let missing = squares(&file, &slopes).unwrap_err();
-        assert!(
-            matches!(missing, CalibrateError::NoSlope { straightness, .. } if straightness == name("EXZ"))
-        );
-    }
-
-    /// With Y as primary and Z as secondary axis the tilt between X and Y goes to X, with the other sign.
-    #[test]
-    fn the_reference_axes_have_no_tilt() {
-        let mut with_x = machine("");
-        set_square(
-            &mut with_x,
-            [AxisName::X, AxisName::Y],
-            name("EC0Y"),
-            Urad(5.0),
-        )
-        .unwrap();
-        assert_eq!(with_x.locations().get(&name("EC0Y")), Some(&5.0));
-        let mut with_y = machine("EC0Y = 9.0");
-        set_square(
-            &mut with_y,
-            [AxisName::Y, AxisName::Z],
-            name("EC0Y"),
-            Urad(5.0),
-        )
-        .unwrap();
-        assert_eq!(with_y.locations().get(&name("EC0X")), Some(&-5.0));
-        assert_eq!(
-            with_y
-                .locations()
-                .get(&name("EC0Y"))
-                .copied()
-                .unwrap_or(0.0),
-            0.0
-        );
+    /// The measurement files, for messages.
+    fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let files = self.observations.observations.iter();
+        files.map(|observation| PathBuf::from(&observation.file))
     }
 }

@@ -6,21 +6,19 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, ErrorName, Urad};
 
 use crate::{
-    angular::angular,
-    calibration_file::{CalibrationFile, Line, SquarenessSource},
-    contradictions::Tilts,
+    angular::{angular, from_parallel_lines},
+    branches::FittedCurve,
+    calibration_file::{CalibrationFile, Line, SquarenessSource, measured},
+    checks::contradictions::Tilts,
     error::CalibrateError,
-    fitted::measured,
-    fitted_curve::FittedCurve,
-    fitted_line::FittedLine,
+    fitted::FittedLine,
     linear::linear,
-    parallel_lines::from_parallel_lines,
     set_up::SetUp,
-    slopes::slopes,
-    squares::{set_square, squares, tilt_of},
+    squareness::{set_square, tilt_of},
+    squares::{slopes, squares},
 };
 
-/// Passes over the lines after the first, at the most: what a rotary axis adds to the lines of another is small.
+/// Maximum number of passes after the first: what a rotary axis adds to the lines of another is small.
 const PASSES: usize = 4;
 
 /// What the lines of a file make of a machine.

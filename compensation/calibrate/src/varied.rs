@@ -57,7 +57,7 @@ impl CalibrationFile {
 
     /// Whether everything that is measured directly reads as in another file of the same measurements.
     pub(crate) fn reads_as(&self, other: &Self) -> bool {
-        let lines = self.measurements.iter().zip(&other.measurements);
+        let mut lines = self.measurements.iter().zip(&other.measurements);
         let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
         let rows = |of: &Observations| -> Vec<Row> {
             let observations = of.observations.iter();
@@ -65,17 +65,7 @@ impl CalibrationFile {
         };
         self.squareness == other.squareness
             && self.locations == other.locations
-            && lines
-                .map(|(a, b)| (&a.readings, &b.readings))
-                .all(|(a, b)| {
-                    let deviations = |of: &Measurement| -> Vec<f64> {
-                        of.readings
-                            .iter()
-                            .map(|reading| reading.deviation)
-                            .collect()
-                    };
-                    deviations(a) == deviations(b)
-                })
+            && lines.all(|(a, b)| a.readings.readings == b.readings.readings)
             && diagonals.all(|(a, b)| {
                 let [a, b] = [&a.observations, &b.observations];
                 rows(a) == rows(b) && a.setup.numbers == b.setup.numbers
@@ -167,7 +157,7 @@ fn most_runs(readings: &Measurement) -> usize {
 
 /// Shifts what was observed by its uncertainties.
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
-    // Nobody reads how well a drawn one predicts.
+    // The prediction error of a drawn one is not used.
     observations.folds = 0;
     // What is known of the distances of balls and of targets is a reading like those of this machine.
     for number in &mut observations.setup.numbers {

@@ -1,19 +1,20 @@
 //! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use volcomp_document::{CsvTable, InputError, Section, Value, quoted};
+use volcomp_document::{CsvTable, InputError, Value, quoted};
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 use volcomp_model::Machine;
 
 use crate::{
-    checked::{standard_uncertainty_um, unit_vector},
-    checks::limit_mm,
+    checks::{
+        input::{standard_uncertainty_um, unit_vector},
+        limit_mm,
+    },
     error::IdentifyError,
     observations::{NumberKind, Quantity, Row, Seen, SetUp},
-    read::ReadFile,
     rows::RowKind,
-    setup_keys::{Reading, point, stated_vector},
+    setup_keys::{Ball, Balls, Head, ReadFile, Reading, point, stated_vector},
 };
 
 /// The keys of a ball row besides those of every observation.
@@ -23,52 +24,6 @@ pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 const MISPLACED_MM: f64 = 2.0;
 /// A row whose direction has a smaller part along every axis has no side that is meant by itself.
 const ALONG_AN_AXIS: f64 = 0.9;
-
-/// One ball of a row file.
-#[derive(Clone, Debug)]
-pub(crate) struct Ball {
-    pub(crate) name: String,
-    distance_mm: f64,
-    uncertainty_mm: f64,
-    /// Its place among the numbers of the set-up, once a reading refers to it.
-    number: Option<usize>,
-}
-
-/// The balls of one row file; several observations may use it.
-#[derive(Clone, Debug)]
-pub(crate) struct Balls {
-    file: String,
-    balls: Vec<Ball>,
-}
-
-impl Balls {
-    /// The place among the numbers of the set-up of the distance of a ball.
-    pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
-        let known: Vec<&str> = self.balls.iter().map(|ball| ball.name.as_str()).collect();
-        let known = known.join(", ");
-        let file = self.file.as_str();
-        let Some(ball) = self.balls.iter_mut().find(|ball| ball.name == name) else {
-            return Err(format!(
-                "found {}, expected a ball of {file}: {known}",
-                quoted(name)
-            ));
-        };
-        if let Some(place) = ball.number {
-            return Ok(place);
-        }
-        let place = setup.numbers.len();
-        setup.numbers.push(Quantity {
-            name: format!("{file}:ball {name}"),
-            value: Some(ball.distance_mm),
-            unknown: ball.uncertainty_mm > 0.0,
-            drift: 0,
-            known_within: Some(ball.uncertainty_mm),
-        });
-        setup.number_kinds.push(NumberKind::Distance);
-        ball.number = Some(place);
-        Ok(place)
-    }
-}
 
 /// Where the bar lies, as far as the file states it.
 pub(crate) struct Placement<'a> {
@@ -81,13 +36,11 @@ pub(crate) struct Placement<'a> {
 
 /// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
 pub(crate) fn decode<'a>(
-    section: &Section<'a>,
+    of: &Head<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
-    file: &str,
-    drift: usize,
-    judge: bool,
     reading: &mut Reading,
-) -> Result<(RowKind, Placement<'a>, std::path::PathBuf), IdentifyError> {
+) -> Result<(RowKind, Placement<'a>, PathBuf), IdentifyError> {
+    let section = of.section;
     let row_value = section.require("row")?;
     let row = row_value.text()?;
     let path = folder.join(row);
@@ -102,7 +55,7 @@ pub(crate) fn decode<'a>(
     };
     let is_stated = |key| matches!(section.get(key), Some(value) if value.text().is_err());
     if let (true, Some(key)) = (
-        judge,
+        of.judge,
         ["origin", "direction"]
             .into_iter()
             .find(|key| !is_stated(key)),
@@ -113,7 +66,7 @@ pub(crate) fn decode<'a>(
             ))
             .into());
     }
-    let origin = point(section, "origin", file, drift, reading)?;
+    let origin = point(of, "origin", of.drift, reading)?;
     let direction = match stated_vector(section, "direction")? {
         None => None,
         Some((value, _)) => Some(unit_vector(&value)?),
@@ -133,16 +86,11 @@ pub(crate) fn decode<'a>(
         }
     };
     let tilts = ["tilt.side1", "tilt.side2"].map(|key| {
-        let place = reading.setup.numbers.len();
-        reading.setup.numbers.push(Quantity {
-            name: format!("{file}:{key}"),
-            value: Some(0.0),
+        let tilt = Quantity {
             unknown: direction.is_none(),
-            drift: 0,
-            known_within: None,
-        });
-        reading.setup.number_kinds.push(NumberKind::Tilt);
-        place
+            ..Quantity::new(format!("{}:{key}", of.file), Some(0.0), 0)
+        };
+        reading.setup.add_number(NumberKind::Tilt, tilt)
     });
     let kind = RowKind::Ball {
         balls,

@@ -16,12 +16,12 @@ pub enum Basis {
         /// The highest order.
         order: usize,
     },
-    /// A cubic B-spline with so many coefficients on uniform knots over the range of the observations.
+    /// A cubic B-spline on uniform knots over the range of the observations.
     BSpline {
         /// The number of coefficients, 4 or more.
         coefficients: usize,
     },
-    /// A Fourier series of period 360° with so many harmonics.
+    /// A Fourier series of period 360°.
     Fourier {
         /// The number of harmonics.
         harmonics: usize,

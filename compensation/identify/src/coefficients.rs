@@ -1,10 +1,14 @@
-//! The unknown errors of a machine as coefficients of curves.
+//! The unknown errors of a machine as coefficients of curves, and of products of the modes of two axes.
 
-use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_curve::{Curve, CurveError, ErrorCurve, Field, Grid};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{Component, ErrorName};
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
-use crate::{basis::Modes, error::IdentifyError, observations::Observations, products::Products};
+use crate::{
+    basis::Modes,
+    error::IdentifyError,
+    observations::{Observations, SecondAxis},
+};
 
 /// Products of modes are kept after all modes of curves of one axis.
 const PRODUCTS_FROM: usize = 1000;
@@ -96,7 +100,7 @@ impl Unknowns {
                     let rank = 1 + 2 * modes.order(mode);
                     coefficients.push(add(name, Role::Mode(mode), rank, group));
                 }
-                // Found anew; a reversal value that is not asked for stays.
+                // Found anew; a reversal value that is not an unknown stays.
                 let reversal = match machine.error(error) {
                     Some(ErrorCurve::Reversal { reversal, .. }) if !item.reversal => *reversal,
                     _ => 0.0,
@@ -125,7 +129,7 @@ impl Unknowns {
                     let group = item
                         .penalised
                         .then_some((group, products.weight(own, place)));
-                    // What a curve of one axis says is kept first.
+                    // Curves of one axis are kept first.
                     let rank = PRODUCTS_FROM + products.order(own, place);
                     coefficients.push(add(name, Role::Product(place), rank, group));
                 }
@@ -193,5 +197,305 @@ fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
         }
         Some(pair) => pair.clone(),
         None => constant(0.0, 0.0),
+    }
+}
+
+/// The fewest parts into which a range is divided for the grid.
+const LEAST_PARTS: usize = 8;
+/// The most parts.
+const MOST_PARTS: usize = 128;
+/// The grid may miss the products by this half-way between its nodes, µm or µrad.
+const MISSES: f64 = 0.01;
+
+/// The products of one error: c_k φ_i(q) ψ_j(p), ψ along the second axis and never its constant.
+#[derive(Clone, Debug)]
+pub(crate) struct Products {
+    axis: usize,
+    name: AxisName,
+    modes: Modes,
+    /// The own mode and the mode of the second axis of each product.
+    pairs: Vec<(usize, usize)>,
+}
+
+impl Products {
+    /// The products of the modes of an error's own curve, as far as their order is not above that of the second axis's
+    /// curve, and of that curve over this range of the axis with this index.
+    ///
+    /// # Errors
+    /// A spline that cannot be built over this range.
+    pub(crate) fn new(
+        own: &Modes,
+        axis: usize,
+        second: SecondAxis,
+        range: [f64; 2],
+    ) -> Result<Self, CurveError> {
+        let modes = Modes::new(second.basis, range)?;
+        let highest = second.basis.highest_order();
+        let mut pairs = Vec::new();
+        for mode in (0..own.len()).filter(|&mode| own.order(mode) <= highest) {
+            pairs.extend((1..modes.len()).map(|other| (mode, other)));
+        }
+        Ok(Self {
+            axis,
+            name: second.axis,
+            modes,
+            pairs,
+        })
+    }
+
+    /// The index of the second axis.
+    pub(crate) fn axis(&self) -> usize {
+        self.axis
+    }
+
+    /// The own mode and the mode of the second axis of each product.
+    pub(crate) fn pairs(&self) -> &[(usize, usize)] {
+        &self.pairs
+    }
+
+    /// The sum of the orders of a product's modes.
+    pub(crate) fn order(&self, own: &Modes, place: usize) -> usize {
+        let (first, second) = self.pairs[place];
+        own.order(first) + self.modes.order(second)
+    }
+
+    /// The name of a product, as it stands behind the name of the error.
+    pub(crate) fn label(&self, own: &Modes, place: usize) -> String {
+        let (first, second) = self.pairs[place];
+        let of_second = self.modes.label(second);
+        format!("{} × {} {of_second}", own.label(first), self.name)
+    }
+
+    /// The weight of a product in its penalty: that of a mode of one axis is its order cubed, so this is the length of
+    /// both orders cubed.
+    pub(crate) fn weight(&self, own: &Modes, place: usize) -> f64 {
+        let (first, second) = self.pairs[place];
+        let squared = |weight: f64| weight.powf(2.0 / 3.0);
+        let sum = squared(own.weights()[first]) + squared(self.modes.weights()[second]);
+        sum.powf(1.5)
+    }
+
+    /// The value of every product, from those of the own modes, at a coordinate of the second axis (mm or deg).
+    pub(crate) fn values(&self, own: &[f64], at: f64) -> Vec<f64> {
+        self.of_modes(own, &self.modes.values(at)).collect()
+    }
+
+    fn of_modes(&self, own: &[f64], second: &[f64]) -> impl Iterator<Item = f64> {
+        self.pairs.iter().map(|&(i, j)| own[i] * second[j])
+    }
+
+    /// The grid of the error with these coefficients of its own modes and of the products (µm or µrad), so fine that
+    /// half-way between its nodes it is right within [`MISSES`], or with [`MOST_PARTS`] along an axis. `own_axis` is the
+    /// index of the error's axis, `go_round` whether that one and the second have a modulo.
+    pub(crate) fn grid(
+        &self,
+        own: &Modes,
+        own_axis: usize,
+        [modes, products]: [&[f64]; 2],
+        go_round: [bool; 2],
+    ) -> Result<Grid, CurveError> {
+        let value = |first: &[f64], second: &[f64]| -> f64 {
+            let along = first.iter().zip(modes).map(|(v, c)| v * c);
+            let both = self.of_modes(first, second).zip(products);
+            along.sum::<f64>() + both.map(|(v, c)| v * c).sum::<f64>()
+        };
+        let both = [own, &self.modes];
+        let nodes = [0, 1].map(|along| {
+            let other = 1 - along;
+            let across: Vec<Vec<f64>> = nodes(both[other], 2 * LEAST_PARTS)
+                .iter()
+                .map(|&at| both[other].values(at))
+                .collect();
+            let is_fine = |nodes: &[f64]| {
+                nodes.windows(2).all(|pair| {
+                    let places = [pair[0], f64::midpoint(pair[0], pair[1]), pair[1]];
+                    let [low, middle, high] = places.map(|at| both[along].values(at));
+                    across.iter().all(|across| {
+                        let [low, middle, high] = [&low, &middle, &high].map(|at| match along {
+                            0 => value(at, across),
+                            _ => value(across, at),
+                        });
+                        (middle - f64::midpoint(low, high)).abs() <= MISSES
+                    })
+                })
+            };
+            let mut parts = LEAST_PARTS;
+            while parts < MOST_PARTS && !is_fine(&nodes(both[along], parts)) {
+                parts *= 2;
+            }
+            nodes(both[along], parts)
+        });
+        // Only a whole turn closes.
+        let is_turn = |along: usize| {
+            let [low, high] = both[along].domain();
+            go_round[along] && (high - low - 360.0).abs() < 1e-6
+        };
+        let go_round = [is_turn(0), is_turn(1)];
+        let columns: Vec<Vec<f64>> = nodes[1].iter().map(|&at| self.modes.values(at)).collect();
+        let row = |&at: &f64| {
+            let first = own.values(at);
+            let mut row: Vec<f64> = columns.iter().map(|second| value(&first, second)).collect();
+            // Along an axis that goes round a grid closes to the last digit.
+            if go_round[1] {
+                let first = row[0];
+                row[nodes[1].len() - 1] = first;
+            }
+            row
+        };
+        let mut values: Vec<Vec<f64>> = nodes[0].iter().map(row).collect();
+        if go_round[0] {
+            let first = values[0].clone();
+            values[nodes[0].len() - 1] = first;
+        }
+        Grid::new([own_axis, self.axis], nodes, values)
+    }
+}
+
+/// The ends of equal parts of the range of some modes.
+fn nodes(modes: &Modes, parts: usize) -> Vec<f64> {
+    let [low, high] = modes.domain();
+    let node = |k: usize| match k {
+        // To the last digit.
+        _ if k == parts => high,
+        _ => low + (high - low) * k as f64 / parts as f64,
+    };
+    (0..=parts).map(node).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{observations::Observations, system::System};
+    use std::path::Path;
+    use volcomp_curve::{ErrorCurve, Field};
+    use volcomp_kinematics::nalgebra::DVector;
+
+    const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
+[axes.X]
+travel = [-300.0, 300.0]
+point = [0.0, 20.0, -50.0]
+[axes.Y]
+travel = [-200.0, 200.0]
+[axes.Z]
+travel = [0.0, 400.0]
+[axes.C]
+travel = [0.0, 360.0]
+modulo = 360.0
+point = [10.0, 0.0, 0.0]
+[tool]
+tip = [0.0, 0.0, 100.0]
+";
+    const ROWS: &str = "X,Y,Z,C,x,y,z
+-250,-150,20,10,-240,-130,125
+120,30,310,200,-90,-50,400
+290,180,150,340,300,100,260
+-60,90,390,95,60,-90,480
+80,-40,200,270,70,60,290
+";
+    const TEXT: &str = "machine = \"machine.toml\"
+folds = 0
+unknown = [
+    { error = \"EZX\", legendre = 3, second = { axis = \"Y\", legendre = 2 } },
+    { error = \"EAZ\", bspline = 5, second = { axis = \"C\", fourier = 1 }, reversal = true },
+    { error = \"ECC\", fourier = 2, second = { axis = \"Z\", legendre = 1 } },
+    { error = \"EBY\", second = { axis = \"X\", legendre = 2 } },
+]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+target = \"unknown\"
+";
+
+    fn observations() -> Observations {
+        let read = |path: &Path| {
+            let is_table = path.extension().is_some_and(|end| end == "csv");
+            Ok(if is_table { ROWS } else { MACHINE }.to_owned())
+        };
+        Observations::parse(TEXT, Path::new("o.toml"), &read).expect("observations")
+    }
+
+    #[test]
+    fn the_derivatives_are_central_differences() {
+        let observations = observations();
+        let system = System::new(&observations).expect("a system");
+        let rows = system.prepare(observations.observations.iter().flat_map(|o| &o.rows));
+        let count = system.params.len();
+        // Errors of some micrometres and microradians.
+        let some = DVector::from_fn(count, |k, _| 1e-5 * ((k * 7 % 11) as f64 - 5.0));
+        let values = system.start().moved(&system.params, &some);
+        let found = system.equations(&rows, &values).jacobian;
+        let products = system.unknowns.coefficients.iter().enumerate();
+        let products = products.filter(|(_, c)| c.name.contains(" × "));
+        let mut seen = 0;
+        for (place, coefficient) in products {
+            let column = system.params.setup() + place;
+            let step = 1e-4;
+            let at = |by: f64| {
+                let mut steps = DVector::zeros(count);
+                steps[column] = by;
+                let moved = values.moved(&system.params, &steps);
+                system.equations(&rows, &moved).residuals
+            };
+            let expected = (at(step) - at(-step)) / (2.0 * step);
+            let difference = (found.column(column) - &expected).amax();
+            let largest = expected.amax();
+            assert!(largest > 1.0, "{}: {largest}", coefficient.name);
+            assert!(
+                difference < 1e-6 * largest,
+                "{}: {difference}",
+                coefficient.name
+            );
+            seen += 1;
+        }
+        // 3·2 + 2·2 + 3·1 + 1·2
+        assert_eq!(seen, 15);
+    }
+
+    #[test]
+    fn the_grid_has_the_values_of_the_products() {
+        let observations = observations();
+        let system = System::new(&observations).expect("a system");
+        let machine = &observations.machine;
+        for (unknown, curve) in observations.unknown.iter().zip(&system.unknowns.curves) {
+            let own = curve.modes.as_ref().expect("modes");
+            let products = curve.products.as_ref().expect("products");
+            let c: Vec<f64> = (0..own.len()).map(|m| 4.0 - 1.3 * m as f64).collect();
+            let d: Vec<f64> = (0..products.pairs().len())
+                .map(|m| 5.0 * (m as f64 + 1.0).sin())
+                .collect();
+            let go_round =
+                [curve.axis, products.axis()].map(|axis| machine.axes()[axis].modulo.is_some());
+            let grid = products
+                .grid(own, curve.axis, [&c, &d], go_round)
+                .expect("a grid");
+            // The machine takes it: along an axis with a modulo it closes.
+            let mut taking = machine.clone();
+            taking
+                .set_error(unknown.error, ErrorCurve::Single(Field::Grid(grid.clone())))
+                .expect("an error of the machine");
+            let [rows, columns] = grid.domain();
+            for k in 0..200 {
+                let share = |of: f64| (f64::from(k) * of).fract();
+                let q = rows[0] + (rows[1] - rows[0]) * share(0.618_034);
+                let p = columns[0] + (columns[1] - columns[0]) * share(0.414_214);
+                let first = own.values(q);
+                let expected = first.iter().zip(&c).map(|(v, c)| v * c).sum::<f64>()
+                    + products
+                        .values(&first, p)
+                        .iter()
+                        .zip(&d)
+                        .map(|(v, d)| v * d)
+                        .sum::<f64>();
+                let mut at = vec![0.0; machine.axes().len()];
+                at[curve.axis] = q;
+                at[products.axis()] = p;
+                let missed = grid.value(&at) - expected;
+                assert!(
+                    missed.abs() < 3.0 * MISSES,
+                    "{} at {q}, {p}: {missed}",
+                    unknown.error
+                );
+            }
+        }
     }
 }

@@ -7,7 +7,7 @@ use volcomp_vocabulary::AxisName;
 /// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
 pub(crate) struct Columns<'t> {
     pub(crate) table: &'t CsvTable,
-    /// The names that were asked for.
+    /// The requested names.
     pub(crate) used: Vec<String>,
 }
 
@@ -67,7 +67,7 @@ impl Columns<'_> {
         self.get(&with_unit)
     }
 
-    /// The columns that nothing asked for.
+    /// Columns that were not requested.
     pub(crate) fn unused(&self) -> Vec<&str> {
         let names = self.table.names().map(|(_, name)| name);
         names

@@ -7,8 +7,13 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, SymmetricEigen};
 use volcomp_model::Machine;
 
 use crate::{
-    coefficients::micro, error::IdentifyError, found_machine::machine_of, identify::Identification,
-    observations::Observations, params::Param, system::System, values::Values,
+    coefficients::micro,
+    error::IdentifyError,
+    found_machine::machine_of,
+    identify::Identification,
+    observations::Observations,
+    params::{Param, Values},
+    system::System,
 };
 
 /// Machines whose errors are drawn from the covariance of an identification, correlations included (JCGM 101,

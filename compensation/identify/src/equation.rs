@@ -1,4 +1,4 @@
-//! What one row says: its residuals and how each parameter moves them.
+//! The equations of rows: residuals and their derivatives by every parameter.
 
 use volcomp_kinematics::{
     ErrorMotion,
@@ -9,12 +9,10 @@ use crate::{
     basis::legendre,
     coefficients::Unknowns,
     derivatives::{Errors, Tip, component_of, tip},
-    observations::Seen,
-    params::{Params, Part},
-    prepared::{PreparedRow, PreparedStand},
+    observations::{Part, Seen},
+    params::{Params, Values},
     sides::Sides,
-    system::{Equations, System},
-    values::Values,
+    system::{PreparedRow, PreparedStand, Rows, System},
 };
 
 /// The rows of the matrix that belong to one row of a file: one for each direction in which it sees.
@@ -133,6 +131,110 @@ impl Writer<'_> {
 }
 
 impl System {
+    /// The residuals and their derivatives, without the sides that are not known: numbers that are independent.
+    pub(crate) fn equations(&self, rows: &Rows, values: &Values) -> Equations {
+        self.plain_equations(rows, values, false).without_sides()
+    }
+
+    /// The residuals and their derivatives. `design`: the derivatives of the ideal machine with readings that fit it
+    /// exactly, from which it is judged what can be told apart. Rows before an axis first moved are as if they had the mean of
+    /// both directions.
+    pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
+        let mut places = Vec::with_capacity(rows.len());
+        let mut count = 0;
+        for row in rows.iter() {
+            let of_row = row.seen.count();
+            places.push((count, of_row));
+            count += of_row;
+        }
+        let calibrated = self.calibrated(values);
+        let total = count + calibrated.len();
+        let mut equations = Equations {
+            residuals: DVector::zeros(total),
+            jacobian: DMatrix::zeros(total, self.params.len()),
+            places,
+            sides: Sides::default(),
+        };
+        for (place, row) in rows.0.iter().enumerate() {
+            self.write_row(row, values, design, place, &mut equations);
+        }
+        // What a calibration says of a number is one more observation of it.
+        for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
+            equations.residuals[count + row] = residual / uncertainty;
+            // Whether something can be told apart is judged as if it were exact: however wide, it leaves nothing open.
+            let least = if design {
+                equations.jacobian.column(column).norm()
+            } else {
+                0.0
+            };
+            equations.jacobian[(count + row, column)] = least.max(1.0 / uncertainty);
+        }
+        equations
+    }
+
+    /// The numbers that are found beside what a calibration or a ruler says of them: column, how much more they are than that, and
+    /// its uncertainty.
+    fn calibrated(&self, values: &Values) -> Vec<(usize, f64, f64)> {
+        let mut found = Vec::new();
+        for (number, quantity) in self.setup.numbers.iter().enumerate() {
+            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
+                let columns = self.params.of(Part::Number(number)).iter();
+                let more = values.numbers[number][0] - stated;
+                found.extend(columns.map(|column| (column, more, within)));
+            }
+        }
+        for (point, quantity) in self.setup.points.iter().enumerate() {
+            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
+                let columns = self.params.of(Part::Point(point)).iter();
+                let now = values.points[point][0];
+                found.extend(
+                    columns
+                        .map(|column| (column, now[column.place] - stated[column.place], within)),
+                );
+            }
+        }
+        let does_not_drift = found.into_iter().filter(|(column, ..)| column.order == 0);
+        does_not_drift
+            .filter(|(.., within)| *within > 0.0)
+            .map(|(column, more, within)| (column.param, more, within))
+            .collect()
+    }
+
+    /// The residuals alone of every row, mm: three numbers, or one and two zeros. Rows before an axis first moved have the
+    /// side that they fit best, or less of it.
+    pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
+        /// Number of reweighting rounds.
+        const ROUNDS: usize = 5;
+        /// What was found is uncertain, too, where a row tells nothing of it: by so many uncertainties of a reading at the most.
+        const WITHIN: f64 = 8.0;
+        let mut equations = self.plain_equations(rows, values, false);
+        if equations.sides.len() > 0 {
+            let mut sides = DVector::zeros(equations.sides.len());
+            let columns = equations.sides.columns(equations.residuals.len(), false);
+            for _ in 0..ROUNDS {
+                let mut left = equations.residuals.clone();
+                equations.sides.add_to(&mut left, &sides);
+                let roots = left.map(|residual| weight(residual).sqrt());
+                let mut weighted = equations.sides.clone();
+                weighted.scale(|equation| roots[equation]);
+                // An axis came from one side or from the other: a slip is no side.
+                sides = weighted.estimate(&equations.residuals.component_mul(&roots));
+                for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
+                    let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
+                    *side = side.clamp(-most, most);
+                }
+            }
+            equations.sides.add_to(&mut equations.residuals, &sides);
+        }
+        in_mm(rows, &equations)
+    }
+
+    /// The same of rows as they are without any error, before it is known how large errors are: rows before an axis first
+    /// moved as if they had the mean of both directions.
+    pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
+        in_mm(rows, &self.plain_equations(rows, values, false))
+    }
+
     /// The actual tip in workpiece axes and how it moves with the errors; `design`: that of the ideal machine.
     fn tip_at(
         &self,
@@ -361,4 +463,50 @@ fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
     } else {
         Vector3::ith(place - 3, 1.0).cross(lever_mm)
     }
+}
+
+/// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.
+pub(crate) struct Equations {
+    /// Residuals in units of their uncertainty.
+    pub(crate) residuals: DVector<f64>,
+    /// Their derivatives by every parameter.
+    pub(crate) jacobian: DMatrix<f64>,
+    /// For each row its first equation and how many it has.
+    pub(crate) places: Vec<(usize, usize)>,
+    /// How they are moved by sides from which axes came, which are not known.
+    pub(crate) sides: Sides,
+}
+
+impl Equations {
+    /// The same where the sides are eliminated: numbers that are independent again.
+    fn without_sides(mut self) -> Self {
+        if self.sides.len() > 0 {
+            self.sides.eliminate(&mut self.jacobian);
+            self.sides.eliminate_from(&mut self.residuals);
+        }
+        self
+    }
+}
+
+/// Residuals of every row, mm.
+fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
+    let places = equations.places.iter().zip(rows.iter());
+    places
+        .map(|(&(first, count), row)| {
+            let mut residual = Vector3::zeros();
+            for k in 0..count {
+                residual[k] = equations.residuals[first + k] * row.uncertainty_mm;
+            }
+            residual
+        })
+        .collect()
+}
+
+/// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
+pub(crate) const HUBER: f64 = 1.345;
+
+/// How much a residual counts in a robust fit.
+pub(crate) fn weight(residual: f64) -> f64 {
+    let size = residual.abs();
+    if size > HUBER { HUBER / size } else { 1.0 }
 }

@@ -6,6 +6,7 @@ use volcomp_model::ModelError;
 
 /// Why observations do not make a machine.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum IdentifyError {
     /// A file cannot be read as text.
@@ -20,9 +21,7 @@ pub enum IdentifyError {
     /// A curve cannot be built from what was found.
     #[error("{error}: {source}")]
     Curve {
-        /// The error that is to be found.
         error: volcomp_vocabulary::ErrorName,
-        /// Why the curve cannot be built.
         source: CurveError,
     },
     /// A row speaks of a part of the set-up that is not there; a file that was read has none of these.
@@ -30,75 +29,43 @@ pub enum IdentifyError {
         "{file}: line {line}: found number {found} of the set-up's {what}, expected less than {count}"
     )]
     NoSuchPlace {
-        /// The row file.
         file: String,
-        /// The line in it, from 1.
         line: usize,
-        /// `frames`, `points` or `numbers` of the set-up.
         what: &'static str,
-        /// The place that the row states, from 0.
         found: usize,
-        /// How many there are.
         count: usize,
     },
     /// Observations hold something of which no equations can be made; a file that was read has none of this.
     #[error("{place}: {why}")]
-    Unusable {
-        /// The row, the unknown or the part of the set-up.
-        place: String,
-        /// What was found and expected.
-        why: String,
-    },
+    Unusable { place: String, why: String },
     /// A value is given for something that is not unknown.
     #[error("found a value of `{found}`, which is none of the unknowns, expected one of {known}")]
-    NoSuchUnknown {
-        /// The name that was given.
-        found: String,
-        /// The names of the unknowns.
-        known: String,
-    },
+    NoSuchUnknown { found: String, known: String },
     /// Known errors are those of a machine that is built otherwise.
     #[error(
         "found a machine with the structure `{found}`, expected `{expected}` as in the observations"
     )]
-    OtherStructure {
-        /// The structure of the machine.
-        found: String,
-        /// That of the machine of the observations.
-        expected: String,
-    },
+    OtherStructure { found: String, expected: String },
     /// There are fewer numbers than unknowns.
     #[error(
         "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine {rank} at the most: expected more poses, or fewer unknowns"
     )]
     TooFew {
-        /// How many poses there are.
         poses: usize,
-        /// How many numbers were observed.
         numbers: usize,
-        /// How many unknowns there are.
         unknowns: usize,
-        /// How many of them the poses determine.
         rank: usize,
     },
     /// The lever of a target at which tilts act is not determined.
     #[error(
         "{target} cannot be told apart from {with}, and what tilts do at the tip depends on it: measure with a ruler where the target is from the tip and state it, `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
     )]
-    Target {
-        /// The target.
-        target: String,
-        /// What it cannot be told apart from.
-        with: String,
-    },
+    Target { target: String, with: String },
     /// The machine stood at the same place in all rows.
     #[error(
         "found {rows} rows that all stand at the same pose, expected poses that differ: one pose says nothing of the errors of an axis"
     )]
-    AllAlike {
-        /// How many rows there are.
-        rows: usize,
-    },
+    AllAlike { rows: usize },
     /// What was found belongs to other observations.
     #[error(
         "what was found has other unknowns than the observations, expected what `identify` found of these observations"
@@ -107,9 +74,7 @@ pub enum IdentifyError {
     /// Errors cannot follow an unknown like this.
     #[error("errors of the machine cannot follow {parameter}: {why}")]
     NotFollowing {
-        /// The unknown.
         parameter: String,
-        /// What is wrong.
         why: &'static str,
     },
     /// No row is there to be fitted.
@@ -119,23 +84,16 @@ pub enum IdentifyError {
     NothingToFit,
     /// Rows are further from the nominal machine than machines miss.
     #[error("{}", far_files(files))]
-    FarRows {
-        /// The files that they are in, the worst first.
-        files: Vec<FarFile>,
-    },
+    FarRows { files: Vec<FarFile> },
     /// After the fit the residuals of a file are larger than machines miss.
     #[error(
         "{}: after the fit {typical_mm:.2} mm is left of the rows of this file, most at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
         at(file, *line)
     )]
     Unexplained {
-        /// The row file.
         file: String,
-        /// The line of the row with the largest residual, from 1.
         line: usize,
-        /// The RMS residual; with robust weights the median.
         typical_mm: f64,
-        /// How large it may be.
         limit_mm: f64,
     },
     /// The frame of a tracker is not determined.
@@ -143,11 +101,8 @@ pub enum IdentifyError {
         "{frame}: the frame cannot be found, {direction} is not determined by {rows} rows: expected at least three targets that are not on one line"
     )]
     Frame {
-        /// The name of the frame.
         frame: String,
-        /// What of it is not determined.
         direction: String,
-        /// How many rows see from it.
         rows: usize,
     },
     /// The search did not come to an end.
@@ -155,15 +110,10 @@ pub enum IdentifyError {
         "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, else observations that the unknowns can explain"
     )]
     NotConverged {
-        /// How many steps were taken.
         steps: usize,
-        /// The largest last step, in standard uncertainties.
         last: f64,
-        /// How many numbers were observed.
         numbers: usize,
-        /// How many unknowns there are.
         unknowns: usize,
-        /// How many of them the numbers determine.
         rank: usize,
     },
 }
@@ -174,20 +124,16 @@ pub enum IdentifyError {
     "{}: this row is {largest_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",
     at(file, *line)
 )]
+#[expect(missing_docs, reason = "the message says what the fields are")]
 pub struct FarFile {
-    /// The row file.
     pub file: String,
     /// The line of the row that is furthest away, from 1.
     pub line: usize,
-    /// How many rows are too far away.
     pub rows: usize,
-    /// Of how many.
     pub of: usize,
     /// The median of the distances of those that are too far away.
     pub typical_mm: f64,
-    /// The distance of the row that is furthest away.
     pub largest_mm: f64,
-    /// How far they may be.
     pub limit_mm: f64,
 }
 

@@ -7,8 +7,8 @@ use crate::{
     coefficients::{Role, micro},
     error::IdentifyError,
     observations::Observations,
+    params::Values,
     system::System,
-    values::Values,
 };
 
 /// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where
@@ -85,7 +85,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
                 _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
             },
         };
-        // A reversal value that was not asked for stays.
+        // A reversal value that is not an unknown stays.
         let reversal = reversal.or(match before {
             Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
             _ => None,

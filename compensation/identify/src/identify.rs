@@ -1,36 +1,32 @@
-//! From observations to a machine, in steps: set-up, rank, errors, judgement.
+//! From observations to a machine: set-up, rank, errors, judgement.
 
 use std::collections::BTreeSet;
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use volcomp_document::Note;
-use volcomp_kinematics::nalgebra::DMatrix;
+use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
     checks::{
-        contradiction, few, inches, inverted, large, outliers, refuse_far, refuse_rows,
-        refuse_target, refuse_unexplained, small_moves, times_by_file,
+        median,
+        result::{
+            contradiction, few, inverted, large, outliers, refuse_far, refuse_rows, refuse_target,
+            refuse_unexplained, small_moves, times_by_file,
+        },
     },
-    design::design,
-    error::IdentifyError,
-    followers::Follower,
+    error::{IdentifyError, at},
+    fit::fit,
     found_machine::machine_of,
-    judge::{Figures, LeftOut, figures, judged, left_out},
-    left_open::{LeftOpen, left_at_zero, left_open, redundant},
     next::{Next, next},
     observations::Observations,
-    parameters::{Parameter, covariance_in_units, parameters},
-    params::Param,
-    prepared::Rows,
-    rank::Rank,
+    parameters::{LeftOpen, covariance_in_units, left_at_zero, left_open, parameters, redundant},
+    params::{Parameter, Values},
     response::Response,
-    sides::told_apart,
-    solve::{Exactness, Solution, solve},
     start::start,
-    system::System,
-    uncertain::Uncertain,
-    values::Values,
+    system::{Follower, Rows, System},
 };
 
 /// What was found, and how far it can be trusted.
@@ -98,7 +94,7 @@ pub struct Identification {
     pub warnings: Vec<Note>,
 }
 
-/// More than so many times the stated uncertainty is left of observations by unknowns that do not describe the machine.
+/// Unknowns do not describe the machine if the residuals exceed this multiple of the stated uncertainty.
 const NOT_DESCRIBED: f64 = 3.0;
 
 impl Identification {
@@ -134,15 +130,7 @@ fn as_maps<S: serde::Serializer>(
     serializer.collect_seq(null.iter().map(|weights| Weights(weights)))
 }
 
-/// A fit to some rows.
-pub(crate) struct Fitted {
-    pub(crate) solution: Solution,
-    pub(crate) rank: Rank,
-    /// Of what the rank leaves out that of which only the noise leaves nothing known.
-    pub(crate) uncertain: Vec<Uncertain>,
-}
-
-/// Finds the unknowns of the observations. `progress` is told how many of how many fits are done.
+/// Finds the unknowns of the observations. `progress` receives the number of fits done and of all.
 ///
 /// # Errors
 /// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
@@ -172,14 +160,14 @@ pub fn identify_followed(
     followed(observations, followers, &mut progress)
 }
 
-/// Compiled once, and not for each closure that is told the progress.
+/// Compiled once, not for each type of `progress`.
 fn followed(
     observations: &Observations,
     followers: &[Follower],
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<(Identification, Response), IdentifyError> {
     let system = System::new(observations)?.followed_by(followers)?;
-    let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
+    let rows = system.prepare(observations.fitted_rows());
     refuse_rows(&system, &rows)?;
     let fits = 1 + observations.folds;
     progress(0, fits);
@@ -207,7 +195,6 @@ fn followed(
     let warning = |text: &String| Note::warning("", text.as_str());
     // First what makes the answer wrong, then what makes it uncertain, last what stands at every run.
     let mut warnings = inverted(&system, observations, &rows, &fitted);
-    warnings.extend(inches(&system, observations, &fitted));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
     let is_contradicted = !of_judged.files.is_empty()
@@ -253,57 +240,163 @@ fn followed(
     Ok((found, response))
 }
 
-/// Fits rows from a start of the set-ups.
-pub(crate) fn fit(
+/// The size of what is left of rows: distances in three directions for `points` and `sphere`, else the number itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Figures {
+    /// Root mean square, µm.
+    #[cfg_attr(feature = "serde", serde(rename = "rms"))]
+    pub rms_um: f64,
+    /// The largest, µm.
+    #[cfg_attr(feature = "serde", serde(rename = "max"))]
+    pub max_um: f64,
+    /// Number of rows.
+    pub rows: usize,
+}
+
+pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
+    let squares: f64 = residuals.iter().map(Vector3::norm_squared).sum();
+    let largest = residuals.iter().map(Vector3::norm).fold(0.0, f64::max);
+    Figures {
+        rms_um: 1e3 * (squares / residuals.len().max(1) as f64).sqrt(),
+        max_um: 1e3 * largest,
+        rows: residuals.len(),
+    }
+}
+
+/// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed. `None` where
+/// there are fewer poses than parts: a part without a pose would judge nothing.
+fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
+    if count == 0 {
+        return None;
+    }
+    let (pose_of, poses) = rows.poses();
+    if poses < count {
+        return None;
+    }
+    let mut order: Vec<usize> = (0..poses).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
+    for last in (1..order.len()).rev() {
+        let drawn = random.next_u64() % (last as u64 + 1);
+        // At most `last`, which is a place of the list.
+        order.swap(last, usize::try_from(drawn).unwrap_or(last));
+    }
+    let mut part = vec![0; poses];
+    for (place, pose) in order.into_iter().enumerate() {
+        part[pose] = place % count;
+    }
+    Some(pose_of.into_iter().map(|pose| part[pose]).collect())
+}
+
+/// What is left of rows that were left out of the fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct LeftOut {
+    /// The size of what is left.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub figures: Figures,
+    /// Number of parts in which the poses were left out.
+    pub folds: usize,
+}
+
+/// Residuals of rows that were left out of the fit, in `folds` parts by pose; everything, penalties included, is
+/// found anew from the others. A note in place of it where the poses are too few.
+pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
     rows: &Rows,
-    values: Values,
-) -> Result<Fitted, IdentifyError> {
-    let design = design(system, rows, &values);
-    let rank = told_apart(system, &design, &[]);
-    if rank.kept.len() > design.jacobian.nrows()
-        || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
-    {
-        return Err(IdentifyError::TooFew {
-            poses: rows.poses().1,
-            numbers: design.jacobian.nrows(),
-            unknowns: system.params.len(),
-            rank: rank.kept.len(),
-        });
+    start: &Values,
+    mut done: impl FnMut(usize),
+) -> Result<(Option<LeftOut>, Option<Note>), IdentifyError> {
+    let folds = observations.folds;
+    if folds < 2 {
+        return Ok((None, None));
     }
-    let mut values = values;
-    let is_penalised =
-        |rank: &Rank| (rank.kept.iter()).any(|&column| system.group(column).is_some());
-    let mut rank = rank;
-    let mut uncertain: Vec<Uncertain> = Vec::new();
-    // A penalty says how large an unknown may be: beside it noise leaves nothing open.
-    if !is_penalised(&rank) {
-        let jacobian = system.equations(rows, &values).jacobian;
-        while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
-            uncertain.push(one);
-            let without: Vec<usize> = uncertain.iter().map(|of| of.param).collect();
-            rank = told_apart(system, &design, &without);
+    let none = |why: String| {
+        Ok((
+            None,
+            Some(Note::info("", format!("no rows were left out: {why}"))),
+        ))
+    };
+    let Some(parts) = parts(rows, folds) else {
+        return none(format!(
+            "{} poses make no {folds} parts (`folds`)",
+            rows.poses().1
+        ));
+    };
+    let mut residuals = Vec::new();
+    for fold in 0..folds {
+        let others = rows.only(|row| parts[row] != fold);
+        let left = rows.only(|row| parts[row] == fold);
+        let fitted = match fit(system, observations, &others, start.clone()) {
+            Ok(fitted) => fitted,
+            Err(IdentifyError::TooFew { .. } | IdentifyError::NotConverged { .. }) => {
+                return none(
+                    "without some of the poses the others do not determine the unknowns".to_owned(),
+                );
+            }
+            Err(error) => return Err(error),
+        };
+        residuals.extend(system.residuals(&left, &fitted.solution.values));
+        done(fold + 1);
+    }
+    let figures = figures(&residuals);
+    Ok((Some(LeftOut { figures, folds }), None))
+}
+
+/// Notes on rows that are only predicted.
+#[derive(Default)]
+pub(crate) struct OfJudged {
+    /// On files that are far off as a whole.
+    pub(crate) files: Vec<Note>,
+    /// On single rows that are far off beside the others.
+    pub(crate) rows: Vec<Note>,
+}
+
+/// What is left of the rows that are only predicted, and notes on those that are far off beside the others of their file, and on
+/// files that are far off beside what is left of the fitted rows.
+pub(crate) fn judged(
+    system: &System,
+    observations: &Observations,
+    values: &Values,
+    fitted: Figures,
+) -> (Option<Figures>, OfJudged) {
+    const SHOWN: usize = 5;
+    /// As of fitted rows beside their uncertainty.
+    const TIMES_FITTED: f64 = 3.0;
+    const TIMES_USUAL: f64 = 10.0;
+    let mut notes = OfJudged::default();
+    let mut all = Vec::new();
+    for observation in observations.observations.iter().filter(|o| o.judge) {
+        let rows = system.prepare(observation.rows.iter());
+        let residuals = system.residuals(&rows, values);
+        let sizes: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
+        let usual = median(&sizes);
+        let stated = observation.rows.iter().map(|row| row.uncertainty_mm);
+        let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
+        if usual > TIMES_FITTED * expected {
+            let what = format!(
+                "its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
+                1e3 * usual,
+                fitted.rms_um
+            );
+            notes
+                .files
+                .push(Note::warning(observation.file.as_str(), what));
         }
+        let rows = observation.rows.iter().zip(&sizes);
+        let far = rows.filter(|(row, size)| **size > TIMES_USUAL * usual.max(row.uncertainty_mm));
+        notes.rows.extend(far.take(SHOWN).map(|(row, size)| {
+            let what = format!(
+                "this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
+                1e3 * size,
+                1e3 * usual
+            );
+            Note::warning(at(&observation.file, row.line), what)
+        }));
+        all.extend(residuals);
     }
-    // What is left at zero begins there.
-    for left in rank.left_at_zero() {
-        if let Param::Coefficient(coefficient) = system.params.at(left) {
-            values.coefficients[coefficient] = 0.0;
-        }
-    }
-    let solution = solve(
-        system,
-        rows,
-        values,
-        &rank.kept,
-        observations.robust,
-        is_penalised(&rank),
-        Exactness::Full,
-    )?;
-    Ok(Fitted {
-        solution,
-        rank,
-        uncertain,
-    })
+    ((!all.is_empty()).then(|| figures(&all)), notes)
 }

@@ -1,17 +1,22 @@
-//! What to measure next: of many poses the one that makes the largest uncertainty smallest.
+//! What to measure next: of many poses that the instruments of the files can take and have not taken yet, the one that makes the largest
+//! uncertainty smallest.
 
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector};
-use volcomp_vocabulary::{AxisName, Displacement};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_kinematics::{
+    State,
+    nalgebra::{DMatrix, DVector, Vector3},
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::{
-    candidates::{Candidate, candidates},
-    effects::largest_effects,
-    identify::Fitted,
-    observations::{Kind, Observations, Seen},
-    prepared::Rows,
-    system::{Equations, System},
+    equation::Equations,
+    fit::{Fitted, bring},
+    observations::{Kind, Observation, Observations, Row, Seen, Stand},
+    params::Values,
+    system::{Rows, System},
 };
 
 /// A pose to be measured next.
@@ -57,7 +62,7 @@ pub(crate) fn next(
         .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
     let now = system.equations(rows, values).jacobian;
-    let of_missing = || most_told(system, &now, &ahead, &missing);
+    let of_missing = || most_informative(system, &now, &ahead, &missing);
     let (place, parameter, improvement) = match of_missing() {
         Some((place, parameter)) => (place, parameter, None),
         None => surest(&largest_effects(system, values), fitted, &ahead)?,
@@ -125,17 +130,7 @@ fn surest(
     // A new number has the variance that those have of which the covariance was made.
     let variance = fitted.solution.counted;
     let mut best: Option<(f64, f64, usize)> = None;
-    for (place, &(first, size)) in ahead.places.iter().enumerate() {
-        let rows = jacobian.rows(first, size);
-        let carried = covariance * rows.transpose();
-        let inner = rows * &carried + DMatrix::identity(size, size) * variance;
-        let Some(inverse) = inner.try_inverse() else {
-            continue;
-        };
-        let gain = &carried * inverse;
-        let after = DVector::from_fn(kept.len(), |k, _| {
-            covariance[(k, k)] - gain.row(k).dot(&carried.row(k))
-        });
+    for (place, after) in variances_after(covariance, &jacobian, ahead, variance) {
         let (_, largest) = uncertain(&after);
         let own = effect[worst] * after[worst].max(0.0).sqrt();
         if best.is_none_or(|(least, ..)| largest < least) {
@@ -148,9 +143,27 @@ fn surest(
     Some((place, kept[worst], Some(improvement)))
 }
 
+/// The variances of all unknowns after each candidate, with its place; `variance` is that of a new number.
+fn variances_after<'a>(
+    covariance: &'a DMatrix<f64>,
+    jacobian: &'a DMatrix<f64>,
+    ahead: &'a Equations,
+    variance: f64,
+) -> impl Iterator<Item = (usize, DVector<f64>)> + 'a {
+    let places = ahead.places.iter().enumerate();
+    places.filter_map(move |(place, &(first, size))| {
+        let rows = jacobian.rows(first, size);
+        let carried = covariance * rows.transpose();
+        let inner = rows * &carried + DMatrix::identity(size, size) * variance;
+        let gain = &carried * inner.try_inverse()?;
+        let after = |k, _| covariance[(k, k)] - gain.row(k).dot(&carried.row(k));
+        Some((place, DVector::from_fn(covariance.nrows(), after)))
+    })
+}
+
 /// The candidate that tells most of what is not determined, and the unknown of which it tells most. What is not known yet is
 /// taken to be of a size that errors and set-ups have, so that everything has a covariance.
-fn most_told(
+fn most_informative(
     system: &System,
     now: &DMatrix<f64>,
     ahead: &Equations,
@@ -183,23 +196,15 @@ fn most_told(
     let covariance = information.cholesky()?.inverse();
     let jacobian = scaled(&ahead.jacobian);
     let mut best: Option<(f64, usize, usize)> = None;
-    for (place, &(first, size)) in ahead.places.iter().enumerate() {
-        let rows = jacobian.rows(first, size);
-        let carried = &covariance * rows.transpose();
-        let inner = rows * &carried + DMatrix::identity(size, size);
-        let Some(inverse) = inner.try_inverse() else {
-            continue;
-        };
-        let gain = &carried * inverse;
+    for (place, after) in variances_after(&covariance, &jacobian, ahead, 1.0) {
         // How many times smaller the variance of each becomes.
         let times = missing.iter().map(|&column| {
             let before = covariance[(column, column)];
-            let after = before - gain.row(column).dot(&carried.row(column));
-            (before / after.max(f64::MIN_POSITIVE), column)
+            (before / after[column].max(f64::MIN_POSITIVE), column)
         });
-        let told: Vec<(f64, usize)> = times.collect();
-        let sum: f64 = told.iter().map(|(times, _)| times.ln()).sum();
-        let Some(&(times, most)) = told.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
+        let gains: Vec<(f64, usize)> = times.collect();
+        let sum: f64 = gains.iter().map(|(times, _)| times.ln()).sum();
+        let Some(&(times, most)) = gains.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
             continue;
         };
         if times > TOLD * TOLD && best.is_none_or(|(largest, ..)| sum > largest) {
@@ -207,4 +212,206 @@ fn most_told(
         }
     }
     best.map(|(_, place, most)| (place, most))
+}
+
+/// Number of candidate poses over all files.
+const CANDIDATES: usize = 200;
+/// Many draws are out of reach, most of them at a machine with short travels.
+const TRIES: usize = 10;
+/// Coordinates of linear axes are rounded to this, so that a person can type them, mm.
+const STEP_MM: f64 = 1e-3;
+/// Coordinates that differ by less are those of one pose, mm and rad.
+const SAME_BELOW: f64 = 2.0 * STEP_MM;
+
+/// A pose that could be measured, as a row like those of a file.
+pub(crate) struct Candidate {
+    pub(crate) row: Row,
+    pub(crate) file: String,
+    pub(crate) kind: Kind,
+}
+
+/// Candidates of every file that is fitted, drawn with a fixed seed.
+pub(crate) fn candidates(
+    system: &System,
+    observations: &Observations,
+    values: &Values,
+) -> Vec<Candidate> {
+    let files = observations.fitted().count().max(1);
+    let each = CANDIDATES.div_ceil(files);
+    let mut random = ChaCha8Rng::seed_from_u64(0x6e65_7874);
+    let mut candidates = Vec::new();
+    for (observation, _) in observations.fitted() {
+        let drawn =
+            (0..TRIES * each).filter_map(|_| drawn(system, observation, values, &mut random));
+        candidates.extend(drawn.take(each).map(|row| Candidate {
+            row,
+            file: observation.file.clone(),
+            kind: observation.kind,
+        }));
+    }
+    candidates
+}
+
+/// A row like one of a file at another pose.
+///
+/// A target is seen from its tracker wherever the machine stands within its travel. A sphere and a ball stay where they are:
+/// the tip stands at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a ballbar
+/// or before a tracer stands at a distance from the point and in a direction that lie between those of two rows. A line of sight
+/// stays, too: the machine stands between two of its places. A step gauge has faces only where it was read. `None`
+/// where the axes do not get there, or where the machine stood already.
+fn drawn(
+    system: &System,
+    observation: &Observation,
+    values: &Values,
+    random: &mut impl Rng,
+) -> Option<Row> {
+    let rows = &observation.rows;
+    if rows.is_empty() {
+        return None;
+    }
+    let mut of_rows = || &rows[random.random_range(0..rows.len())];
+    let (mut row, other) = (of_rows().clone(), of_rows());
+    // In tenths: places that a person can type.
+    let share = f64::from(random.random_range(0..=10_u8)) / 10.0;
+    let chain = system.machine.chain();
+    let tip = row.stand.ideal_tip_mm(chain);
+    match row.seen {
+        Seen::Pair { .. } => return None,
+        Seen::Line { .. } => {
+            let there = other.stand.state.q;
+            for (q, to) in row.stand.state.q.iter_mut().zip(there) {
+                *q += share * (to - *q);
+            }
+        }
+        Seen::Point { .. } => move_axes(system, &mut row, |_| true, random),
+        Seen::Sphere { .. } | Seen::Ball { .. } => {
+            move_axes(system, &mut row, |kind| kind == AxisKind::Rotary, random);
+            if !bring(system, &mut row.stand, tip) {
+                return None;
+            }
+        }
+        Seen::Distance { point, .. } => {
+            let point = values.points[point][0];
+            let to = between(tip - point, other.stand.ideal_tip_mm(chain) - point, share)?;
+            move_axes(system, &mut row, |kind| kind == AxisKind::Rotary, random);
+            if !bring(system, &mut row.stand, point + to) {
+                return None;
+            }
+        }
+    }
+    for (axis, q) in system.machine.axes().iter().zip(&mut row.stand.state.q) {
+        if axis.name.kind() == AxisKind::Linear {
+            *q = (*q / STEP_MM).round() * STEP_MM;
+        }
+        let at = Displacement::new(axis.name.kind(), *q).mm_or_deg();
+        if !axis.may_stand_at(at) {
+            return None;
+        }
+    }
+    let is_new = |known: &Row| {
+        let places = known.stand.state.q.iter().zip(&row.stand.state.q);
+        let moved = system
+            .machine
+            .axes()
+            .iter()
+            .zip(places)
+            .any(|(axis, (a, b))| {
+                // Whole turns of an axis that goes round are no other pose.
+                let turn = axis.modulo.map(f64::to_radians);
+                let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
+                (a - b - turns).abs() > SAME_BELOW
+            });
+        moved || known.stand.tip_mm != row.stand.tip_mm
+    };
+    rows.iter().all(is_new).then_some(row)
+}
+
+/// Draws whole mm and deg within the travel of every axis of these kinds.
+fn move_axes(
+    system: &System,
+    row: &mut Row,
+    moves: impl Fn(AxisKind) -> bool,
+    random: &mut impl Rng,
+) {
+    for (axis, q) in system.machine.axes().iter().zip(&mut row.stand.state.q) {
+        let kind = axis.name.kind();
+        if moves(kind) {
+            let [low, high] = axis.travel;
+            let at = (low + (high - low) * random.random::<f64>()).round();
+            *q = Displacement::from_coordinate(kind, at.max(low).min(high)).mm_or_rad();
+        }
+    }
+}
+
+/// A vector whose length and direction lie between those of two others; `None` where one has none, or they lie opposite.
+fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f64>> {
+    let unit = |vector: Vector3<f64>| vector.try_normalize(STEP_MM);
+    let direction = unit(from)? * (1.0 - share) + unit(to)? * share;
+    let length = from.norm() + share * (to.norm() - from.norm());
+    Some(direction.try_normalize(STEP_MM)? * length)
+}
+
+/// Shares of the travel, and of one turn of an axis that turns all the way round: of linear axes the ends and the middle; of rotary
+/// axes at uneven distances, so that no wave of a Fourier series is zero at all of them.
+const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
+const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
+
+/// The largest displacement of the tip, mm, by one unit (mm or rad) of every parameter over a grid of the travels; 0 for
+/// set-ups.
+pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> {
+    let machine = &system.machine;
+    let mut states = vec![State::default()];
+    for (place, axis) in machine.axes().iter().enumerate() {
+        let [low, high] = axis.all_poses();
+        let shares: &[f64] = match axis.name.kind() {
+            AxisKind::Linear => &LINEAR,
+            AxisKind::Rotary => &ROTARY,
+        };
+        let at = |share: &f64| {
+            let at = low + share * (high - low);
+            Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad()
+        };
+        let with = |state: &State| {
+            let mut states = vec![*state; shares.len()];
+            for (state, share) in states.iter_mut().zip(shares) {
+                state.q[place] = at(share);
+            }
+            states
+        };
+        states = states.iter().flat_map(with).collect();
+    }
+    let mut tips = vec![machine.chain().tool_tip_mm()];
+    tips.extend(
+        machine
+            .tools()
+            .keys()
+            .filter_map(|name| machine.tip_of(name).ok()),
+    );
+    let poses = states
+        .iter()
+        .flat_map(|state| tips.iter().map(move |tip_mm| (*state, *tip_mm)));
+    let rows: Vec<Row> = poses
+        .map(|(state, tip_mm)| Row {
+            line: 0,
+            stand: Stand { state, tip_mm },
+            // The reading is not used.
+            seen: Seen::Line {
+                direction: Vector3::x(),
+                offset: 0,
+                slope: 0,
+                deviation_mm: 0.0,
+            },
+            run: None,
+            time: 0.0,
+            uncertainty_mm: 1.0,
+        })
+        .collect();
+    let mut largest = DVector::zeros(system.params.len());
+    for row in &system.prepare(rows.iter()).0 {
+        for (coefficient, moved) in system.moved_by(&row.stand, values) {
+            let size: &mut f64 = &mut largest[system.params.setup() + coefficient];
+            *size = size.max(moved.norm());
+        }
+    }
+    largest
 }

@@ -9,7 +9,7 @@ use volcomp_kinematics::{
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::{basis::Basis, params::Part};
+use crate::basis::Basis;
 
 /// Part of the range of the observations that is added to it at both ends where spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
@@ -53,6 +53,19 @@ pub struct Unknown {
     pub penalised: bool,
 }
 
+impl Unknown {
+    /// An error of which one number is to be found: a location error, or the constant of a curve.
+    pub fn constant(error: ErrorName) -> Self {
+        Self {
+            error,
+            basis: Some(Basis::Constant),
+            second: None,
+            reversal: false,
+            penalised: false,
+        }
+    }
+}
+
 /// A second axis on which an error depends: products of the modes of its own curve and of a curve along this axis are
 /// found too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,6 +91,19 @@ pub struct Quantity<T> {
     pub known_within: Option<f64>,
 }
 
+impl<T> Quantity<T> {
+    /// A part of a set-up that is known, or to be found where it has no value.
+    pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
+        Self {
+            name,
+            unknown: value.is_none(),
+            value,
+            drift,
+            known_within: None,
+        }
+    }
+}
+
 /// What the set-ups of all observations consist of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SetUp {
@@ -89,6 +115,21 @@ pub struct SetUp {
     pub numbers: Vec<Quantity<f64>>,
     /// What each of the numbers is, for its unit in answers.
     pub number_kinds: Vec<NumberKind>,
+}
+
+impl SetUp {
+    /// Adds a point and gives its place.
+    pub(crate) fn add_point(&mut self, point: Quantity<[f64; 3]>) -> usize {
+        self.points.push(point);
+        self.points.len() - 1
+    }
+
+    /// Adds a number and gives its place.
+    pub fn add_number(&mut self, kind: NumberKind, number: Quantity<f64>) -> usize {
+        self.number_kinds.push(kind);
+        self.numbers.push(number);
+        self.numbers.len() - 1
+    }
 }
 
 /// What a number of a set-up is.
@@ -195,6 +236,17 @@ pub struct Row {
     pub time: f64,
     /// Standard uncertainty of each number, mm.
     pub uncertainty_mm: f64,
+}
+
+impl Row {
+    /// Its poses: two of a length between poses.
+    pub(crate) fn stands(&self) -> impl Iterator<Item = &Stand> {
+        let from = match &self.seen {
+            Seen::Pair { from, .. } => Some(from),
+            _ => None,
+        };
+        core::iter::once(&self.stand).chain(from)
+    }
 }
 
 /// What was seen at a pose; numbers `frame`, `target` and so on are places in [`SetUp`].
@@ -314,6 +366,21 @@ impl Seen {
 const WIDEST_GAP_DEG: f64 = 120.0;
 
 impl Observations {
+    /// No observations yet, of a machine that they will be of.
+    pub fn of(machine: Machine) -> Self {
+        Self {
+            files: Vec::new(),
+            machine,
+            measured: Vec::new(),
+            unknown: Vec::new(),
+            observations: Vec::new(),
+            setup: SetUp::default(),
+            robust: false,
+            folds: 0,
+            notes: Vec::new(),
+        }
+    }
+
     /// The files that are fitted, each with the places of its rows among all that are fitted.
     pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Observation, Range<usize>)> {
         let fitted = self.observations.iter().filter(|o| !o.judge);
@@ -324,18 +391,21 @@ impl Observations {
         })
     }
 
+    /// The rows that are fitted.
+    pub(crate) fn fitted_rows(&self) -> impl Iterator<Item = &Row> {
+        self.fitted().flat_map(|(observation, _)| &observation.rows)
+    }
+
+    /// The coordinates of an axis at all poses that are fitted, mm or deg.
+    fn coordinates(&self, axis: usize) -> impl Iterator<Item = f64> {
+        let poses = self.fitted_rows().flat_map(Row::stands);
+        poses.map(move |stand| self.machine.curve_coordinates(&stand.state)[axis])
+    }
+
     /// The widest part of a turn, deg, in which no row that is fitted has a rotary axis.
     fn widest_gap_deg(&self, axis: usize) -> f64 {
-        let rows = self.fitted().map(|(observation, _)| observation);
-        let states = rows.flat_map(|o| &o.rows).flat_map(|row| {
-            let from = match &row.seen {
-                Seen::Pair { from, .. } => Some(from.state),
-                _ => None,
-            };
-            core::iter::once(row.stand.state).chain(from)
-        });
-        let angle = |state| self.machine.curve_coordinates(&state)[axis].rem_euclid(360.0);
-        let mut angles: Vec<f64> = states.map(angle).collect();
+        let angles = self.coordinates(axis).map(|at| at.rem_euclid(360.0));
+        let mut angles: Vec<f64> = angles.collect();
         angles.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (angles.first(), angles.last()) else {
             return 360.0;
@@ -375,35 +445,39 @@ impl Observations {
         if basis == Basis::Constant {
             return travel;
         }
-        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut margin = 0.0;
-        let rows = self.fitted().map(|(observation, _)| observation);
-        for row in rows.flat_map(|o| &o.rows) {
-            let from = match &row.seen {
-                Seen::Pair { from, .. } => Some(from.state),
-                _ => None,
-            };
-            // The ideal machine would stand a little beside where the real one found the sphere or the ball.
-            if let Seen::Sphere { .. } | Seen::Ball { .. } = row.seen {
-                margin = SPHERE_MARGIN;
-            }
-            for state in core::iter::once(row.stand.state).chain(from) {
-                let at = self.machine.curve_coordinates(&state)[axis];
-                range = [range[0].min(at), range[1].max(at)];
-            }
-        }
         let goes_round = self.machine.axes()[axis].modulo.is_some();
         if matches!(basis, Basis::Fourier { .. })
             && (goes_round || self.widest_gap_deg(axis) <= WIDEST_GAP_DEG)
         {
             return travel;
         }
+        let ends = [f64::INFINITY, f64::NEG_INFINITY];
+        let range =
+            (self.coordinates(axis)).fold(ends, |range, at| [range[0].min(at), range[1].max(at)]);
         // A range of a millionth of the travel is an axis that stood still.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
+            // The ideal machine would stand a little beside where the real one found the sphere or the ball.
+            let is_probed = |row: &Row| matches!(row.seen, Seen::Sphere { .. } | Seen::Ball { .. });
+            let margin = if self.fitted_rows().any(is_probed) {
+                SPHERE_MARGIN
+            } else {
+                0.0
+            };
             let wider = margin * (range[1] - range[0]);
             [range[0] - wider, range[1] + wider]
         } else {
             travel
         }
     }
+}
+
+/// A frame, a point or a number of a set-up, by its place among those of its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Part {
+    /// Six numbers: small displacements along the axes (mm), then rotations about them (rad).
+    Frame(usize),
+    /// Three coordinates, mm.
+    Point(usize),
+    /// One number, mm or mm/mm.
+    Number(usize),
 }

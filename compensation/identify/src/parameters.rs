@@ -1,56 +1,24 @@
-//! What was found of each unknown, in its unit, and the covariance of all.
+//! What was found of each unknown, in its unit, the covariance of all, and what the observations leave open.
 
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
-use volcomp_vocabulary::{ErrorName, Um, Urad};
 
 use crate::{
-    identify::Fitted,
-    params::{Param, Part},
+    fit::Fitted,
+    observations::Part,
+    params::{Param, Parameter, six_of},
+    rank::Rank,
     system::System,
-    values::six_of,
 };
 
-/// What was found of one unknown.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Parameter {
-    /// The name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
-    pub name: String,
-    /// The error that it belongs to; `None` for a number of a set-up.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    pub error: Option<ErrorName>,
-    /// The value in `unit`; 0 where it is not determined.
-    pub value: f64,
-    /// `um`, `urad`, `mm`, `deg` or `um_per_m`.
-    pub unit: &'static str,
-    /// The standard uncertainty (k = 1) in `unit`; `None` where it is not determined.
-    pub uncertainty: Option<f64>,
-    /// Whether the observations determine it.
-    pub determined: bool,
-    /// The unknowns left at zero with which it is mixed up: its value holds if these are zero.
-    pub given_zero: Vec<String>,
-}
-
-/// The unit of a key as people read it: `µm/m` of `um_per_m`.
-pub fn unit_symbol(unit: &str) -> &str {
-    match unit {
-        "um" => Um::SYMBOL,
-        "urad" => Urad::SYMBOL,
-        "um_per_m" => "µm/m",
-        other => other,
-    }
-}
-
-/// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search
+/// The derivatives of the reported parameters by those of the search: diagonal but for frames, whose search
 /// moves them about their middle.
-pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
+pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.rank.kept.len();
-    let mut told = DMatrix::zeros(count, count);
+    let mut derivatives = DMatrix::zeros(count, count);
     for (row, &param) in fitted.rank.kept.iter().enumerate() {
         let (_, scale) = system.unit_of(param);
         let Some((frame, place)) = of_frame(system.params.at(param)) else {
-            told[(row, row)] = scale;
+            derivatives[(row, row)] = scale;
             continue;
         };
         let frame_now = &fitted.solution.values.frames[frame];
@@ -68,7 +36,7 @@ pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64>
             } else {
                 turn[by - 3] = 1.0;
             }
-            told[(row, column)] = if place < 3 {
+            derivatives[(row, column)] = if place < 3 {
                 (shift + turn.cross(&arm))[place]
             } else {
                 // ω = (R_z R_y e_x) da + (R_z e_y) db + e_z dc, solved for the rates of the angles.
@@ -85,7 +53,7 @@ pub(crate) fn told_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64>
             };
         }
     }
-    told
+    derivatives
 }
 
 /// Which frame a number that does not drift belongs to, and which of its six it is.
@@ -102,8 +70,8 @@ fn of_frame(param: Param) -> Option<(usize, usize)> {
 
 /// The covariance of what is determined, in the products of the units.
 pub(crate) fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
-    let told = told_by_searched(system, fitted);
-    &told * &fitted.solution.covariance * told.transpose()
+    let derivatives = reported_by_searched(system, fitted);
+    &derivatives * &fitted.solution.covariance * derivatives.transpose()
 }
 
 /// Every unknown with what was found of it.
@@ -135,4 +103,111 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
         }
     };
     system.params.iter().enumerate().map(parameter).collect()
+}
+
+/// An error coefficient that the observations leave open though it is no convention: it is left at zero, and whatever it is, they
+/// read the same.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOpen {
+    /// Its name among the unknowns.
+    pub name: String,
+    /// Its unit, `um` or `urad`.
+    pub unit: &'static str,
+    /// What goes unseen: the error coefficients, itself among them, and by how much each changes in its unit where this one is
+    /// larger by one.
+    pub moves: Vec<(String, f64)>,
+}
+
+/// What is left open and is no convention.
+pub(crate) fn left_open(system: &System, rank: &Rank) -> Vec<LeftOpen> {
+    let is_error = |null: &&Vec<(usize, f64)>| system.is_convention(null[0].0) == Some(false);
+    let open = rank.null.iter().filter(is_error).map(|null| {
+        let left = null[0].0;
+        let (unit, _) = system.unit_of(left);
+        // Weights are those of columns of unit length.
+        let change = |&(param, weight): &(usize, f64)| {
+            let length = rank.lengths[param];
+            let length = if length > 0.0 { length } else { 1.0 };
+            weight / length * system.unit_of(param).1
+        };
+        let whole = change(&null[0]);
+        let errors = (null.iter())
+            .filter(|(param, _)| matches!(system.params.at(*param), Param::Coefficient(_)));
+        LeftOpen {
+            name: system.name(left),
+            unit,
+            moves: errors
+                .map(|share| (system.name(share.0), change(share) / whole))
+                .collect(),
+        }
+    });
+    open.collect()
+}
+
+/// The names of the unknowns that are left at zero and are conventions: constants of curves and slopes of straightnesses.
+pub(crate) fn redundant(system: &System, rank: &Rank) -> Vec<String> {
+    let left = rank.left_at_zero();
+    left.filter(|column| system.is_convention(*column) == Some(true))
+        .map(|column| system.name(column))
+        .collect()
+}
+
+/// Notes on what cannot be told apart: one for each unknown that more observations could tell, one for all that are conventions.
+pub(crate) fn left_at_zero(
+    system: &System,
+    fitted: &Fitted,
+    null: &[Vec<(String, f64)>],
+) -> Vec<String> {
+    let rank = &fitted.rank;
+    let is_convention = |place: &usize| {
+        let left = rank.null[*place][0].0;
+        system.is_convention(left) == Some(true)
+    };
+    let (conventions, missing): (Vec<usize>, Vec<usize>) = (0..null.len()).partition(is_convention);
+    let is_setup = |place: usize| rank.null[place][0].0 < system.params.setup();
+    let words = |place: &usize| {
+        let mut uncertain = fitted.uncertain.iter();
+        match uncertain.find(|of| of.param == rank.null[*place][0].0) {
+            Some(of) => of.words(system),
+            None => null_in_words(&null[*place], is_setup(*place)),
+        }
+    };
+    let mut notes: Vec<String> = missing.iter().map(words).collect();
+    match &conventions[..] {
+        [] => {}
+        [one] => notes.push(words(one)),
+        several => {
+            let names: Vec<&str> = several
+                .iter()
+                .map(|place| null[*place][0].0.as_str())
+                .collect();
+            notes.push(format!(
+                "left at zero by convention, since they move the tool like location errors, other constants or the set-up: {}",
+                names.join(", ")
+            ));
+        }
+    }
+    notes
+}
+
+/// A combination that moves nothing, in words.
+fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
+    const SHOWN: usize = 4;
+    let (left, others) = (&null[0].0, &null[1..]);
+    let where_left = if is_setup {
+        "as it was at the start"
+    } else {
+        "at zero"
+    };
+    if others.is_empty() {
+        return format!("{left} moves nothing in these observations: it is left {where_left}");
+    }
+    let mut names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
+    let more = names.len().saturating_sub(SHOWN);
+    names.truncate(SHOWN);
+    let mut with = names.join(", ");
+    if more > 0 {
+        with = format!("{with} and {more} more");
+    }
+    format!("{left} cannot be told apart from {with}: it is left {where_left}")
 }

@@ -27,7 +27,7 @@ pub(crate) struct Penalty {
     pub(crate) log_lambda: Option<Vec<f64>>,
     /// Whether the weights are no longer changed.
     pub(crate) held: bool,
-    /// Whether the covariance is asked for that counts how uncertain the weights are, not that of a step on the way.
+    /// Whether the step is the last one, whose covariance counts how uncertain the weights are.
     pub(crate) ends: bool,
     groups: usize,
 }

@@ -3,25 +3,21 @@
 use std::path::{Component, Path, PathBuf};
 
 use volcomp_curve::{Curve, ErrorCurve, Field};
-use volcomp_document::{
-    CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text,
-};
+use volcomp_document::{CsvTable, Document, FileKind, InputError, Section, Value, read_text};
 use volcomp_model::Machine;
 
 use crate::{
     ball_row,
-    checked::{MOST_DRIFT, MOST_FOLDS, standard_uncertainty_um, unit_vector},
-    checks::{oblique, refuse_units},
+    checks::input::{
+        MOST_DRIFT, MOST_FOLDS, oblique, refuse_units, standard_uncertainty_um, unit_vector,
+    },
     error::IdentifyError,
     observations::{Kind, NumberKind, Observation, Observations},
     rows::{RowKind, read_rows},
-    setup_keys::{NamedSetUp, Reading, frame, number, point_of, targets},
-    timeline::set_times,
+    setup_keys::{Head, ReadFile, Reading, frame, number, point_of, targets},
+    timeline::{Timed, set_times},
     unknown_file::{decode_penalty, decode_unknown},
 };
-
-/// Gives the text of a file.
-pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
 impl Observations {
     /// Reads a file of observations, its machine file and its row files.
@@ -135,14 +131,13 @@ fn observations(
         .extend(one_tool(&machine, &reading.without_tool));
     Ok(Observations {
         files,
-        machine,
-        measured: Vec::new(),
         unknown,
         observations,
         setup: reading.setup,
         robust: root.truth_or("robust", false)?,
         folds: root.whole_or("folds", 0..=MOST_FOLDS, 10)?,
         notes: reading.notes,
+        ..Observations::of(machine)
     })
 }
 
@@ -184,7 +179,25 @@ fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     Ok(())
 }
 
-#[expect(clippy::too_many_lines, reason = "one arm for each kind")]
+/// The table of a row file; a note where another row file has the same content.
+fn read_table(
+    file: &Value<'_>,
+    path: &Path,
+    read: &ReadFile<'_>,
+    reading: &mut Reading,
+) -> Result<CsvTable, IdentifyError> {
+    let name = file.text()?;
+    let text = read(path).map_err(|error| file.error(error.to_string()))?;
+    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    if let Some((other, _)) = reading.texts.iter().find(|(_, known)| *known == text) {
+        reading.notes.push(format!(
+            "{name} has the same content as {other}: is it one test under two names? Its rows count twice, as if it had been made twice"
+        ));
+    }
+    reading.texts.push((name.to_owned(), text));
+    Ok(table)
+}
+
 fn decode_observation(
     section: &Section<'_>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -192,7 +205,7 @@ fn decode_observation(
     judge: bool,
     reading: &mut Reading,
     files: &mut Vec<PathBuf>,
-) -> Result<crate::timeline::Timed, IdentifyError> {
+) -> Result<Timed, IdentifyError> {
     let kind = section.require("kind")?.one_of(&[
         ("points", Kind::Points),
         ("sphere", Kind::Sphere),
@@ -211,86 +224,52 @@ fn decode_observation(
     let file_value = section.require("file")?;
     let name = file_value.text()?.to_owned();
     let path = folder.join(&name);
-    let text = read(&path).map_err(|error| file_value.error(error.to_string()))?;
-    let table = CsvTable::parse(&path.display().to_string(), &text)?;
+    let table = read_table(&file_value, &path, read, reading)?;
     files.push(path);
-    if let Some((other, _)) = reading.texts.iter().find(|(_, known)| *known == text) {
-        reading.notes.push(format!(
-            "{name} has the same content as {other}: is it one test under two names? Its rows count twice, as if it had been made twice"
-        ));
-    }
-    reading.texts.push((name.clone(), text));
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
         .optional("uncertainty_um", |value| {
             standard_uncertainty_um(value.positive()?).map_err(|why| value.error(why))
         })?
         .unwrap_or(1.0);
-    let mut named = NamedSetUp::new(kind, judge);
+    let of = Head {
+        section,
+        kind,
+        file: &name,
+        drift,
+        judge,
+    };
     let mut bar = None;
     let row_kind = match kind {
-        Kind::Points => {
-            let frame = frame(section, &name, drift, reading, &mut named)?;
-            let targets = targets(section, &name, drift, judge, reading)?;
-            RowKind::Points { frame, targets }
-        }
+        Kind::Points => RowKind::Points {
+            frame: frame(&of, reading)?,
+            targets: targets(&of, reading)?,
+        },
         Kind::Sphere => RowKind::Sphere { drift },
         Kind::Distance => {
-            let pairs = table.columns().any(|(_, name)| name == "from");
-            let point = if pairs {
-                if let Some(value) = section.get("point") {
+            let is_pair = table.columns().any(|(_, name)| name == "from");
+            let point = match section.get("point").filter(|_| is_pair) {
+                Some(value) => {
                     return Err(value.error("found a point beside the column `from`, expected one of them: distances are between two poses or from a point").into());
                 }
-                None
-            } else {
-                Some(point_of(section, &name, drift, reading, &mut named)?)
+                None if is_pair => None,
+                None => Some(point_of(&of, reading)?),
             };
-            let dead = number(
-                section,
-                "dead_length",
-                NumberKind::DeadLength,
-                &name,
-                0,
-                reading,
-                &mut named,
-            )?;
+            let dead = number(&of, "dead_length", NumberKind::DeadLength, 0, reading)?;
             RowKind::Distance { point, dead }
         }
-        Kind::Line => {
-            let direction = unit_vector(&section.require("direction")?)?;
-            let offset = number(
-                section,
-                "offset",
-                NumberKind::Offset,
-                &name,
-                drift,
-                reading,
-                &mut named,
-            )?;
-            let slope = number(
-                section,
-                "slope",
-                NumberKind::Slope,
-                &name,
-                0,
-                reading,
-                &mut named,
-            )?;
-            RowKind::Line {
-                direction,
-                offset,
-                slope,
-            }
-        }
+        Kind::Line => RowKind::Line {
+            direction: unit_vector(&section.require("direction")?)?,
+            offset: number(&of, "offset", NumberKind::Offset, drift, reading)?,
+            slope: number(&of, "slope", NumberKind::Slope, 0, reading)?,
+        },
         Kind::BallRow => {
-            let (kind, placement, path) =
-                ball_row::decode(section, (folder, read), &name, drift, judge, reading)?;
+            let (kind, placement, path) = ball_row::decode(&of, (folder, read), reading)?;
             bar = Some(placement);
             files.push(path);
             kind
         }
     };
-    reading.before.push(named);
     let mut rows = read_rows(
         &table,
         &row_kind,
@@ -317,7 +296,7 @@ fn decode_observation(
         judge,
         rows: rows.rows,
     };
-    Ok(crate::timeline::Timed {
+    Ok(Timed {
         observation,
         orders: rows.orders,
         has_order: rows.has_order,

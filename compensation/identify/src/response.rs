@@ -4,9 +4,14 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_model::Machine;
 
 use crate::{
-    error::IdentifyError, followers::Follower, identify::Fitted, observations::Observations,
-    parameters::told_by_searched, rank::of_unit_length, solve::weight, system::System,
-    values::Values,
+    equation::weight,
+    error::IdentifyError,
+    fit::Fitted,
+    observations::Observations,
+    parameters::reported_by_searched,
+    params::Values,
+    rank::of_unit_length,
+    system::{Follower, System},
 };
 
 /// How the determined unknowns of an identification change, to first order, where the known errors of the machine are others: what
@@ -40,7 +45,7 @@ impl Response {
         fitted: &Fitted,
     ) -> Self {
         let values = fitted.solution.values.clone();
-        let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
+        let rows = system.prepare(observations.fitted_rows());
         let equations = system.equations(&rows, &values);
         let mut jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
         let normed = of_unit_length(jacobian.clone());
@@ -49,9 +54,9 @@ impl Response {
                 jacobian.row_mut(row).scale_mut(weight(*residual));
             }
         }
-        let told = told_by_searched(system, fitted);
+        let reported = reported_by_searched(system, fitted);
         Self {
-            gain: -(told * &fitted.solution.of_unit_variance * jacobian.transpose()),
+            gain: -(reported * &fitted.solution.of_unit_variance * jacobian.transpose()),
             residuals: equations.residuals,
             jacobian: normed,
             values,
@@ -77,7 +82,7 @@ impl Response {
     pub fn wanted(&self, machines: &[Machine]) -> Result<Vec<Option<Wanted>>, IdentifyError> {
         /// What the unknowns leave of a change that they undo.
         const UNDONE: f64 = 1e-3;
-        /// No change is wanted so many times: what only several of them together tell has this uncertainty.
+        /// Largest share of a change, and the uncertainty of shares that only several changes together determine.
         const MOST: f64 = 10.0;
         let within = self.jacobian.clone().qr().q();
         let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);
@@ -102,7 +107,7 @@ impl Response {
         let square = seen.transpose() * &seen;
         // Where more is left than the stated uncertainties, the observations know as much less.
         let mut variance = 1.0;
-        let mut told = (DVector::zeros(count), DMatrix::zeros(count, count));
+        let mut estimate = (DVector::zeros(count), DMatrix::zeros(count, count));
         for _ in 0..2 {
             let information = &square / variance + DMatrix::identity(count, count) / (MOST * MOST);
             let Some(covariance) = information.try_inverse() else {
@@ -110,9 +115,9 @@ impl Response {
             };
             let shares = -(&covariance * (seen.transpose() * &left)) / variance;
             variance = ((&left + &seen * &shares).norm_squared() / freedom).max(1.0);
-            told = (shares, covariance);
+            estimate = (shares, covariance);
         }
-        let (shares, covariance) = told;
+        let (shares, covariance) = estimate;
         let mut places = 0..count;
         let wanted = is_seen.into_iter().map(|is_seen| {
             let place = if is_seen { places.next() } else { None };
@@ -137,7 +142,7 @@ impl Response {
         let mut observations = self.observations.clone();
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;
-        let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
+        let rows = system.prepare(observations.fitted_rows());
         let there = system.equations(&rows, &self.values).residuals;
         Ok(there - &self.residuals)
     }

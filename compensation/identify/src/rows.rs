@@ -1,15 +1,17 @@
 //! The rows of a file of observations.
 
 use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
-use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_kinematics::{
+    State,
+    nalgebra::{Matrix3, Vector3},
+};
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
-    checked::standard_uncertainty_um,
+    checks::input::standard_uncertainty_um,
     columns::Columns,
-    observations::{Row, Seen, Stand},
-    seen_columns::SeenColumns,
+    observations::{Quantity, Row, Seen, Stand},
     setup_keys::Reading,
     timeline::Approach,
 };
@@ -50,13 +52,12 @@ pub(crate) struct ReadRows {
     pub(crate) has_tool: bool,
 }
 
-/// A coordinate further outside travel than so many travels is no pose of this machine.
+/// Maximum distance of a coordinate from the travel, in travels: beyond it is no pose of this machine.
 const NEVER_BEYOND: f64 = 1.0;
 /// Rows outside travel that are named.
 const SHOWN: usize = 5;
 
 /// Reads every row.
-#[expect(clippy::too_many_lines, reason = "one column after the other")]
 pub(crate) fn read_rows(
     table: &CsvTable,
     kind: &RowKind,
@@ -77,7 +78,7 @@ pub(crate) fn read_rows(
     };
     let order = columns.get("order")?;
     let uncertainty = columns.get("uncertainty_um")?;
-    let mut what = SeenColumns::columns(&mut columns, kind)?;
+    let what = SeenColumns::new(&mut columns, kind)?;
     columns.refuse_lookalikes()?;
     let mut poses: Vec<(String, Stand)> = Vec::new();
     // The machine went to poses that are named in the order in which they stand.
@@ -123,7 +124,7 @@ pub(crate) fn read_rows(
         {
             return Err(row.cell(column).error(format!("found {at} after {last}, expected rising numbers: rows stand in the order in which they were taken")));
         }
-        let (stand, seen) = what.read(&row, stand, tool_name, kind, &poses, reading, judge)?;
+        let (stand, seen) = what.read(&row, stand, tool_name, &poses, reading, judge)?;
         orders.push(at);
         rows.push(Row {
             line: row.line(),
@@ -144,33 +145,19 @@ pub(crate) fn read_rows(
     if rows.is_empty() {
         return Err(table.header_error("found no rows, expected at least one below the header"));
     }
-    for note in outside.iter().take(SHOWN) {
-        reading
-            .notes
-            .push(format!("{}: {note}", table.header_error("").file));
-    }
-    if outside.len() > SHOWN {
-        reading.notes.push(format!(
-            "{}: {} more rows outside travel",
-            table.header_error("").file,
-            outside.len() - SHOWN
-        ));
+    let file = table.header_error("").file;
+    let mut note = |text: String| reading.notes.push(format!("{file}: {text}"));
+    let more = outside.len().saturating_sub(SHOWN);
+    outside.into_iter().take(SHOWN).for_each(&mut note);
+    if more > 0 {
+        note(format!("{more} more rows outside travel"));
     }
     let unused = columns.unused();
     if !unused.is_empty() {
-        let file = table.header_error("").file;
-        reading.notes.push(format!(
-            "{file}: columns that are not used: {}",
-            unused.join(", ")
-        ));
+        note(format!("columns that are not used: {}", unused.join(", ")));
     }
-    let file = &table.header_error("").file;
-    reading
-        .notes
-        .extend(common_pose(&rows).map(|note| format!("{file}: {note}")));
-    reading
-        .notes
-        .extend(too_small(&rows).map(|note| format!("{}: {note}", table.header_error("").file)));
+    let odd = common_pose(&rows).into_iter().chain(too_small(&rows));
+    odd.for_each(note);
     Ok(ReadRows {
         rows,
         orders,
@@ -333,4 +320,319 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
         known: known.join(", "),
     };
     Err(unknown.to_string())
+}
+
+/// The columns of an R-test: the tip minus the centre of the sphere.
+const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
+
+/// The columns of what was seen, and the parts of the set-up that its rows refer to.
+enum SeenColumns<'k> {
+    Points {
+        at: [Column; 3],
+        frame: usize,
+        targets: &'k [(String, Option<usize>)],
+    },
+    Sphere {
+        sphere: Option<Column>,
+        offset: Option<[Column; 3]>,
+        drift: usize,
+    },
+    Distance {
+        length: Column,
+        point: usize,
+        dead: usize,
+    },
+    Pair {
+        from: Column,
+        to: Column,
+        length: Column,
+        dead: usize,
+    },
+    Line {
+        deviation: Column,
+        direction: Vector3<f64>,
+        offset: usize,
+        slope: usize,
+    },
+    Ball {
+        ball: Column,
+        /// Along and to the sides; none of them: the tip was on the centre of the ball.
+        offsets: [Option<Column>; 3],
+        balls: usize,
+        origin: usize,
+        tilts: [usize; 2],
+    },
+}
+
+impl<'k> SeenColumns<'k> {
+    fn new(columns: &mut Columns<'_>, kind: &'k RowKind) -> Result<Self, InputError> {
+        Ok(match *kind {
+            RowKind::Points { frame, ref targets } => Self::Points {
+                at: [
+                    columns.require_mm("x")?,
+                    columns.require_mm("y")?,
+                    columns.require_mm("z")?,
+                ],
+                frame,
+                targets,
+            },
+            RowKind::Sphere { drift } => {
+                let sphere = columns.get("sphere")?;
+                let [x, y, z] = OFFSET.map(|name| columns.get(name));
+                // With none of them it is the file of a touch probe; one that is missing must not make it one.
+                let offset = match [x?, y?, z?] {
+                    [None, None, None] => None,
+                    found => {
+                        let [x, y, z] = [0, 1, 2].map(|k| columns.found(OFFSET[k], found[k]));
+                        Some([x?, y?, z?])
+                    }
+                };
+                Self::Sphere {
+                    sphere,
+                    offset,
+                    drift,
+                }
+            }
+            RowKind::Distance { point: None, dead } => Self::Pair {
+                from: columns.require("from")?,
+                to: columns.require("to")?,
+                length: columns.require("length_mm")?,
+                dead,
+            },
+            RowKind::Distance {
+                point: Some(point),
+                dead,
+            } => Self::Distance {
+                length: columns.require("length_mm")?,
+                point,
+                dead,
+            },
+            RowKind::Line {
+                direction,
+                offset,
+                slope,
+            } => Self::Line {
+                deviation: columns.require("deviation_um")?,
+                direction,
+                offset,
+                slope,
+            },
+            RowKind::Ball {
+                balls,
+                origin,
+                tilts,
+            } => Self::Ball {
+                ball: columns.require("ball")?,
+                offsets: [
+                    columns.get("along_um")?,
+                    columns.get("side1_um")?,
+                    columns.get("side2_um")?,
+                ],
+                balls,
+                origin,
+                tilts,
+            },
+        })
+    }
+
+    /// Whether a row names two poses instead of being one.
+    fn is_pair(
+        &self,
+        row: &CsvRow<'_>,
+        axes: &[(Column, AxisName, usize)],
+    ) -> Result<bool, InputError> {
+        let Self::Pair {
+            from, to, length, ..
+        } = self
+        else {
+            return Ok(false);
+        };
+        let is_stated = |column: &Column| !row.cell(*column).text().is_empty();
+        let is_pair = [from, to, length].into_iter().any(is_stated);
+        if axes.iter().any(|(column, ..)| is_stated(column)) == is_pair {
+            return Err(row.error(
+                "expected either the coordinates of a pose, or `from`, `to` and `length_mm`",
+            ));
+        }
+        Ok(is_pair)
+    }
+
+    /// The reading of a row, at a pose or between two of the named ones.
+    fn read(
+        &self,
+        row: &CsvRow<'_>,
+        stand: Option<Stand>,
+        tool: &str,
+        poses: &[(String, Stand)],
+        reading: &mut Reading,
+        judge: bool,
+    ) -> Result<(Stand, Seen), InputError> {
+        let numbers = |columns: &[Column; 3]| -> Result<Vector3<f64>, InputError> {
+            let mut vector = Vector3::zeros();
+            for (place, column) in columns.iter().enumerate() {
+                vector[place] = row.cell(*column).number()?;
+            }
+            Ok(vector)
+        };
+        let mut stand = stand;
+        let seen = match *self {
+            Self::Pair {
+                from,
+                to,
+                length,
+                dead,
+            } => {
+                let [from, to] = pair(row, [from, to], poses)?;
+                stand = Some(to);
+                Seen::Pair {
+                    from,
+                    dead,
+                    length_mm: row.cell(length).number()?,
+                }
+            }
+            Self::Points {
+                ref at,
+                frame,
+                targets,
+            } => {
+                let mut targets = targets.iter();
+                let target = targets.find(|(name, _)| name == tool || name.is_empty());
+                Seen::Point {
+                    frame,
+                    target: target.and_then(|(_, place)| *place),
+                    at_mm: numbers(at)?,
+                }
+            }
+            Self::Sphere {
+                sphere,
+                ref offset,
+                drift,
+            } => {
+                let name = sphere.map_or("", |column| row.cell(column).text());
+                let centre = centre_of(name, drift, judge, row, reading)?;
+                let offset_mm = match offset {
+                    Some(columns) => numbers(columns)? * 1e-3,
+                    None => Vector3::zeros(),
+                };
+                Seen::Sphere { centre, offset_mm }
+            }
+            Self::Distance {
+                length,
+                point,
+                dead,
+            } => Seen::Distance {
+                point,
+                dead,
+                length_mm: row.cell(length).number()?,
+            },
+            Self::Line {
+                deviation,
+                direction,
+                offset,
+                slope,
+            } => Seen::Line {
+                direction,
+                offset,
+                slope,
+                deviation_mm: row.cell(deviation).number()? * 1e-3,
+            },
+            Self::Ball {
+                ball,
+                ref offsets,
+                balls,
+                origin,
+                tilts,
+            } => {
+                let cell = row.cell(ball);
+                let distance = reading.rows_of_balls[balls]
+                    .distance_of(cell.text(), &mut reading.setup)
+                    .map_err(|message| cell.error(message))?;
+                Seen::Ball {
+                    origin,
+                    tilts,
+                    distance,
+                    // Laid through all rows when they are read.
+                    axes: Matrix3::identity(),
+                    offset_mm: ball_offset(row, offsets)?,
+                }
+            }
+        };
+        let stand = stand.ok_or_else(|| row.error("expected the coordinates of a pose"))?;
+        Ok((stand, seen))
+    }
+}
+
+/// The two poses between which a row measures.
+fn pair(
+    row: &CsvRow<'_>,
+    columns: [Column; 2],
+    poses: &[(String, Stand)],
+) -> Result<[Stand; 2], InputError> {
+    let find = |column: Column| {
+        let cell = row.cell(column);
+        let pose = poses.iter().find(|(name, _)| name == cell.text());
+        pose.map(|(_, stand)| *stand).ok_or_else(|| {
+            cell.error(format!(
+                "found {}, expected the name of a pose above this row",
+                quoted(cell.text())
+            ))
+        })
+    };
+    let [from, to] = columns;
+    let pair = [find(from)?, find(to)?];
+    // From which side it came makes no other pose.
+    if pair[0].state.q == pair[1].state.q && pair[0].tip_mm == pair[1].tip_mm {
+        return Err(row.error("found the same pose twice, expected two poses that differ"));
+    }
+    Ok(pair)
+}
+
+/// Tip minus ball, mm, as far as it was read: all of it zero where there is no column for it.
+fn ball_offset(
+    row: &CsvRow<'_>,
+    columns: &[Option<Column>; 3],
+) -> Result<[Option<f64>; 3], InputError> {
+    if columns.iter().all(Option::is_none) {
+        return Ok([Some(0.0); 3]);
+    }
+    let mut offset = [None; 3];
+    for (place, column) in columns.iter().enumerate() {
+        let cell = column.map(|column| row.cell(column));
+        if let Some(cell) = cell.filter(|cell| !cell.text().is_empty()) {
+            offset[place] = Some(cell.number()? * 1e-3);
+        }
+    }
+    if offset == [None; 3] {
+        return Err(
+            row.error("found no reading, expected at least one of along_um, side1_um, side2_um")
+        );
+    }
+    Ok(offset)
+}
+
+/// The centre of a sphere, the same in all files that name it.
+fn centre_of(
+    name: &str,
+    drift: usize,
+    judge: bool,
+    row: &CsvRow<'_>,
+    reading: &mut Reading,
+) -> Result<usize, InputError> {
+    if let Some((_, place)) = reading.spheres.iter().find(|(known, _)| known == name) {
+        return Ok(*place);
+    }
+    if judge {
+        return Err(row.error(format!(
+            "sphere {} is in no fitted observation, expected one that is",
+            quoted(name)
+        )));
+    }
+    let full = if name.is_empty() {
+        "sphere".to_owned()
+    } else {
+        format!("sphere {name}")
+    };
+    let place = reading.setup.add_point(Quantity::new(full, None, drift));
+    reading.spheres.push((name.to_owned(), place));
+    Ok(place)
 }

@@ -1,53 +1,26 @@
 //! The keys of an observation's set-up: frames, targets, points and numbers, known or to be found under a name.
 
-use volcomp_document::{InputError, Section, Value};
+use std::path::Path;
+
+use volcomp_document::{InputError, ReadError, Section, Value, quoted};
 use volcomp_kinematics::nalgebra::Vector3;
 
-use crate::{
-    ball_row::Balls,
-    observations::{Kind, NumberKind, Quantity, SetUp},
-};
+use crate::observations::{Kind, NumberKind, Quantity, SetUp};
 
 /// A target that is known within more is not known.
 const MOST_WITHIN_MM: f64 = 1000.0;
 
-/// How a set-up's key is stated: a value, or a name under which it is to be found.
-#[derive(Clone, Debug, PartialEq)]
-enum Stated<T> {
-    Known(T),
-    Unknown(String),
-}
-
-/// The names under which an observation finds its set-up, with their places there: another observation may refer to them.
-pub(crate) struct NamedSetUp {
-    kind: Kind,
-    judge: bool,
-    frame: Option<(String, usize)>,
-    point: Option<(String, usize)>,
-    numbers: Vec<(NumberKind, String, usize)>,
-}
-
-impl NamedSetUp {
-    /// No name yet, of an observation of this kind that is fitted or judged.
-    pub(crate) fn new(kind: Kind, judge: bool) -> Self {
-        Self {
-            kind,
-            judge,
-            frame: None,
-            point: None,
-            numbers: Vec::new(),
-        }
-    }
-}
+/// Gives the text of a file.
+pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
 /// The set-up while observations are read.
 #[derive(Default)]
 pub(crate) struct Reading {
     pub(crate) setup: SetUp,
-    /// The names of the observations that were read before.
-    pub(crate) before: Vec<NamedSetUp>,
+    /// The names under which fitted observations of a kind find a key's part of the set-up, with its place.
+    named: Vec<(Kind, &'static str, String, usize)>,
     /// Names of tools and spheres with the place of their point.
-    pub(crate) targets: Vec<(String, usize)>,
+    targets: Vec<(String, usize)>,
     pub(crate) spheres: Vec<(String, usize)>,
     pub(crate) rows_of_balls: Vec<Balls>,
     pub(crate) notes: Vec<String>,
@@ -57,105 +30,166 @@ pub(crate) struct Reading {
     pub(crate) texts: Vec<(String, String)>,
 }
 
-/// A value, or the name of what is to be found; "known" stands for the default.
-fn stated<'v, T>(
-    value: Option<Value<'v>>,
-    default: T,
-    decode: impl Fn(&Value<'v>) -> Result<T, InputError>,
-) -> Result<Stated<T>, InputError> {
-    match value {
-        None => Ok(Stated::Known(default)),
-        Some(value) => match value.text() {
-            Ok("known") => Ok(Stated::Known(default)),
+/// One ball of a row file.
+#[derive(Clone, Debug)]
+pub(crate) struct Ball {
+    pub(crate) name: String,
+    pub(crate) distance_mm: f64,
+    pub(crate) uncertainty_mm: f64,
+    /// Its place among the numbers of the set-up, once a reading refers to it.
+    pub(crate) number: Option<usize>,
+}
+
+/// The balls of one row file; several observations may use it.
+#[derive(Clone, Debug)]
+pub(crate) struct Balls {
+    pub(crate) file: String,
+    pub(crate) balls: Vec<Ball>,
+}
+
+impl Balls {
+    /// The place among the numbers of the set-up of the distance of a ball.
+    pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
+        let file = self.file.as_str();
+        let Some(place) = self.balls.iter().position(|ball| ball.name == name) else {
+            let known: Vec<&str> = self.balls.iter().map(|ball| ball.name.as_str()).collect();
+            return Err(format!(
+                "found {}, expected a ball of {file}: {}",
+                quoted(name),
+                known.join(", ")
+            ));
+        };
+        let ball = &mut self.balls[place];
+        let number = || Quantity {
+            name: format!("{file}:ball {name}"),
+            value: Some(ball.distance_mm),
+            unknown: ball.uncertainty_mm > 0.0,
+            drift: 0,
+            known_within: Some(ball.uncertainty_mm),
+        };
+        let number = match ball.number {
+            Some(number) => number,
+            None => setup.add_number(NumberKind::Distance, number()),
+        };
+        ball.number = Some(number);
+        Ok(number)
+    }
+}
+
+/// What all keys of one observation have in common.
+pub(crate) struct Head<'a> {
+    pub(crate) section: &'a Section<'a>,
+    pub(crate) kind: Kind,
+    pub(crate) file: &'a str,
+    /// The order of the drift that it states.
+    pub(crate) drift: usize,
+    /// Whether its rows are only predicted: what it finds under a name is that of a fitted observation.
+    pub(crate) judge: bool,
+}
+
+impl Head<'_> {
+    /// The places of what earlier observations find under a key and a name.
+    fn places(&self, key: &str, name: &str, reading: &Reading) -> Vec<usize> {
+        let own = reading
+            .named
+            .iter()
+            .filter(|(kind, of, known, _)| *kind == self.kind && *of == key && known == name);
+        own.map(|(.., place)| *place).collect()
+    }
+
+    /// The one part of the set-up of a fitted observation that a judged one uses by its name.
+    fn fitted(&self, key: &str, name: &str, reading: &Reading) -> Result<usize, InputError> {
+        self.only(key, name, self.places(key, name, reading))
+    }
+
+    fn only(&self, key: &str, name: &str, mut places: Vec<usize>) -> Result<usize, InputError> {
+        places.dedup();
+        match places[..] {
+            [place] => Ok(place),
+            [] => Err(self.section.error(format!(
+                "found `judge = true` with {key} \"{name}\", expected a fitted observation of this kind with the same {key}"
+            ))),
+            _ => Err(self.section.error(format!(
+                "found `judge = true` with {key} \"{name}\", which {} fitted observations have: expected a name that only one has, the same in both",
+                places.len()
+            ))),
+        }
+    }
+
+    /// Only what is fitted drifts.
+    fn fitted_drift(&self, drift: usize) -> usize {
+        if self.judge { 0 } else { drift }
+    }
+}
+
+/// How a set-up's key is stated: a value, or a name under which it is to be found.
+#[derive(Clone, Debug, PartialEq)]
+enum Stated<T> {
+    Known(T),
+    Unknown(String),
+}
+
+impl<T> Stated<T> {
+    /// A value, or the name of what is to be found; "known" stands for the default.
+    fn decode<'v>(
+        value: Option<Value<'v>>,
+        default: T,
+        decode: impl Fn(&Value<'v>) -> Result<T, InputError>,
+    ) -> Result<Self, InputError> {
+        let Some(value) = value else {
+            return Ok(Self::Known(default));
+        };
+        match value.text() {
+            Ok("known") => Ok(Self::Known(default)),
             Ok("") => {
                 Err(value.error("found an empty name, expected \"unknown\", a name, or numbers"))
             }
-            Ok(name) => Ok(Stated::Unknown(name.to_owned())),
-            Err(_) => decode(&value).map(Stated::Known),
-        },
+            Ok(name) => Ok(Self::Unknown(name.to_owned())),
+            Err(_) => decode(&value).map(Self::Known),
+        }
+    }
+
+    fn known(self) -> Option<T> {
+        match self {
+            Self::Known(known) => Some(known),
+            Self::Unknown(_) => None,
+        }
     }
 }
 
-/// The one set-up of a fitted observation that a judged one with this name uses.
-fn fitted_place(
-    section: &Section<'_>,
-    key: &str,
-    name: &str,
-    found: Vec<usize>,
-) -> Result<usize, InputError> {
-    let mut places = found;
-    places.dedup();
-    match places[..] {
-        [place] => Ok(place),
-        [] => Err(section.error(format!(
-            "found `judge = true` with {key} \"{name}\", expected a fitted observation of this kind with the same {key}"
-        ))),
-        _ => Err(section.error(format!(
-            "found `judge = true` with {key} \"{name}\", which {} fitted observations have: expected a name that only one has, the same in both",
-            places.len()
-        ))),
-    }
-}
-
-pub(crate) fn frame(
-    section: &Section<'_>,
-    file: &str,
-    drift: usize,
-    reading: &mut Reading,
-    own: &mut NamedSetUp,
-) -> Result<usize, InputError> {
-    let value = section.get("frame");
-    let stated = match value {
+pub(crate) fn frame(of: &Head<'_>, reading: &mut Reading) -> Result<usize, InputError> {
+    let stated = match of.section.get("frame") {
         None => Stated::Unknown("unknown".to_owned()),
-        Some(_) => stated(value, [0.0; 6], Value::vector::<6>)?,
+        value => Stated::decode(value, [0.0; 6], Value::vector::<6>)?,
     };
-    let named = match &stated {
-        Stated::Known(_) => None,
-        Stated::Unknown(name) => Some(name.clone()),
-    };
-    if let Some(name) = &named {
-        let others = reading.before.iter().filter(|other| {
-            other.kind == Kind::Points && (own.judge || name != "unknown") && !other.judge
-        });
-        let places: Vec<usize> = others
-            .filter_map(|other| other.frame.as_ref().filter(|(n, _)| n == name))
-            .map(|(_, place)| *place)
-            .collect();
-        if own.judge {
-            return fitted_place(section, "frame", name, places);
-        }
-        if let Some(&place) = places.first() {
-            own.frame = Some((name.clone(), place));
-            return Ok(place);
-        }
-    }
     let place = reading.setup.frames.len();
-    reading.setup.frames.push(Quantity {
-        name: match &named {
-            Some(name) if name != "unknown" => format!("frame {name}"),
-            _ => format!("{file}:frame"),
-        },
-        value: match stated {
-            Stated::Known(six) => Some(six),
-            Stated::Unknown(_) => None,
-        },
-        unknown: named.is_some(),
-        drift: if own.judge { 0 } else { drift },
-        known_within: None,
-    });
-    own.frame = named.map(|name| (name, place));
+    let mut own_name = format!("{}:frame", of.file);
+    if let Stated::Unknown(name) = &stated {
+        if of.judge {
+            return of.fitted("frame", name, reading);
+        }
+        if name != "unknown" {
+            // Trackers under one name are one.
+            if let Some(&place) = of.places("frame", name, reading).first() {
+                return Ok(place);
+            }
+            own_name = format!("frame {name}");
+        }
+        let named = (of.kind, "frame", name.clone(), place);
+        reading.named.push(named);
+    }
+    let drift = of.fitted_drift(of.drift);
+    let frame = Quantity::new(own_name, stated.known(), drift);
+    reading.setup.frames.push(frame);
     Ok(place)
 }
 
 /// The targets by tool; the empty name stands for every tool.
 pub(crate) fn targets(
-    section: &Section<'_>,
-    file: &str,
-    drift: usize,
-    judge: bool,
+    of: &Head<'_>,
     reading: &mut Reading,
 ) -> Result<Vec<(String, Option<usize>)>, InputError> {
-    let within = section.optional("target_within_mm", |value| {
+    let within = of.section.optional("target_within_mm", |value| {
         let found = value.positive()?;
         if found <= MOST_WITHIN_MM {
             return Ok(found);
@@ -164,123 +198,105 @@ pub(crate) fn targets(
             "found {found} mm, expected at most {MOST_WITHIN_MM} mm"
         )))
     })?;
-    let Some(value) = section.get("target") else {
-        return match section.get("target_within_mm") {
+    let Some(value) = of.section.get("target") else {
+        return match of.section.get("target_within_mm") {
             Some(value) => Err(value.error(
                 "found the uncertainty of a target without `target`, expected its offset from the tip beside it",
             )),
             None => Ok(Vec::new()),
         };
     };
-    let one = |tool: &str, value: &Value<'_>, reading: &mut Reading| {
-        let stated = stated(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
-        let (known, unknown) = match stated {
-            // Within its uncertainty it is found as well.
-            Stated::Known(offset) => (Some(offset), within.is_some()),
-            Stated::Unknown(_) if within.is_some() => {
-                return Err(value.error(
-                    "found a target that is to be found beside `target_within_mm`, expected the offset that is known within that",
-                ));
-            }
-            Stated::Unknown(_) => (None, true),
-        };
-        let key = if tool.is_empty() {
-            format!("{file}:")
-        } else {
-            tool.to_owned()
-        };
-        if unknown {
-            // A target by its tool is the same in all files; one without a tool is found by a judged file of the same
-            // kind where there is one only.
-            let same: Vec<usize> = reading
-                .targets
-                .iter()
-                .filter(|(name, place)| {
-                    let is_named =
-                        *name == key || (judge && tool.is_empty() && name.ends_with(':'));
-                    is_named && reading.setup.points[*place].value == known
-                })
-                .map(|(_, place)| *place)
-                .collect();
-            if judge && known.is_none() {
-                return fitted_place(section, "target", tool, same).map(Some);
-            }
-            if let Some(&place) = same.first() {
-                return Ok(Some(place));
-            }
-        }
-        let place = reading.setup.points.len();
-        reading.setup.points.push(Quantity {
-            name: if tool.is_empty() {
-                format!("{file}:target")
-            } else {
-                format!("target {tool}")
-            },
-            value: known,
-            unknown: unknown && !judge,
-            // A target that is to be found grows with the tool, as the frame drifts.
-            drift: if unknown && !judge { drift } else { 0 },
-            known_within: within.filter(|_| !judge),
-        });
-        if unknown && !judge {
-            reading.targets.push((key, place));
-        }
-        Ok(Some(place))
+    let Ok(by_tool) = value.section() else {
+        let place = target(of, "", &value, within, reading)?;
+        return Ok(vec![(String::new(), Some(place))]);
     };
-    match value.section() {
-        Ok(by_tool) => by_tool
-            .values()
-            .map(|(tool, value)| Ok((tool.to_owned(), one(tool, &value, reading)?)))
-            .collect(),
-        Err(_) => Ok(vec![(String::new(), one("", &value, reading)?)]),
-    }
+    let targets = by_tool.values().map(|(tool, value)| {
+        let place = target(of, tool, &value, within, reading)?;
+        Ok((tool.to_owned(), Some(place)))
+    });
+    targets.collect()
 }
 
-pub(crate) fn point_of(
-    section: &Section<'_>,
-    file: &str,
-    drift: usize,
+/// The point of the target of one tool.
+fn target(
+    of: &Head<'_>,
+    tool: &str,
+    value: &Value<'_>,
+    within: Option<f64>,
     reading: &mut Reading,
-    own: &mut NamedSetUp,
 ) -> Result<usize, InputError> {
-    let value = section.require("point")?;
-    let stated = stated(Some(value), [0.0; 3], Value::vector::<3>)?;
-    if let (Stated::Unknown(name), true) = (&stated, own.judge) {
-        let others = reading.before.iter().filter(|other| other.kind == own.kind);
-        let places = others.filter_map(|o| o.point.as_ref().filter(|(n, _)| n == name));
-        return fitted_place(
-            section,
-            "point",
-            name,
-            places.map(|(_, place)| *place).collect(),
-        );
+    let stated = Stated::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
+    let known = stated.known();
+    if known.is_none() && within.is_some() {
+        return Err(value.error(
+            "found a target that is to be found beside `target_within_mm`, expected the offset that is known within that",
+        ));
     }
-    let drift = if own.judge { 0 } else { drift };
-    let place = point(section, "point", file, drift, reading)?;
+    // Within its uncertainty it is found as well.
+    let unknown = known.is_none() || within.is_some();
+    let key = if tool.is_empty() {
+        format!("{}:", of.file)
+    } else {
+        tool.to_owned()
+    };
+    if unknown {
+        // A target by its tool is the same in all files; one without a tool is found by a judged file of the same
+        // kind where there is one only.
+        let is_same = |(name, place): &&(String, usize)| {
+            let is_named = *name == key || (of.judge && tool.is_empty() && name.ends_with(':'));
+            is_named && reading.setup.points[*place].value == known
+        };
+        let same = reading.targets.iter().filter(is_same);
+        let same: Vec<usize> = same.map(|(_, place)| *place).collect();
+        if of.judge && known.is_none() {
+            return of.only("target", tool, same);
+        }
+        if let Some(&place) = same.first() {
+            return Ok(place);
+        }
+    }
+    let is_found = unknown && !of.judge;
+    let place = reading.setup.add_point(Quantity {
+        name: if tool.is_empty() {
+            format!("{}:target", of.file)
+        } else {
+            format!("target {tool}")
+        },
+        value: known,
+        unknown: is_found,
+        // A target that is to be found grows with the tool, as the frame drifts.
+        drift: if is_found { of.drift } else { 0 },
+        known_within: within.filter(|_| !of.judge),
+    });
+    if is_found {
+        reading.targets.push((key, place));
+    }
+    Ok(place)
+}
+
+pub(crate) fn point_of(of: &Head<'_>, reading: &mut Reading) -> Result<usize, InputError> {
+    let value = of.section.require("point")?;
+    let stated = Stated::decode(Some(value), [0.0; 3], Value::vector::<3>)?;
+    if let (Stated::Unknown(name), true) = (&stated, of.judge) {
+        return of.fitted("point", name, reading);
+    }
+    let place = point(of, "point", of.fitted_drift(of.drift), reading)?;
     if let Stated::Unknown(name) = stated {
-        own.point = Some((name, place));
+        reading.named.push((of.kind, "point", name, place));
     }
     Ok(place)
 }
 
 /// A point of the set-up under a key; one that is not stated is to be found.
 pub(crate) fn point(
-    section: &Section<'_>,
+    of: &Head<'_>,
     key: &str,
-    file: &str,
     drift: usize,
     reading: &mut Reading,
 ) -> Result<usize, InputError> {
-    let known = stated_vector(section, key)?.map(|(_, known)| known.into());
-    let place = reading.setup.points.len();
-    reading.setup.points.push(Quantity {
-        name: format!("{file}:{key}"),
-        value: known,
-        unknown: known.is_none(),
-        drift,
-        known_within: None,
-    });
-    Ok(place)
+    let known = stated_vector(of.section, key)?.map(|(_, known)| known.into());
+    let point = Quantity::new(format!("{}:{key}", of.file), known, drift);
+    Ok(reading.setup.add_point(point))
 }
 
 /// Three numbers under a key; `None` where the key is not there or says that they are to be found.
@@ -291,47 +307,26 @@ pub(crate) fn stated_vector<'a>(
     let Some(value) = section.get(key) else {
         return Ok(None);
     };
-    match stated(Some(value.clone()), [0.0; 3], Value::vector::<3>)? {
-        Stated::Known(known) => Ok(Some((value, Vector3::from(known)))),
-        Stated::Unknown(_) => Ok(None),
-    }
+    let stated = Stated::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
+    Ok(stated.known().map(|known| (value, Vector3::from(known))))
 }
 
 pub(crate) fn number(
-    section: &Section<'_>,
-    key: &str,
+    of: &Head<'_>,
+    key: &'static str,
     kind: NumberKind,
-    file: &str,
     drift: usize,
     reading: &mut Reading,
-    own: &mut NamedSetUp,
 ) -> Result<usize, InputError> {
-    let stated = stated(section.get(key), 0.0, Value::number)?;
-    if let (Stated::Unknown(name), true) = (&stated, own.judge) {
-        let others = reading.before.iter().filter(|other| other.kind == own.kind);
-        let places = others.flat_map(|o| &o.numbers);
-        let places = places.filter(|(k, n, _)| *k == kind && n == name);
-        return fitted_place(
-            section,
-            key,
-            name,
-            places.map(|(.., place)| *place).collect(),
-        );
-    }
+    let stated = Stated::decode(of.section.get(key), 0.0, Value::number)?;
     let place = reading.setup.numbers.len();
-    reading.setup.numbers.push(Quantity {
-        name: format!("{file}:{key}"),
-        value: match &stated {
-            Stated::Known(number) => Some(number / kind.unit().1),
-            Stated::Unknown(_) => None,
-        },
-        unknown: matches!(stated, Stated::Unknown(_)),
-        drift: if own.judge { 0 } else { drift },
-        known_within: None,
-    });
-    reading.setup.number_kinds.push(kind);
-    if let Stated::Unknown(name) = stated {
-        own.numbers.push((kind, name, place));
+    if let Stated::Unknown(name) = &stated {
+        if of.judge {
+            return of.fitted(key, name, reading);
+        }
+        reading.named.push((of.kind, key, name.clone(), place));
     }
-    Ok(place)
+    let known = stated.known().map(|number| number / kind.unit().1);
+    let number = Quantity::new(format!("{}:{key}", of.file), known, of.fitted_drift(drift));
+    Ok(reading.setup.add_number(kind, number))
 }

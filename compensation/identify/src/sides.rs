@@ -11,11 +11,6 @@ use std::collections::BTreeMap;
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
-use crate::{
-    rank::{Rank, independent, independent_without},
-    system::{Equations, System},
-};
-
 /// What a number belongs to: the run, the axis, and the coefficient of an unknown reversal value.
 pub(crate) type Key = (usize, usize, Option<usize>);
 
@@ -52,7 +47,7 @@ impl Sides {
         }
     }
 
-    /// The columns in so many equations, of all numbers or of those of unknown reversal values.
+    /// The columns of all numbers, or of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
         let wanted = self
             .0
@@ -146,63 +141,6 @@ impl Sides {
         }
         DVector::from_vec(found)
     }
-}
-
-/// What can be told apart where nothing tells from which side an axis came before it first moved: reversal values that only such
-/// rows tell of are left at zero, and some columns in any case.
-pub(crate) fn told_apart(system: &System, design: &Equations, without: &[usize]) -> Rank {
-    let rank = independent_without(&design.jacobian, without);
-    if !design.sides.has_unknown() {
-        return rank;
-    }
-    let (reversals, others): (Vec<usize>, Vec<usize>) =
-        (rank.kept.iter()).partition(|column| system.is_reversal(**column));
-    let jacobian = &design.jacobian;
-    let sides = design.sides.columns(jacobian.nrows(), true);
-    let columns_of = |columns: &[usize]| jacobian.select_columns(columns);
-    let all = [columns_of(&others), sides, columns_of(&reversals)];
-    let columns: Vec<DVector<f64>> = all
-        .iter()
-        .flat_map(|matrix| matrix.column_iter().map(Into::into))
-        .collect();
-    let place_of = |place: usize| {
-        let after = place.checked_sub(others.len() + all[1].ncols());
-        others
-            .get(place)
-            .or_else(|| after.and_then(|after| reversals.get(after)))
-            .copied()
-    };
-    let beside = independent(&DMatrix::from_columns(&columns));
-    let mixed = beside.null.iter().filter_map(|null| {
-        let listed = null.iter();
-        let mut own: Vec<(usize, f64)> = listed
-            .filter_map(|&(place, weight)| place_of(place).map(|column| (column, weight)))
-            .collect();
-        let length = own.iter().map(|(_, w)| w * w).sum::<f64>().sqrt();
-        for (_, weight) in &mut own {
-            *weight /= length;
-        }
-        place_of(null[0].0)
-            .is_some_and(|first| system.is_reversal(first))
-            .then_some(own)
-    });
-    let mixed: Vec<Vec<(usize, f64)>> = mixed.collect();
-    if mixed.is_empty() {
-        return rank;
-    }
-    // What was left at zero stays there.
-    let left: Vec<&Vec<(usize, f64)>> = rank.null.iter().chain(&mixed).collect();
-    let mut others = jacobian.clone();
-    for null in &left {
-        others.column_mut(null[0].0).fill(0.0);
-    }
-    let mut rest = independent_without(&others, without);
-    for null in &mut rest.null {
-        if let Some(own) = left.iter().find(|own| own[0].0 == null[0].0) {
-            null.clone_from(own);
-        }
-    }
-    rest
 }
 
 #[cfg(test)]

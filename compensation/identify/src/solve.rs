@@ -4,13 +4,12 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
 use crate::{
     coefficients::{Role, micro},
+    equation::{Equations, HUBER, weight},
     error::IdentifyError,
-    params::Param,
+    params::{Param, Values},
     penalty::{Penalty, choose},
-    prepared::Rows,
     sides::Sides,
-    system::{Equations, System},
-    values::Values,
+    system::{Rows, System},
 };
 
 /// How exactly the end is wanted: steps smaller than this of the standard uncertainty are none.
@@ -36,12 +35,10 @@ const SIDE_STEPS: usize = 4;
 const LARGEST_REVERSAL: f64 = 1e3;
 const MOST_STEPS: usize = 60;
 const MOST_STEPS_ROBUST: usize = 400;
-/// A search with robust weights goes so many times as far as its step where that is better still.
+/// Maximum multiple of a step in a search with robust weights.
 const LONGEST: f64 = 64.0;
 /// After the most steps a search with robust weights has ended where its last step was smaller, in standard uncertainties.
 const SMALL_ROBUST: f64 = 1e-3;
-/// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
-const HUBER: f64 = 1.345;
 
 /// What was found, and how well.
 #[derive(Clone, Debug)]
@@ -115,7 +112,7 @@ impl Solution {
     }
 }
 
-/// The most that chance makes of the sum of the squares of so many numbers of variance 1.
+/// Upper limit by chance of the sum of the squares of `freedom` numbers of variance 1.
 pub(crate) fn squares_by_chance(freedom: f64) -> f64 {
     const CHANCE: f64 = 4.0;
     freedom + CHANCE * (2.0 * freedom).sqrt()
@@ -229,12 +226,6 @@ fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVec
         all[column] = by * share;
     }
     all
-}
-
-/// How much a residual counts in a robust fit.
-pub(crate) fn weight(residual: f64) -> f64 {
-    let size = residual.abs();
-    if size > HUBER { HUBER / size } else { 1.0 }
 }
 
 /// The variance of a number with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of

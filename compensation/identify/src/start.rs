@@ -6,15 +6,13 @@ use volcomp_kinematics::{
 };
 
 use crate::{
-    design::design,
     error::IdentifyError,
-    observations::{Observations, Row, Seen},
-    params::{Param, Part},
-    prepared::Rows,
+    fit::design,
+    observations::{Observations, Part, Row, Seen},
+    params::{Param, Values},
     rank::independent,
     solve::{Exactness, solve},
-    system::System,
-    values::Values,
+    system::{Rows, System},
 };
 
 /// Fewer rows do not determine targets and a general matrix for the frame.
@@ -232,7 +230,7 @@ fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     }
 }
 
-/// Centres of spheres from the tips that stand there; points of bars by trilateration.
+/// Centres of spheres from the tips on them; points of bars by trilateration.
 fn points_of_spheres_and_bars(
     system: &System,
     observations: &Observations,

@@ -1,23 +1,22 @@
-//! The equations of some rows: parameters, residuals and their derivatives.
+//! What is to be found of which machine, and rows prepared for it: the part of each row that does not change while the parameters do.
+//!
+//! Errors may follow unknowns: what else of the machine is another one where an unknown has another value, because it was fitted to
+//! readings that contain the unknown (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
-use volcomp_model::Machine;
+use std::collections::BTreeMap;
+
+use volcomp_kinematics::{ErrorMotion, ErrorSource, State, nalgebra::Vector3};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::{Component, Direction, Displacement, MAX_AXES};
 
 use crate::{
-    checked::check,
+    checks::input::check,
     coefficients::{Coefficient, Role, Unknowns, micro},
+    derivatives::{Errors, component_of},
     error::IdentifyError,
-    followers::Following,
-    observations::{Observations, SetUp},
-    params::{self, Param, Params, Part},
-    prepared::Rows,
-    sides::Sides,
-    solve::weight,
-    values::Values,
+    observations::{Observations, Part, Row, Seen, SetUp, Stand},
+    params::{self, Param, Parameter, Params, Values},
 };
-
-/// Drifts of frames in six components, of points in three, of numbers.
-const DRIFT_GROUPS: usize = 10;
 
 /// What is to be found, and the machine of which it is found.
 #[derive(Clone, Debug)]
@@ -28,33 +27,10 @@ pub(crate) struct System {
     /// How many groups of parameters have a penalty each.
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
-    /// Errors that follow unknowns.
-    pub(crate) followers: Vec<Following>,
+    /// Errors that follow unknowns: coefficient, and the follower in mm and rad.
+    followers: Vec<(usize, Follower)>,
     /// Axis, component, coefficient of every location error that follows an unknown, and what one unit of it makes.
     pub(crate) following_locations: Vec<(usize, usize, usize, f64)>,
-}
-
-/// Residuals (one to three for each row) and their derivatives, both divided by the uncertainty.
-pub(crate) struct Equations {
-    /// Residuals in units of their uncertainty.
-    pub(crate) residuals: DVector<f64>,
-    /// Their derivatives by every parameter.
-    pub(crate) jacobian: DMatrix<f64>,
-    /// For each row its first equation and how many it has.
-    pub(crate) places: Vec<(usize, usize)>,
-    /// How they are moved by sides from which axes came, which are not known.
-    pub(crate) sides: Sides,
-}
-
-impl Equations {
-    /// The same where the sides are eliminated: numbers that are independent again.
-    fn without_sides(mut self) -> Self {
-        if self.sides.len() > 0 {
-            self.sides.eliminate(&mut self.jacobian);
-            self.sides.eliminate_from(&mut self.residuals);
-        }
-        self
-    }
 }
 
 impl System {
@@ -104,110 +80,6 @@ impl System {
         Values::stated(&self.setup, coefficients.collect())
     }
 
-    /// The residuals and their derivatives, without the sides that are not known: numbers that are independent.
-    pub(crate) fn equations(&self, rows: &Rows, values: &Values) -> Equations {
-        self.plain_equations(rows, values, false).without_sides()
-    }
-
-    /// The residuals and their derivatives. `design`: the derivatives of the ideal machine with readings that fit it
-    /// exactly, from which it is judged what can be told apart. Rows before an axis first moved are as if they had the mean of
-    /// both directions.
-    pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
-        let mut places = Vec::with_capacity(rows.len());
-        let mut count = 0;
-        for row in rows.iter() {
-            let of_row = row.seen.count();
-            places.push((count, of_row));
-            count += of_row;
-        }
-        let calibrated = self.calibrated(values);
-        let total = count + calibrated.len();
-        let mut equations = Equations {
-            residuals: DVector::zeros(total),
-            jacobian: DMatrix::zeros(total, self.params.len()),
-            places,
-            sides: Sides::default(),
-        };
-        for (place, row) in rows.0.iter().enumerate() {
-            self.write_row(row, values, design, place, &mut equations);
-        }
-        // What a calibration says of a number is one more observation of it.
-        for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
-            equations.residuals[count + row] = residual / uncertainty;
-            // Whether something can be told apart is judged as if it were exact: however wide, it leaves nothing open.
-            let least = if design {
-                equations.jacobian.column(column).norm()
-            } else {
-                0.0
-            };
-            equations.jacobian[(count + row, column)] = least.max(1.0 / uncertainty);
-        }
-        equations
-    }
-
-    /// The numbers that are found beside what a calibration or a ruler says of them: column, how much more they are than that, and
-    /// its uncertainty.
-    fn calibrated(&self, values: &Values) -> Vec<(usize, f64, f64)> {
-        let mut found = Vec::new();
-        for (number, quantity) in self.setup.numbers.iter().enumerate() {
-            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
-                let columns = self.params.of(Part::Number(number)).iter();
-                let more = values.numbers[number][0] - stated;
-                found.extend(columns.map(|column| (column, more, within)));
-            }
-        }
-        for (point, quantity) in self.setup.points.iter().enumerate() {
-            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
-                let columns = self.params.of(Part::Point(point)).iter();
-                let now = values.points[point][0];
-                found.extend(
-                    columns
-                        .map(|column| (column, now[column.place] - stated[column.place], within)),
-                );
-            }
-        }
-        let does_not_drift = found.into_iter().filter(|(column, ..)| column.order == 0);
-        does_not_drift
-            .filter(|(.., within)| *within > 0.0)
-            .map(|(column, more, within)| (column.param, more, within))
-            .collect()
-    }
-
-    /// The residuals alone of every row, mm: three numbers, or one and two zeros. Rows before an axis first moved have the
-    /// side that they fit best, or less of it.
-    pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        /// So often the rows that do not fit are counted less.
-        const ROUNDS: usize = 5;
-        /// What was found is uncertain, too, where a row tells nothing of it: by so many uncertainties of a reading at the most.
-        const WITHIN: f64 = 8.0;
-        let mut equations = self.plain_equations(rows, values, false);
-        if equations.sides.len() > 0 {
-            let mut sides = DVector::zeros(equations.sides.len());
-            let columns = equations.sides.columns(equations.residuals.len(), false);
-            for _ in 0..ROUNDS {
-                let mut left = equations.residuals.clone();
-                equations.sides.add_to(&mut left, &sides);
-                let roots = left.map(|residual| weight(residual).sqrt());
-                let mut weighted = equations.sides.clone();
-                weighted.scale(|equation| roots[equation]);
-                // An axis came from one side or from the other: a slip is no side.
-                sides = weighted.estimate(&equations.residuals.component_mul(&roots));
-                for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
-                    let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
-                    *side = side.clamp(-most, most);
-                }
-            }
-            equations.sides.add_to(&mut equations.residuals, &sides);
-        }
-        in_mm(rows, &equations)
-    }
-
-    /// The same of rows as they are without any error, before it is known how large errors are: rows before an axis first
-    /// moved as if they had the mean of both directions.
-    pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        in_mm(rows, &self.plain_equations(rows, values, false))
-    }
-
     /// The group and the weight of a parameter in the penalty.
     pub(crate) fn group(&self, param: usize) -> Option<(usize, f64)> {
         match self.params.at(param) {
@@ -246,16 +118,376 @@ impl System {
     }
 }
 
-/// Residuals of every row, mm.
-fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
-    let places = equations.places.iter().zip(rows.iter());
-    places
-        .map(|(&(first, count), row)| {
-            let mut residual = Vector3::zeros();
-            for k in 0..count {
-                residual[k] = equations.residuals[first + k] * row.uncertainty_mm;
+/// Drifts of frames in six components, of points in three, of numbers.
+const DRIFT_GROUPS: usize = 10;
+
+/// Coordinates that differ by less are those of one pose, mm or deg.
+const SAME_POSE: f64 = 1e-6;
+
+/// A pose with what of it does not change while the parameters do.
+#[derive(Clone, Debug)]
+pub(crate) struct PreparedStand {
+    pub(crate) stand: Stand,
+    /// Coordinates, mm or deg; of an axis with a `modulo` within one turn from 0.
+    within_turn: [f64; MAX_AXES],
+    /// The errors that are known, unknown location errors as zero.
+    pub(crate) known: Errors,
+    /// Axis, component, coefficient and what one unit of it makes.
+    pub(crate) terms: Vec<(usize, usize, usize, f64)>,
+    /// The axes of which it is not known from which side they came.
+    pub(crate) sides: Vec<UnknownSide>,
+}
+
+/// An axis of which it is not known from which side it came, and what more its errors are where it came in the positive direction.
+#[derive(Clone, Debug)]
+pub(crate) struct UnknownSide {
+    pub(crate) axis: usize,
+    /// Of the errors that are known.
+    pub(crate) known: ErrorMotion,
+    /// Component and coefficient of each unknown reversal value, of which it is half.
+    pub(crate) unknown: Vec<(usize, usize)>,
+}
+
+/// The cells of a grid over the coordinates in which a pose of the same coordinates may be: one, and more where one is nearly at
+/// the border. Poses in no common cell differ.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "a number beyond all cells is in the last one"
+)]
+fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
+    /// Cells are much wider than what makes another pose, so that few poses are near a border.
+    const WIDTH: f64 = 1e3 * SAME_POSE;
+    /// Coordinates are round numbers as a rule: borders are none.
+    const BORDER: f64 = 0.381_966;
+    let mut cells = vec![[0; MAX_AXES]];
+    for (axis, at) in at.iter().enumerate() {
+        let [low, high] =
+            [-1.0, 1.0].map(|side| ((at + side * SAME_POSE) / WIDTH + BORDER).floor() as i64);
+        for cell in &mut cells {
+            cell[axis] = low;
+        }
+        if high != low {
+            let mut others = cells.clone();
+            for cell in &mut others {
+                cell[axis] = high;
             }
-            residual
+            cells.extend(others);
+        }
+    }
+    cells
+}
+
+/// A row with its poses and, mm, the tip of the ideal machine.
+#[derive(Clone, Debug)]
+pub(crate) struct PreparedRow {
+    pub(crate) row: Row,
+    pub(crate) stand: PreparedStand,
+    pub(crate) from: Option<PreparedStand>,
+    pub(crate) ideal_mm: Vector3<f64>,
+}
+
+/// The rows of a system, prepared.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rows(pub(crate) Vec<PreparedRow>);
+
+impl Rows {
+    pub(crate) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub(crate) fn get(&self, place: usize) -> &Row {
+        &self.0[place].row
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Row> {
+        self.0.iter().map(|row| &row.row)
+    }
+
+    /// At which pose the machine stood in each row, counted from 0, and how many poses there are. Rows whose axes stand
+    /// within 1e-6 mm or deg are of one pose, and so are those a turn of a `modulo` apart.
+    pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
+        let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
+        let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();
+        let mut pose_of = Vec::with_capacity(self.len());
+        for row in &self.0 {
+            let at = &row.stand.within_turn;
+            let is_same = |place: &usize| {
+                let mut both = poses[*place].iter().zip(at);
+                both.all(|(a, b)| (a - b).abs() < SAME_POSE)
+            };
+            let cells = cells(at);
+            let known = cells.iter().filter_map(|cell| near.get(cell)).flatten();
+            let same = known.copied().filter(is_same).min();
+            let place = same.unwrap_or(poses.len());
+            pose_of.push(place);
+            if same.is_none() {
+                poses.push(at);
+                for cell in cells {
+                    near.entry(cell).or_default().push(place);
+                }
+            }
+        }
+        (pose_of, poses.len())
+    }
+
+    /// Only these rows.
+    pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept = self.0.iter().enumerate().filter(|(place, _)| keep(*place));
+        Self(kept.map(|(_, row)| row.clone()).collect())
+    }
+}
+
+impl System {
+    /// Prepares rows: their known errors and the modes at their coordinates.
+    pub(crate) fn prepare<'r>(&self, rows: impl Iterator<Item = &'r Row>) -> Rows {
+        let prepared = rows.map(|row| PreparedRow {
+            row: row.clone(),
+            stand: self.prepare_stand(&row.stand),
+            from: match &row.seen {
+                Seen::Pair { from, .. } => Some(self.prepare_stand(from)),
+                _ => None,
+            },
+            ideal_mm: row.stand.ideal_tip_mm(self.machine.chain()),
+        });
+        Rows(prepared.collect())
+    }
+
+    fn prepare_stand(&self, stand: &Stand) -> PreparedStand {
+        let source = self.machine.source(&Temperatures::default());
+        let mut known = Errors::default();
+        for axis in 0..self.machine.axes().len() {
+            known.motion[axis] = source.error_motion(axis, &stand.state);
+            known.location[axis] = source.location(axis);
+            known.assembly[axis] = source.assembly(axis);
+        }
+        for &(axis, component, _) in &self.unknowns.locations {
+            *component_of(&mut known.location[axis], component) = 0.0;
+        }
+        let at = self.machine.curve_coordinates(&stand.state);
+        let modes: Vec<Vec<f64>> = self
+            .unknowns
+            .curves
+            .iter()
+            .map(|u| {
+                u.modes
+                    .as_ref()
+                    .map_or_else(Vec::new, |m| m.values(at[u.axis]))
+            })
+            .collect();
+        let products: Vec<Vec<f64>> = self
+            .unknowns
+            .curves
+            .iter()
+            .zip(&modes)
+            .map(|(u, own)| {
+                u.products
+                    .as_ref()
+                    .map_or_else(Vec::new, |p| p.values(own, at[p.axis()]))
+            })
+            .collect();
+        let mut terms = Vec::new();
+        for (place, coefficient) in self.unknowns.coefficients.iter().enumerate() {
+            let axis = self.unknowns.curves[coefficient.curve].axis;
+            let value = match coefficient.role {
+                Role::Location => continue,
+                Role::Mode(mode) => modes[coefficient.curve][mode],
+                Role::Product(place) => products[coefficient.curve][place],
+                Role::Reversal => 0.5 * stand.state.approach[axis].map_or(0.0, Direction::sign),
+            };
+            if value != 0.0 {
+                terms.push((axis, coefficient.error.component.index(), place, value));
+            }
+        }
+        let mut within_turn = [0.0; MAX_AXES];
+        let axes = self.machine.axes().iter().zip(&stand.state.q);
+        for ((axis, &q), place) in axes.zip(&mut within_turn) {
+            let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
+            let turns = axis
+                .modulo
+                .map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
+            *place = at - turns;
+        }
+        let mut prepared = PreparedStand {
+            stand: *stand,
+            within_turn,
+            known,
+            terms,
+            sides: self.unknown_sides(stand),
+        };
+        self.follow(&mut prepared);
+        prepared
+    }
+
+    /// The axes of a pose of which it is not known from which side they came.
+    fn unknown_sides(&self, stand: &Stand) -> Vec<UnknownSide> {
+        let source = self.machine.source(&Temperatures::default());
+        let axes = 0..self.machine.axes().len();
+        axes.filter(|axis| stand.state.approach[*axis].is_none())
+            .map(|axis| {
+                let mut forward = stand.state;
+                forward.approach[axis] = Some(Direction::Positive);
+                let [from, to] = [&stand.state, &forward].map(|at| source.error_motion(axis, at));
+                let listed = self.unknowns.coefficients.iter().enumerate();
+                let own = listed.filter(|(_, coefficient)| {
+                    coefficient.role == Role::Reversal
+                        && self.unknowns.curves[coefficient.curve].axis == axis
+                });
+                UnknownSide {
+                    axis,
+                    known: ErrorMotion {
+                        linear_mm: to.linear_mm - from.linear_mm,
+                        angular_rad: to.angular_rad - from.angular_rad,
+                    },
+                    unknown: own
+                        .map(|(place, coefficient)| (coefficient.error.component.index(), place))
+                        .collect(),
+                }
+            })
+            .collect()
+    }
+}
+
+/// How the other errors of a machine follow one unknown: straight, as far as they are known.
+#[derive(Clone, Debug)]
+pub struct Follower {
+    /// The unknown by its name among the parameters.
+    parameter: String,
+    /// Its value with which the machine of the observations was made, in the unit of the parameter.
+    value: f64,
+    /// A machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
+    machines: [Machine; 2],
+    by: f64,
+}
+
+impl Follower {
+    /// A follower of an unknown error, which has now the value with which the machine of the observations was made:
+    /// `machines` are a machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
+    ///
+    /// # Errors
+    /// [`IdentifyError::NotFollowing`] for a number of a set-up, for a change that is no number or 0, and for machines of two
+    /// structures.
+    pub fn new(
+        parameter: &Parameter,
+        machines: [Machine; 2],
+        by: f64,
+    ) -> Result<Self, IdentifyError> {
+        let refused = |why| IdentifyError::NotFollowing {
+            parameter: parameter.name.clone(),
+            why,
+        };
+        if parameter.error.is_none() {
+            return Err(refused(
+                "it is a number of a set-up, expected an error of the machine",
+            ));
+        }
+        if !by.is_finite() || by == 0.0 {
+            return Err(refused("expected a change that is a number and not 0"));
+        }
+        if machines[0].chain().structure() != machines[1].chain().structure() {
+            return Err(refused("expected two machines of one structure"));
+        }
+        Ok(Self {
+            parameter: parameter.name.clone(),
+            value: parameter.value,
+            machines,
+            by,
         })
-        .collect()
+    }
+
+    /// The unknown by its name among the parameters.
+    pub fn parameter(&self) -> &str {
+        &self.parameter
+    }
+
+    /// The same where the machine of the observations was made with another value of the unknown, in the unit of the parameter.
+    #[must_use]
+    pub fn with_value(self, value: f64) -> Self {
+        Self { value, ..self }
+    }
+
+    /// What one unit of the unknown adds to an error: six numbers.
+    fn rate(&self, of: impl Fn(&Machine) -> ErrorMotion) -> [f64; 6] {
+        let [from, to] = [&self.machines[0], &self.machines[1]].map(of);
+        let (linear, angular) = (
+            (to.linear_mm - from.linear_mm) / self.by,
+            (to.angular_rad - from.angular_rad) / self.by,
+        );
+        std::array::from_fn(|k| if k < 3 { linear[k] } else { angular[k - 3] })
+    }
+}
+
+impl System {
+    /// The system with errors that follow its unknowns.
+    ///
+    /// # Errors
+    /// A follower of an unknown that it does not have, or with machines of another structure.
+    pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Result<Self, IdentifyError> {
+        let none = Temperatures::default();
+        for follower in followers {
+            let mut unknowns = self.unknowns.coefficients.iter();
+            let Some(coefficient) = unknowns.position(|c| c.name == follower.parameter) else {
+                return Err(IdentifyError::NotFollowing {
+                    parameter: follower.parameter.clone(),
+                    why: "it is none of the unknowns of the observations",
+                });
+            };
+            if follower.machines[0].chain().structure() != self.machine.chain().structure() {
+                return Err(IdentifyError::NotFollowing {
+                    parameter: follower.parameter.clone(),
+                    why: "its machines have another structure than that of the observations",
+                });
+            }
+            let scale = micro(self.unknowns.coefficients[coefficient].error.component);
+            let follower = Follower {
+                value: follower.value / scale,
+                by: follower.by / scale,
+                ..follower.clone()
+            };
+            for axis in 0..self.machine.axes().len() {
+                let rate = follower.rate(|machine| machine.source(&none).location(axis));
+                for (component, rate) in rate.into_iter().enumerate() {
+                    if rate != 0.0 && !self.is_unknown(axis, component, true) {
+                        let by = (axis, component, coefficient, rate);
+                        self.following_locations.push(by);
+                    }
+                }
+            }
+            self.followers.push((coefficient, follower));
+        }
+        Ok(self)
+    }
+
+    /// Takes what follows the unknowns into a prepared pose: the known errors as they were without them, and a term for each.
+    pub(crate) fn follow(&self, stand: &mut PreparedStand) {
+        let none = Temperatures::default();
+        let state: State = stand.stand.state;
+        for (coefficient, follower) in &self.followers {
+            for axis in 0..self.machine.axes().len() {
+                let motion = |machine: &Machine| machine.source(&none).error_motion(axis, &state);
+                for (component, rate) in follower.rate(motion).into_iter().enumerate() {
+                    if rate != 0.0 && !self.is_unknown(axis, component, false) {
+                        let known = component_of(&mut stand.known.motion[axis], component);
+                        *known -= rate * follower.value;
+                        let term = (axis, component, *coefficient, rate);
+                        stand.terms.push(term);
+                    }
+                }
+            }
+        }
+        for &(axis, component, coefficient, rate) in &self.following_locations {
+            let mut followers = self.followers.iter();
+            let own = followers.find(|(of, _)| *of == coefficient);
+            let value = own.map_or(0.0, |(_, follower)| follower.value);
+            *component_of(&mut stand.known.location[axis], component) -= rate * value;
+        }
+    }
+
+    /// Whether an error of an axis is unknown itself.
+    fn is_unknown(&self, axis: usize, component: usize, location: bool) -> bool {
+        self.unknowns.curves.iter().any(|unknown| {
+            unknown.axis == axis
+                && unknown.error.location == location
+                && Component::ALL.get(component) == Some(&unknown.error.component)
+        })
+    }
 }

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     basis::Basis,
-    checked::{LEAST_SPLINE, MOST_COEFFICIENTS, MOST_SECOND},
+    checks::input::{LEAST_SPLINE, MOST_COEFFICIENTS, MOST_SECOND},
     observations::{SecondAxis, Unknown},
 };
 
@@ -125,14 +125,7 @@ fn decode_item(
     penalised: bool,
 ) -> Result<Unknown, InputError> {
     let Ok(section) = item.section() else {
-        let error = decode_name(item, machine)?;
-        return Ok(Unknown {
-            error,
-            basis: Some(Basis::Constant),
-            second: None,
-            reversal: false,
-            penalised: false,
-        });
+        return Ok(Unknown::constant(decode_name(item, machine)?));
     };
     section.allow(&[
         "error", "legendre", "bspline", "fourier", "second", "reversal", "penalty",

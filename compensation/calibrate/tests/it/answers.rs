@@ -1,27 +1,48 @@
 //! The questions of a draft, answered as somebody types them.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
 use volcomp_model::Machine;
 
-/// A folder with some measurement files of the example, and their draft.
-fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
+/// A folder with the machine of the example and what `fill` writes there, and its draft.
+fn drafted_in(fill: impl FnOnce(&Path, &Path)) -> (tempfile::TempDir, Draft) {
     let dir = tempfile::tempdir().expect("writable");
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
-    for name in names.iter().chain(&["machine.toml"]) {
-        std::fs::copy(examples.join(name), dir.path().join(name)).expect("there");
-    }
-    let machine = Machine::read(dir.path().join("machine.toml")).expect("right");
-    let base: PathBuf = dir.path().to_owned();
+    let machine = dir.path().join("machine.toml");
+    std::fs::copy(examples.join("machine.toml"), &machine).expect("there");
+    fill(&examples, dir.path());
+    let machine = Machine::read(machine).expect("right");
+    let base = dir.path().to_owned();
     let named = |path: &Path| {
-        path.strip_prefix(&base)
-            .expect("in it")
-            .display()
-            .to_string()
+        let inside = path.strip_prefix(&base).expect("in it");
+        inside.display().to_string()
     };
-    let found = draft(dir.path(), &machine, "machine.toml", named).expect("readable");
+    let found = draft(&base, &machine, "machine.toml", named).expect("readable");
     (dir, found)
+}
+
+/// The draft of some measurement files of the example.
+fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
+    drafted_in(|examples, folder| {
+        for name in names {
+            std::fs::copy(examples.join(name), folder.join(name)).expect("there");
+        }
+    })
+}
+
+/// The draft of files with these texts.
+fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
+    drafted_in(|_, folder| {
+        for (name, text) in files {
+            std::fs::write(folder.join(name), text).expect("writable");
+        }
+    })
+}
+
+/// Keys that are open.
+fn open_keys(draft: &Draft) -> Vec<String> {
+    draft.questions.iter().map(|of| of.key.clone()).collect()
 }
 
 fn answer(of: Subject, key: &str, value: &str) -> Answer {
@@ -162,10 +183,7 @@ fn what_is_left_out_is_told() {
 fn a_unit_of_angle_asks_for_the_bridge() {
     let (_dir, found) = drafted(&["ezx-level.csv"]);
     let of = Subject::Measurement(0);
-    let keys = |draft: &Draft| -> Vec<String> {
-        draft.questions.iter().map(|of| of.key.clone()).collect()
-    };
-    assert!(!keys(&found).contains(&"bridge_mm".to_owned()));
+    assert!(!open_keys(&found).contains(&"bridge_mm".to_owned()));
     // In whichever order they come.
     let answers = [
         answer(of.clone(), "bridge_mm", "150"),
@@ -184,35 +202,6 @@ fn a_unit_of_angle_asks_for_the_bridge() {
     assert!(!plain.text.contains("angular"), "{}", plain.text);
     let none = found.answered(&[answer(of, "unit", "inch")]);
     assert!(none.expect_err("no unit").to_string().contains("one of mm"));
-}
-
-/// Keys that are open.
-fn open_keys(draft: &Draft) -> Vec<String> {
-    draft.questions.iter().map(|of| of.key.clone()).collect()
-}
-
-/// The draft of a folder with these files and the machine of the example.
-fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
-    let dir = tempfile::tempdir().expect("writable");
-    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
-    std::fs::copy(
-        examples.join("machine.toml"),
-        dir.path().join("machine.toml"),
-    )
-    .expect("there");
-    for (name, text) in files {
-        std::fs::write(dir.path().join(name), text).expect("writable");
-    }
-    let machine = Machine::read(dir.path().join("machine.toml")).expect("right");
-    let base: PathBuf = dir.path().to_owned();
-    let named = |path: &Path| {
-        path.strip_prefix(&base)
-            .expect("in it")
-            .display()
-            .to_string()
-    };
-    let found = draft(dir.path(), &machine, "machine.toml", named).expect("readable");
-    (dir, found)
 }
 
 const ARCH: &str =
@@ -254,22 +243,6 @@ fn an_error_of_another_axis_than_the_name_says_asks_where_that_axis_stood() {
         done.text.contains("at = { X = 120.0, Z = \"?\" }"),
         "{}",
         done.text
-    );
-}
-
-/// A log may hold the motion of the table as well.
-#[test]
-fn a_log_of_a_straightness_asks_for_its_sign() {
-    let log = "M:X 2026-01-01 00:00:00.000000 0.0\nD:P 2026-01-01 00:00:00.500000 0.0\nM:X 2026-01-01 00:00:05.000000 150.0\nD:P 2026-01-01 00:00:05.500000 0.001\n";
-    let (_dir, found) = drafted_of(&[("ezx.log", log)]);
-    assert_eq!(
-        found.proposed[0].error.map(|e| e.to_string()).as_deref(),
-        Some("EZX")
-    );
-    assert!(
-        open_keys(&found).contains(&"sign".to_owned()),
-        "{:?}",
-        open_keys(&found)
     );
 }
 

@@ -1,9 +1,9 @@
 //! Readings of straightness lines on both sides of `b`, from products of homogeneous matrices that this file writes out, on a
 //! machine whose file keeps a constant turn of a rotary axis.
 
-use std::{fmt::Write as _, fs};
+use std::fmt::Write as _;
 
-use volcomp_calibrate::{CalibrationFile, calibrate};
+use crate::lab::Lab;
 
 type M = [[f64; 4]; 4];
 
@@ -69,29 +69,21 @@ fn exy(y: f64) -> f64 {
 
 #[test]
 fn a_kept_turn_of_the_tool_is_no_squareness() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
-    let file = |name: &str, reading: fn(f64) -> f64| {
+    let file = |lab: &Lab, name: &str, reading: fn(f64) -> f64| {
         let mut csv = String::from("target,deviation\n");
         for step in 0..=5 {
             let target = 100.0 * f64::from(step);
             writeln!(csv, "{target},{:.9}", reading(target)).expect("a String");
         }
-        write(name, &csv);
+        lab.write(name, &csv);
     };
-    file("eyx.csv", eyx);
-    file("exy.csv", exy);
     let geometry = "structure = \"w X' b Y Z C B t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\nC.travel = [-90, 90]\nB.travel = [-90, 90]\n";
-    let lines = "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nunit = \"um\"\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\nunit = \"um\"\n[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 0.0\n";
+    let lines = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nunit = \"um\"\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\nunit = \"um\"\n[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 0.0\n";
     for kept in ["", "[errors]\nECC = 100.0\n"] {
-        write("machine.toml", &format!("{geometry}{kept}"));
-        let calibration = write("calibration.toml", lines);
-        let file = CalibrationFile::read(&calibration).expect("read");
-        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        let lab = Lab::new(&format!("{geometry}{kept}"));
+        file(&lab, "eyx.csv", eyx);
+        file(&lab, "exy.csv", exy);
+        let found = lab.calibrated(lines);
         let (_, value) = found.squareness[0];
         assert!((value.0 - SQUARE * 1e6).abs() < 0.01, "{kept}: {value}");
     }

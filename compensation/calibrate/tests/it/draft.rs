@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use volcomp_calibrate::{CalibrationFile, Draft, calibrate, draft};
+use volcomp_calibrate::{CalibrationFile, Draft, draft};
 use volcomp_metrology::{DeviationUnit, Measurement, Metadata, Quantity, Reading, write_renishaw};
 use volcomp_model::Machine;
 use volcomp_vocabulary::Direction;
@@ -79,17 +79,6 @@ impl Shop {
 
     fn read(&self) -> Result<CalibrationFile, String> {
         CalibrationFile::read(&self.0.path().join("c.toml")).map_err(|error| error.to_string())
-    }
-
-    /// Puts answers in the place of questions.
-    fn answer(&self, answers: &[(&str, &str)]) {
-        let path = self.0.path().join("c.toml");
-        let mut text = fs::read_to_string(&path).expect("read");
-        for (from, to) in answers {
-            assert!(text.contains(from), "no {from} in\n{text}");
-            text = text.replace(from, to);
-        }
-        fs::write(path, text).expect("written");
     }
 }
 
@@ -189,53 +178,6 @@ fn what_headers_names_and_titles_say_is_proposed_and_the_rest_asked() {
 }
 
 #[test]
-fn a_draft_whose_questions_are_answered_is_calibrated() {
-    let shop = Shop::new(&[
-        ("exx.rtl", linear("X", "", 1.0)),
-        (
-            "ecy.rta",
-            laser("Y", "", DeviationUnit::Urad, Quantity::Angle, 2.0),
-        ),
-    ]);
-    let found = shop.draft();
-    assert_eq!(found.questions.len(), 4 + 3, "{:?}", found.questions);
-    let steps = [
-        ("measurement.at", "where did axis"),
-        ("point", "where was the measured point"),
-        ("rides", "on which side"),
-        ("sign", "whose motion"),
-    ];
-    let answers = [
-        vec![
-            ("X = \"?\"", "X = 0.0"),
-            ("Y = \"?\"", "Y = 0.0"),
-            ("Z = \"?\"", "Z = 0.0"),
-        ],
-        vec![("point = \"?\"", "point = [0.0, 0.0, 0.0]")],
-        vec![("rides = \"?\"", "rides = \"carriage\"")],
-        vec![("sign = \"?\"", "sign = 1")],
-    ];
-    for ((key, asked), answers) in steps.into_iter().zip(answers) {
-        let refused = shop.read().unwrap_err();
-        let last = key.rsplit('.').next().expect("a key");
-        assert!(
-            refused.contains(asked) && refused.contains(last),
-            "{key}: {refused}"
-        );
-        shop.answer(&answers);
-    }
-    let file = shop.read().expect("complete");
-    // A curve for each direction.
-    assert_eq!(
-        calibrate(&file, |_, _| {})
-            .expect("calibrated")
-            .curves
-            .len(),
-        4
-    );
-}
-
-#[test]
 fn files_for_one_place_and_contradictions_are_named() {
     let shop = Shop::new(&[
         ("x-y50-z0.rtl", linear("X", "", 1.0)),
@@ -286,21 +228,6 @@ fn texts_of_files_stay_comments() {
         1
     );
     assert!(shop.read().unwrap_err().contains("open question"));
-}
-
-#[test]
-fn an_angle_under_the_name_of_a_straightness_is_a_bridge() {
-    let shop = Shop::new(&[(
-        "ezx.rta",
-        laser("X", "", DeviationUnit::Urad, Quantity::Angle, 1.0),
-    )]);
-    let found = shop.draft();
-    assert!(
-        found.text.contains("method = \"angular\""),
-        "{}",
-        found.text
-    );
-    assert!(keys(&found, "ezx.rta").contains(&"bridge_mm".to_owned()));
 }
 
 #[test]

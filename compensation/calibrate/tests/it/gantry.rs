@@ -1,11 +1,13 @@
 //! A gantry measured along lines away from the points at which its errors are stated, noise free.
 
-use std::{fmt::Write, fs, path::Path};
+use std::fmt::Write;
 
-use volcomp_calibrate::{CalibrationFile, Quality, calibrate};
+use volcomp_calibrate::{Quality, calibrate};
 use volcomp_kinematics::{ErrorSource, Form};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, ErrorName, Um, Urad};
+
+use crate::lab::Lab;
 
 fn axes() -> String {
     volcomp_test_support::machines::gantry([[0.0, 2000.0], [0.0, 1000.0], [0.0, 800.0]])
@@ -33,7 +35,7 @@ fn truth(text: &str) -> Machine {
 
 /// Readings of `error` along its axis, 11 targets, computed by the rule of the measured line:
 /// δ + ε × lever, lever given.
-fn write_line(folder: &Path, machine: &Machine, error: &str, lever: impl Fn(f64) -> [f64; 3]) {
+fn write_line(lab: &Lab, machine: &Machine, error: &str, lever: impl Fn(f64) -> [f64; 3]) {
     let name: ErrorName = error.parse().expect("an error name");
     let index = machine.index_of(name.axis).expect("an axis");
     let [low, high] = machine.axis(name.axis).expect("an axis").travel;
@@ -58,16 +60,16 @@ fn write_line(folder: &Path, machine: &Machine, error: &str, lever: impl Fn(f64)
             writeln!(csv, "{q},1,{sign},{value:.9}").expect("a String");
         }
     }
-    fs::write(folder.join(format!("{error}.csv")), csv).expect("written");
+    lab.write(&format!("{error}.csv"), &csv);
 }
 
 #[test]
 fn the_volumetric_error_comes_back() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(&axes());
     let machine = truth(TRUTH);
-    let mut calibration = String::from("machine = \"machine.toml\"\n");
+    let mut calibration = String::new();
     let mut measure = |error: &str, keys: &str, lever: &dyn Fn(f64) -> [f64; 3]| {
-        write_line(folder.path(), &machine, error, lever);
+        write_line(&lab, &machine, error, lever);
         writeln!(
             calibration,
             "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\ncurve = {{ poly = {{ order = 3 }} }}\n{keys}"
@@ -93,15 +95,9 @@ fn the_volumetric_error_comes_back() {
         [70.0, 30.0, 0.0]
     });
     calibration += "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 25.0\n";
-    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
-    let path = folder.path().join("calibration.toml");
-    fs::write(&path, calibration).expect("written");
-
+    let file = lab.read(&calibration).expect("read");
     let mut steps = Vec::new();
-    let found = calibrate(&CalibrationFile::read(&path).expect("read"), |done, of| {
-        steps.push((done, of));
-    })
-    .expect("calibrated");
+    let found = calibrate(&file, |done, of| steps.push((done, of))).expect("calibrated");
     assert_eq!(steps.last(), Some(&(12, 12)));
     assert_eq!(found.squareness.len(), 1);
     assert!(
@@ -162,7 +158,7 @@ fn straightness_slope() -> f64 {
 
 #[test]
 fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(&axes());
     // Physical lines: EXY seen at X = 500, where ECX = 30 µrad turns the table: slope −30 µrad of its own
     // plus the tilt's −ECX·y … and EYX with a slope of 4 µrad.
     let write = |name: &str, f: &dyn Fn(f64) -> f64, length: f64| {
@@ -171,15 +167,12 @@ fn squareness_is_cleared_of_the_tilt_at_the_held_position() {
             let q = length * f64::from(step) / 10.0;
             writeln!(csv, "{q},{:.9}", f(q)).expect("a String");
         }
-        fs::write(folder.path().join(name), csv).expect("written");
+        lab.write(name, &csv);
     };
     write("ecx.csv", &|q| 0.06 * q, 2000.0);
     write("eyx.csv", &|q| 0.004 * q + 1.0, 2000.0);
     write("exy.csv", &|q| -0.010 * q - 0.030 * q, 1000.0);
-    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
-    let path = folder.path().join("c.toml");
     let text = r#"
-machine = "machine.toml"
 [[measurement]]
 error = "ECX"
 file = "ecx.csv"
@@ -195,9 +188,7 @@ error = "EC0Y"
 from = ["EXY", "EYX"]
 reference_angle_urad = -3.0
 "#;
-    fs::write(&path, text).expect("written");
-    let found =
-        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated");
+    let found = lab.calibrated(text);
     // (φ − π/2) − slope(EXY) − slope(EYX) = −3 − (−10) − 4.
     assert!(
         (found.squareness[0].1.0 - 3.0).abs() < 1e-6,
@@ -210,7 +201,7 @@ reference_angle_urad = -3.0
 /// the table yaws under it sees the yaw over the travelled distance.
 #[test]
 fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(&axes());
     let machine = truth("ECX = { poly = [0, 0.015] }\n");
     let none = Temperatures::new();
     let (mut tilt, mut straightness) = (
@@ -227,15 +218,11 @@ fn the_travel_is_a_lever_on_the_other_side_without_a_stated_point() {
         largest = largest.max((error.position_mm.y * 1e3).abs());
     }
     assert!(largest > 50.0, "30 urad over 2 m: {largest}");
-    fs::write(folder.path().join("ecx.csv"), tilt).expect("written");
-    fs::write(folder.path().join("eyx.csv"), straightness).expect("written");
-    fs::write(folder.path().join("machine.toml"), axes()).expect("written");
-    let path = folder.path().join("c.toml");
-    let text = "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECX\"\nfile = \"ecx.csv\"\n\
+    lab.write("ecx.csv", &tilt);
+    lab.write("eyx.csv", &straightness);
+    let text = "[[measurement]]\nerror = \"ECX\"\nfile = \"ecx.csv\"\n\
                 [[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\nrides = \"other\"\n";
-    fs::write(&path, text).expect("written");
-    let found =
-        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated");
+    let found = lab.calibrated(text);
     for x in [0.0, 300.0, 1000.0, 2000.0] {
         let state = found.machine.state(&[(AxisName::X, x)]).expect("a state");
         let difference = found

@@ -1,6 +1,6 @@
 //! A simulated instrument: readings from the exact chain with every error in it, written as measurement files.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::fmt::Write as _;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -8,6 +8,8 @@ use rand_distr::{Distribution, StandardNormal};
 use volcomp_kinematics::{Pose, Side, actual_pose, nalgebra::Vector3, vector_from_rotation};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
+
+use crate::lab::Lab;
 
 pub(crate) struct Noise(ChaCha8Rng);
 
@@ -75,7 +77,7 @@ pub(crate) fn reading(truth: &Machine, line: &Line<'_>, target: f64) -> f64 {
 
 /// Writes the readings of a line with noise (µm or µrad) and gives its table for the calibration file.
 pub(crate) fn measure(
-    folder: &Path,
+    lab: &Lab,
     truth: &Machine,
     file: &str,
     line: &Line<'_>,
@@ -92,7 +94,7 @@ pub(crate) fn measure(
             writeln!(csv, "{target},{run},+,{value:.9}").expect("a String");
         }
     }
-    fs::write(folder.join(file), csv).expect("written");
+    lab.write(file, &csv);
     let held: Vec<String> = line
         .at
         .iter()

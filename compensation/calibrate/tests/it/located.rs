@@ -1,13 +1,16 @@
 //! A five-axis machine with every error motion measured and its location errors given directly.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::fmt::Write as _;
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_kinematics::{Form, State};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Displacement, ErrorName};
 
-use crate::instrument::{Line, Noise, measure};
+use crate::{
+    instrument::{Line, Noise, measure},
+    lab::Lab,
+};
 
 pub(crate) const GEOMETRY: &str = "structure = \"w C' A' X' b Y Z t\"
 [axes.X]
@@ -104,7 +107,7 @@ pub(crate) fn truth() -> Machine {
 }
 
 /// All 30 lines, 0.3 µm or µrad of noise, as tables of a calibration file; `rotary` decides which errors of rotary axes.
-pub(crate) fn lines(folder: &Path, truth: &Machine, rotary: impl Fn(&str) -> bool) -> String {
+pub(crate) fn lines(lab: &Lab, truth: &Machine, rotary: impl Fn(&str) -> bool) -> String {
     use AxisName::{X, Y, Z};
     let mut noise = Noise::new(5);
     let mut text = String::new();
@@ -160,19 +163,11 @@ pub(crate) fn lines(folder: &Path, truth: &Machine, rotary: impl Fn(&str) -> boo
                 runs: 3,
             };
             let file = format!("{error}.csv");
-            text += &measure(folder, truth, &file, &line, 0.3, &mut noise);
+            text += &measure(lab, truth, &file, &line, 0.3, &mut noise);
             writeln!(text, "curve = {{ {curve} }}").expect("a String");
         }
     }
     text
-}
-
-/// The calibration of these tables, which follow the keys at the top.
-pub(crate) fn calibrated(folder: &Path, text: &str) -> Calibration {
-    fs::write(folder.join("machine.toml"), GEOMETRY).expect("written");
-    let path = folder.join("calibration.toml");
-    fs::write(&path, text).expect("written");
-    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
 }
 
 /// The largest difference of the position errors of two machines over the volume, µm.
@@ -217,10 +212,9 @@ pub(crate) fn slope(machine: &Machine, error: &str, from: f64, to: f64) -> f64 {
 
 #[test]
 fn every_motion_and_the_locations_make_the_machine() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let truth = truth();
-    let mut text = String::from("machine = \"machine.toml\"\n");
-    text += &lines(folder.path(), &truth, |_| true);
+    let mut text = lines(&lab, &truth, |_| true);
     let mut noise = Noise::new(9);
     // One after the other, and several of one instrument in its own sign.
     for (name, value) in LOCATIONS {
@@ -234,7 +228,7 @@ fn every_motion_and_the_locations_make_the_machine() {
     }
     text += "[[location]]\nerrors = [\"EZ0A\", \"EX0C\", \"EY0C\"]\nvalues_um = [12.0, -15.0, 13.0]\nsign = -1\nuncertainty_um = 0.3\n";
     text += "[[location]]\nerror = \"EB0C\"\nvalue_urad = 12.0\nuncertainty_urad = 0.3\n";
-    let found = calibrated(folder.path(), &text);
+    let found = lab.calibrated(&text);
     let left = largest_difference_um(&found.machine, &truth);
     assert!(left <= 2.0, "{left} µm are left");
     // A tilt of 18 µrad would make −0.31 µrad/deg of it.
@@ -266,14 +260,9 @@ fn tilt_of_c_um(about_y: bool) -> f64 {
 /// What nothing measured is named with what it can do.
 #[test]
 fn what_was_not_measured_is_told_with_its_effect() {
-    let folder = tempfile::tempdir().expect("a folder");
     let geometry = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\nC.travel = [0, 360]\n";
-    fs::write(folder.path().join("machine.toml"), geometry).expect("written");
-    let path = folder.path().join("calibration.toml");
-    let text = "machine = \"machine.toml\"\n[[location]]\nerror = \"EX0C\"\nvalue_um = 3.0\n[[location]]\nerror = \"EA0Z\"\nvalue_urad = 2.0\n";
-    fs::write(&path, text).expect("written");
-    let file = CalibrationFile::read(&path).expect("read");
-    let told = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+    let text = "[[location]]\nerror = \"EX0C\"\nvalue_um = 3.0\n[[location]]\nerror = \"EA0Z\"\nvalue_urad = 2.0\n";
+    let told = Lab::new(geometry).calibrated(text).warnings;
     for (name, effect_um) in [
         ("EY0C", 20.0),
         ("EA0C", tilt_of_c_um(false)),
@@ -300,16 +289,8 @@ fn what_was_not_measured_is_told_with_its_effect() {
 /// had for the other, and the same as [[squareness]] does.
 #[test]
 fn a_location_states_the_whole_squareness() {
-    let folder = tempfile::tempdir().expect("a folder");
     let geometry = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 300]\nY.travel = [0, 200]\nZ.travel = [0, 400]\n";
-    let machine = format!("{geometry}[errors]\nEC0X = 5.0\n");
-    fs::write(folder.path().join("machine.toml"), machine).expect("written");
-    let path = folder.path().join("calibration.toml");
-    let of = |tables: &str| {
-        let text = format!("machine = \"machine.toml\"\n{tables}");
-        fs::write(&path, text).expect("written");
-        calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
-    };
+    let lab = Lab::new(&format!("{geometry}[errors]\nEC0X = 5.0\n"));
     // The angle between X and Y is what the tilt of Y has more than that of X.
     let square = |found: &Calibration| {
         let tilt = |name: &str| {
@@ -319,13 +300,13 @@ fn a_location_states_the_whole_squareness() {
         tilt("EC0Y").unwrap_or_default() - tilt("EC0X").unwrap_or_default()
     };
     for table in ["location", "squareness"] {
-        let found = of(&format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = 12\n"));
+        let found = lab.calibrated(&format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = 12\n"));
         let value = square(&found);
         assert!((value - 12.0).abs() < 1e-12, "{table}: {value}");
         let told = found.warnings.iter().any(|note| note.contains("EC0"));
         assert!(!told, "{:?}", found.warnings);
     }
-    let found = of("");
+    let found = lab.calibrated("");
     assert!((square(&found) + 5.0).abs() < 1e-12);
     let kept = "EC0X was not measured and is kept from the machine file: 5 µrad of it";
     let told = found.warnings.iter().any(|note| note.starts_with(kept));

@@ -6,6 +6,7 @@ mod draft;
 mod fuzz_corpus;
 mod gantry;
 mod instrument;
+mod lab;
 mod located;
 mod messages;
 mod observed;

@@ -1,167 +1,92 @@
 //! Wrong calibration files are refused with file, line and key.
 
-use std::{fmt::Write, fs, path::PathBuf};
+use std::fmt::Write;
 
-use tempfile::TempDir;
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_metrology::{DeviationUnit, Measurement, Reading, write_renishaw};
+use volcomp_test_support::cases;
 use volcomp_vocabulary::Direction;
 
-const GOOD: &str =
-    "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
+use crate::lab::Lab;
 
-fn written(folder: &TempDir, name: &str, text: &str) -> PathBuf {
-    let path = folder.path().join(name);
-    fs::write(&path, text).expect("written");
-    path
-}
+const GOOD: &str = "[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n";
 
-/// A folder with a machine of two axes and the file `a.csv` of a line.
-fn folder_of_two_axes() -> TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
-    written(&folder, "machine.toml", machine);
-    written(&folder, "a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
-    folder
+/// A machine of two axes and the file `a.csv` of a line.
+fn two_axes() -> Lab {
+    let lab =
+        Lab::new("structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n");
+    lab.write("a.csv", "target,deviation\n0,1\n50,2\n100,4\n");
+    lab
 }
 
 #[test]
 fn every_wrong_key_is_named() {
-    let folder = folder_of_two_axes();
-    let write = |name: &str, text: &str| written(&folder, name, text);
-    let good = write("good.toml", GOOD);
-    assert!(calibrate(&CalibrationFile::read(&good).expect("read"), |_, _| {}).is_ok());
-    for (added, expected) in [
-        ("at = { Z = 1 }", ":5: measurement[0].at.Z: the structure"),
-        (
-            "[[measurement]]\nerror = \"EYX\"\nfile = \"a.csv\"",
-            ":7: measurement[1].file: found \"a.csv\", which is the file of EXX at",
-        ),
-        ("at = { X = 1 }", "X is the measured axis"),
-        ("at = { Y = nan }", "expected a finite number"),
-        (
-            "at = { Y = 90000 }",
-            ":5: measurement[0].at.Y: found 90000 mm, expected a position within the travel of Y, 0 to 100 mm",
-        ),
-        ("poitn = [0, 0, 0]", ":5: measurement[0].poitn: unknown key"),
-        ("rides = \"bus\"", "expected one of: carriage, other"),
-        ("sign = 2", "expected 1 or -1"),
-        ("method = \"magic\"", "expected one of: direct, angular"),
-        ("method = \"angular\"", "key `bridge_mm` is missing"),
-        ("bridge_mm = 100.0", "expected only with method"),
-        ("unit = \"inch\"", "expected one of: um, µm, mm"),
-        ("curve = \"best\"", "found \"best\", expected \"auto\""),
-        ("curve = { poly = {}, mls = {} }", "found 2 kinds of curve"),
-        (
-            "curve = { mls = { auto = true, order = 3 } }",
-            "found a setting beside `auto = true`",
-        ),
-        ("curve = { poly = { ordr = 2 } }", "unknown key"),
-        ("curve = { fourier = {} }", "on a rotary axis"),
-        ("[[squareness]]\nerror = \"EXX\"", "squareness[0].error"),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\nfrom = [\"EXX\", \"EYX\"]",
-            "expected [\"EXY\", \"EYX\"]",
-        ),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\nreference_angle_urad = 1",
-            "together",
-        ),
-        ("holds_location = false", "for errors of a rotary axis only"),
-        (
-            "[[measurement]]\nerror = \"EXZ\"\nfile = \"a.csv\"",
-            "has no axis Z",
-        ),
-        (
-            "[[measurement]]\nerror = \"EC0Y\"\nfile = \"a.csv\"",
-            "squareness has its own table",
-        ),
-        (
-            "[[measurement]]\nerror = \"EXX\"\nfile = \"b.csv\"",
-            ":7: measurement[1].file: ",
-        ),
-        ("error = \"EYX\"", "the key `error` stands twice"),
-        (
-            "curve = { poly = {} }\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\ncurve = { bspline = {} }",
-            "another kind of curve for EXX than with",
-        ),
-    ] {
-        let path = write("bad.toml", &format!("{GOOD}{added}\n"));
-        let message = CalibrationFile::read(&path).expect_err(added).to_string();
+    let lab = two_axes();
+    lab.calibrated(GOOD);
+    for [added, expected] in &cases(
+        r#"
+at = { Z = 1 } | :5: measurement[0].at.Z: the structure
+[[measurement]]\nerror = "EYX"\nfile = "a.csv" | :7: measurement[1].file: found "a.csv", which is the file of EXX at
+at = { X = 1 } | X is the measured axis
+at = { Y = nan } | expected a finite number
+at = { Y = 90000 } | :5: measurement[0].at.Y: found 90000 mm, expected a position within the travel of Y, 0 to 100 mm
+poitn = [0, 0, 0] | :5: measurement[0].poitn: unknown key
+rides = "bus" | expected one of: carriage, other
+sign = 2 | expected 1 or -1
+method = "magic" | expected one of: direct, angular
+method = "angular" | key `bridge_mm` is missing
+bridge_mm = 100.0 | expected only with method
+unit = "inch" | expected one of: um, µm, mm
+curve = "best" | found "best", expected "auto"
+curve = { poly = {}, mls = {} } | found 2 kinds of curve
+curve = { mls = { auto = true, order = 3 } } | found a setting beside `auto = true`
+curve = { poly = { ordr = 2 } } | unknown key
+curve = { fourier = {} } | on a rotary axis
+[[squareness]]\nerror = "EXX" | squareness[0].error
+[[squareness]]\nerror = "EC0Y"\nfrom = ["EXX", "EYX"] | expected ["EXY", "EYX"]
+[[squareness]]\nerror = "EC0Y"\nvalue_urad = 1\nreference_angle_urad = 1 | together
+holds_location = false | for errors of a rotary axis only
+[[measurement]]\nerror = "EXZ"\nfile = "a.csv" | has no axis Z
+[[measurement]]\nerror = "EC0Y"\nfile = "a.csv" | squareness has its own table
+[[measurement]]\nerror = "EXX"\nfile = "b.csv" | :7: measurement[1].file: 
+error = "EYX" | the key `error` stands twice
+curve = { poly = {} }\n[[measurement]]\nerror = "EXX"\nfile = "a.csv"\ncurve = { bspline = {} } | another kind of curve for EXX than with
+"#,
+    ) {
+        let read = lab.read(&format!("{GOOD}{added}\n"));
+        let message = read.expect_err(added).to_string();
         assert!(message.contains(expected), "{added}: {message}");
     }
-    let path = write("bad.toml", &format!("reference = {{ X = 150 }}\n{GOOD}"));
-    let message = CalibrationFile::read(&path)
-        .expect_err("beyond travel")
-        .to_string();
+    let message = lab.refused(&format!("reference = {{ X = 150 }}\n{GOOD}"));
     assert!(
         message.contains(
             "reference.X: found 150 mm, expected a position within the travel of X, 0 to 100 mm"
         ),
         "{message}"
     );
-    let path = write(
-        "bad.toml",
-        &format!("{GOOD}[[squareness]]\nerror = \"EC0Y\"\n"),
-    );
-    let message = calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {})
-        .expect_err("no lines")
-        .to_string();
+    let message = lab.refused(&format!("{GOOD}[[squareness]]\nerror = \"EC0Y\"\n"));
     assert!(message.contains("was not measured"), "{message}");
 }
 
 #[test]
 fn every_wrong_key_of_a_location_is_named() {
-    let folder = folder_of_two_axes();
-    let write = |name: &str, text: &str| written(&folder, name, text);
-    for (added, expected) in [
-        (
-            "[[location]]\nvalue_um = 1.0",
-            "key `error` or `errors` is missing",
-        ),
-        (
-            "[[location]]\nerror = \"EC0Y\"\nvalue_um = 1.0",
-            "location[0].value_um: EC0Y is in urad, expected the key with the ending _urad",
-        ),
-        (
-            "[[location]]\nerror = \"EC0Y\"",
-            "key `value_urad` is missing",
-        ),
-        (
-            "[[location]]\nerrors = [\"EC0Y\"]\nvalues_urad = [1.0, 2.0]",
-            "found 2 values, expected 1",
-        ),
-        (
-            "[[location]]\nerrors = [\"EC0Y\", \"EC0Y\"]\nvalues_urad = [1.0, 2.0]",
-            "location[0].errors[1]: EC0Y stands twice",
-        ),
-        (
-            "[[location]]\nerror = \"EC0X\"\nvalue_urad = 1.0",
-            "location[0].error: EC0X is 0 by definition, because X is a reference axis: expected EC0Y",
-        ),
-        (
-            "[[location]]\nerror = \"EXX\"\nvalue_um = 1.0",
-            "found EXX, expected a location error",
-        ),
-        (
-            "[[location]]\nerror = \"EX0X\"\nvalue_um = 1.0",
-            "location[0].error: EX0X ",
-        ),
-        (
-            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0\nuncertainty_urad = -1",
-            "expected a standard uncertainty of 0 or more",
-        ),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0",
-            "EC0Y stands in [[location]], and [[squareness]] states EC0Y: expected one of them",
-        ),
-        (
-            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1.0",
-            "EC0Y stands in two [[location]] tables",
-        ),
-    ] {
-        let path = write("bad.toml", &format!("{GOOD}{added}\n"));
-        let message = CalibrationFile::read(&path).expect_err(added).to_string();
+    let lab = two_axes();
+    for [added, expected] in &cases(
+        r#"
+[[location]]\nvalue_um = 1.0 | key `error` or `errors` is missing
+[[location]]\nerror = "EC0Y"\nvalue_um = 1.0 | location[0].value_um: EC0Y is in urad, expected the key with the ending _urad
+[[location]]\nerror = "EC0Y" | key `value_urad` is missing
+[[location]]\nerrors = ["EC0Y"]\nvalues_urad = [1.0, 2.0] | found 2 values, expected 1
+[[location]]\nerrors = ["EC0Y", "EC0Y"]\nvalues_urad = [1.0, 2.0] | location[0].errors[1]: EC0Y stands twice
+[[location]]\nerror = "EC0X"\nvalue_urad = 1.0 | location[0].error: EC0X is 0 by definition, because X is a reference axis: expected EC0Y
+[[location]]\nerror = "EXX"\nvalue_um = 1.0 | found EXX, expected a location error
+[[location]]\nerror = "EX0X"\nvalue_um = 1.0 | location[0].error: EX0X 
+[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0\nuncertainty_urad = -1 | expected a standard uncertainty of 0 or more
+[[squareness]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y stands in [[location]], and [[squareness]] states EC0Y: expected one of them
+[[location]]\nerror = "EC0Y"\nvalue_urad = 1\n[[location]]\nerror = "EC0Y"\nvalue_urad = 1.0 | EC0Y stands in two [[location]] tables
+"#,
+    ) {
+        let message = lab.refused(&format!("{GOOD}{added}\n"));
         assert!(message.contains(expected), "{added}: {message}");
     }
 }
@@ -169,13 +94,7 @@ fn every_wrong_key_of_a_location_is_named() {
 /// Tilts without a place, arc seconds that are called milliradians, and another machine's serial number.
 #[test]
 fn what_is_hardly_meant_is_refused_or_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("calibration.toml");
-    let write = |name: &str, text: &str| {
-        fs::write(folder.path().join(name), text).expect("written");
-    };
-    write(
-        "machine.toml",
+    let lab = Lab::new(
         "name = \"Mill\"\nstructure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n",
     );
     let readings = (0..=10).map(|k| Reading {
@@ -191,24 +110,16 @@ fn what_is_hardly_meant_is_refused_or_told() {
     };
     laser.metadata.serial = Some("4711".to_owned());
     laser.metadata.machine = Some("Gantry".to_owned());
-    write("exx.rtl", &write_renishaw(&laser));
+    lab.write("exx.rtl", &write_renishaw(&laser));
     laser.metadata.serial = Some("4712".to_owned());
-    write("other.rtl", &write_renishaw(&laser));
-    write(
+    lab.write("other.rtl", &write_renishaw(&laser));
+    lab.write(
         "arcsec.csv",
         "target,deviation mrad\n0,0\n500,2.1\n1000,9.65\n",
     );
-    write("tilt.csv", "target,deviation\n0,0\n500,20\n1000,50\n");
+    lab.write("tilt.csv", "target,deviation\n0,0\n500,20\n1000,50\n");
     let table = |error: &str, file: &str| {
         format!("[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n")
-    };
-    let read = |top: &str, tables: &str| {
-        fs::write(
-            &path,
-            format!("machine = \"machine.toml\"\n{top}\n{tables}"),
-        )
-        .expect("written");
-        CalibrationFile::read(&path)
     };
     for (top, error, file, expected) in [
         (
@@ -224,7 +135,7 @@ fn what_is_hardly_meant_is_refused_or_told() {
             "the file states the serial number `4711`, expected `4712`",
         ),
     ] {
-        let message = read(top, &table(error, file)).expect_err(file).to_string();
+        let message = lab.refused(&format!("{top}\n{}", table(error, file)));
         let place = "calibration.toml:5: measurement[0].file: ";
         assert!(
             message.contains(place) && message.contains(expected),
@@ -232,11 +143,7 @@ fn what_is_hardly_meant_is_refused_or_told() {
         );
     }
     let tables = table("EBX", "tilt.csv") + &table("EXX", "exx.rtl") + &table("EYY", "other.rtl");
-    let file = read("", &tables).expect("read");
-    let told = calibrate(&file, |_, _| {})
-        .expect("calibrated")
-        .warnings
-        .join("\n");
+    let told = lab.calibrated(&format!("\n{tables}")).warnings.join("\n");
     for expected in [
         "calibration.toml:8): EXX with EBX",
         "calibration.toml:8): it states the machine `Gantry`, and the machine file is of `Mill`",
@@ -249,18 +156,11 @@ fn what_is_hardly_meant_is_refused_or_told() {
 /// One note for all lines without a point, however many: it names each with its file, its place, and its tilts.
 #[test]
 fn lines_without_a_point_are_named_in_one_note() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        fs::write(folder.path().join(name), text).expect("written");
-    };
-    write(
-        "machine.toml",
-        "structure = \"w b X Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n",
-    );
+    let lab = two_axes();
     let readings = "0,0\n25,1\n50,2\n75,3\n100,4\n";
-    let mut text = String::from("machine = \"machine.toml\"\n");
+    let mut text = String::new();
     for error in ["EBX", "ECX", "EAY", "EXX", "EYX", "EYY", "EZZ"] {
-        write(
+        lab.write(
             &format!("{error}.csv"),
             &format!("target,deviation\n{readings}"),
         );
@@ -277,22 +177,15 @@ fn lines_without_a_point_are_named_in_one_note() {
             "[[measurement]]\nerror = \"{error}\"\nfile = \"{error}.csv\"\n{point}"
         );
     }
-    write("calibration.toml", &text);
-    let path = folder.path().join("calibration.toml");
-    let file = CalibrationFile::read(&path).expect("read");
-    let told = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+    let told = lab.calibrated(&text).warnings;
     let notes: Vec<&String> = told
         .iter()
         .filter(|note| note.contains("no `point`"))
         .collect();
     assert_eq!(notes.len(), 1, "{told:?}");
     let named = |error: &str, line: usize, tilts: &str| {
-        let csv = folder.path().join(format!("{error}.csv"));
-        format!(
-            "{} ({}:{line}): {error} with {tilts}",
-            csv.display(),
-            path.display()
-        )
+        let folder = lab.folder().display();
+        format!("{folder}/{error}.csv ({folder}/calibration.toml:{line}): {error} with {tilts}")
     };
     let expected = [named("EXX", 13, "EBX ECX"), named("EYY", 20, "EAY")].join("; ");
     assert!(
@@ -305,14 +198,8 @@ fn lines_without_a_point_are_named_in_one_note() {
 /// told with the name of the file where it is odd.
 #[test]
 fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        fs::write(folder.path().join(name), text).expect("written");
-    };
-    write(
-        "machine.toml",
-        "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n",
-    );
+    let lab =
+        Lab::new("structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 100]\n");
     let laser = |axis: &str, machine: &str, step: f64, um: f64| {
         let readings = (0..=10).map(|k| Reading {
             target: step * f64::from(k),
@@ -330,7 +217,7 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
         write_renishaw(&measurement)
     };
     let read = |files: &[&str]| {
-        let mut text = String::from("machine = \"machine.toml\"\n");
+        let mut text = String::new();
         for (file, error) in files.iter().zip(["EXX", "EYY"]) {
             // Writing to a String cannot fail.
             let _ = write!(
@@ -338,18 +225,16 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
                 "[[measurement]]\nerror = \"{error}\"\nfile = \"{file}\"\n"
             );
         }
-        let path = folder.path().join("calibration.toml");
-        fs::write(&path, text).expect("written");
-        CalibrationFile::read(&path)
+        lab.read(&text)
     };
-    write("good.rtl", &laser("X", "Gantry", 100.0, 1.0));
-    write("other-axis.rtl", &laser("Y", "Gantry", 100.0, 1.0));
-    write(
+    lab.write("good.rtl", &laser("X", "Gantry", 100.0, 1.0));
+    lab.write("other-axis.rtl", &laser("Y", "Gantry", 100.0, 1.0));
+    lab.write(
         "other-axis-in-words.rtl",
         &laser("y-axis", "Gantry", 100.0, 1.0),
     );
-    write("far.csv", "target,deviation\n5000,1\n6000,2\n7000,4\n");
-    write("metres.csv", "target,deviation\n0,0\n500,1e6\n1000,2e6\n");
+    lab.write("far.csv", "target,deviation\n5000,1\n6000,2\n7000,4\n");
+    lab.write("metres.csv", "target,deviation\n0,0\n500,1e6\n1000,2e6\n");
     for (file, expected) in [
         (
             "other-axis.rtl",
@@ -384,10 +269,10 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
             .join("\n")
     };
     assert!(!warnings(&["good.rtl"]).contains("good.rtl"));
-    write("short.rtl", &laser("X", "Gantry", 40.0, 1.0));
-    write("long.rtl", &laser("X", "Gantry", 110.0, 1.0));
-    write("mm.rtl", &laser("X", "Gantry", 100.0, 200.0));
-    write("mill.rtl", &laser("Y", "Mill", 10.0, 1.0));
+    lab.write("short.rtl", &laser("X", "Gantry", 40.0, 1.0));
+    lab.write("long.rtl", &laser("X", "Gantry", 110.0, 1.0));
+    lab.write("mm.rtl", &laser("X", "Gantry", 100.0, 200.0));
+    lab.write("mill.rtl", &laser("Y", "Mill", 10.0, 1.0));
     for (files, expected) in [
         (&["short.rtl"][..], "cover 40 % of the travel of X"),
         (
@@ -408,13 +293,10 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
 /// Targets in the unit of another kind of axis belong to another axis; units may be written with µ.
 #[test]
 fn targets_are_in_the_unit_of_the_axis() {
-    let folder = folder_of_two_axes();
+    let lab = two_axes();
     let of = |head: &str, unit: &str| {
-        written(&folder, "a.csv", &format!("{head}\n0,1\n50,2\n100,4\n"));
-        let text = format!(
-            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n{unit}"
-        );
-        CalibrationFile::read(&written(&folder, "c.toml", &text))
+        lab.write("a.csv", &format!("{head}\n0,1\n50,2\n100,4\n"));
+        lab.read(&format!("{GOOD}{unit}"))
     };
     let error = of("target deg,deviation", "")
         .expect_err("refused")
@@ -435,7 +317,7 @@ fn targets_are_in_the_unit_of_the_axis() {
 /// `unit` may repeat what the header of the file states, which is applied once, and nothing else.
 #[test]
 fn a_unit_agrees_with_the_header_of_the_file() {
-    let folder = folder_of_two_axes();
+    let lab = two_axes();
     for (header, error, unit, is_read) in [
         ("mm", "EXX", "mm", true),
         ("mm", "EXX", "um", false),
@@ -446,13 +328,8 @@ fn a_unit_agrees_with_the_header_of_the_file() {
         ("deg", "EAX", "arcsec", false),
     ] {
         let rows = format!("target,deviation {header}\n0,0.001\n50,0.002\n100,0.004\n");
-        written(&folder, "a.csv", &rows);
-        let of = |unit: &str| {
-            let text = format!(
-                "machine = \"machine.toml\"\n[[measurement]]\nerror = \"{error}\"\nfile = \"a.csv\"\n{unit}"
-            );
-            CalibrationFile::read(&written(&folder, "c.toml", &text))
-        };
+        lab.write("a.csv", &rows);
+        let of = |unit: &str| lab.read(&format!("{}{unit}", GOOD.replace("EXX", error)));
         let found = of(&format!("unit = \"{unit}\"\n"));
         let plain = of("").expect("the unit of the header");
         match found {
@@ -476,37 +353,22 @@ fn a_unit_agrees_with_the_header_of_the_file() {
 /// A stated angle or length that no machine has is refused, one that is odd is told.
 #[test]
 fn stated_values_have_the_size_of_a_machine() {
-    let folder = folder_of_two_axes();
-    let of = |table: &str| {
-        let text = format!("machine = \"machine.toml\"\n{table}\n");
-        CalibrationFile::read(&written(&folder, "c.toml", &text))
-    };
-    for (table, expected) in [
-        (
-            "[[location]]\nerror = \"EC0Y\"\nvalue_urad = 1e9",
-            ":4: location[0].value_urad: found 1000000 mrad, expected less than 100 mrad",
-        ),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = -2e5",
-            ":4: squareness[0].value_urad: found -200 mrad",
-        ),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = 2e5",
-            "squareness[0].reference_angle_urad: found 200 mrad",
-        ),
-        (
-            "[[squareness]]\nerror = \"EC0Y\"\noptical_square_urad = 2e5",
-            "squareness[0].optical_square_urad: found 200 mrad",
-        ),
-    ] {
-        let message = of(table).expect_err(table).to_string();
+    let lab = two_axes();
+    for [table, expected] in &cases(
+        r#"
+[[location]]\nerror = "EC0Y"\nvalue_urad = 1e9 | :4: location[0].value_urad: found 1000000 mrad, expected less than 100 mrad
+[[squareness]]\nerror = "EC0Y"\nvalue_urad = -2e5 | :4: squareness[0].value_urad: found -200 mrad
+[[squareness]]\nerror = "EC0Y"\nreference_angle_urad = 2e5 | squareness[0].reference_angle_urad: found 200 mrad
+[[squareness]]\nerror = "EC0Y"\noptical_square_urad = 2e5 | squareness[0].optical_square_urad: found 200 mrad
+"#,
+    ) {
+        let message = lab.refused(table);
         assert!(message.contains(expected), "{message}");
     }
     for table in ["location", "squareness"] {
         let told = |value: f64| {
             let text = format!("[[{table}]]\nerror = \"EC0Y\"\nvalue_urad = {value:?}");
-            let file = of(&text).expect("read");
-            let notes = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+            let notes = lab.calibrated(&text).warnings;
             let expected = format!("EC0Y in [[{table}]]: -1200 µrad is large for a machine tool");
             notes.iter().any(|note| note.starts_with(&expected))
         };
@@ -517,25 +379,22 @@ fn stated_values_have_the_size_of_a_machine() {
 /// Of a target that was read in one direction only the mean would be half of the reversal off.
 #[test]
 fn a_target_that_lacks_a_direction_is_refused() {
-    let folder = folder_of_two_axes();
-    let good = written(&folder, "good.toml", GOOD);
+    let lab = two_axes();
     let rows = "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n100,1,-,5\n50,1,-,4\n0,1,-,3\n";
-    written(&folder, "a.csv", rows);
-    let run = || calibrate(&CalibrationFile::read(&good)?, |_, _| {});
-    run().expect("each target in both directions");
-    written(&folder, "a.csv", &rows.replace("100,1,-,5\n", ""));
-    let error = run().expect_err("refused").to_string();
+    lab.write("a.csv", rows);
+    lab.calibrated(GOOD);
+    lab.write("a.csv", &rows.replace("100,1,-,5\n", ""));
+    let error = lab.refused(GOOD);
     assert!(
         error.contains("a.csv: target 100: found no reading in direction -"),
         "{error}"
     );
     // One direction throughout is no lack.
-    written(
-        &folder,
+    lab.write(
         "a.csv",
         "target,run,direction,deviation\n0,1,+,0\n50,1,+,1\n100,1,+,2\n",
     );
-    run().expect("one direction");
+    lab.calibrated(GOOD);
 }
 
 type Truth = fn(f64) -> f64;
@@ -567,7 +426,7 @@ fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
         ),
     ];
     for (targets, curve, truth, expected) in cases {
-        let folder = folder_of_two_axes();
+        let lab = two_axes();
         let mut text = "target,run,direction,deviation\n".to_owned();
         for run in 1..=5_u32 {
             for (index, x) in targets.iter().enumerate() {
@@ -577,10 +436,8 @@ fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
                 let _ = writeln!(text, "{x},{run},+,{}", truth(*x) + scatter);
             }
         }
-        written(&folder, "a.csv", &text);
-        let file = written(&folder, "good.toml", &format!("{GOOD}{curve}"));
-        let file = CalibrationFile::read(&file).expect("read");
-        let warnings = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+        lab.write("a.csv", &text);
+        let warnings = lab.calibrated(&format!("{GOOD}{curve}")).warnings;
         let told: Vec<&String> = (warnings.iter())
             .filter(|told| told.contains("sparse") || told.contains("between the targets"))
             .collect();

@@ -1,18 +1,20 @@
 //! Lines and observations of the whole machine together: the unknown location errors are found, and the measured lines,
 //! which were taken against the commanded pose, are cleared of them.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, path::Path};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_calibrate::{CalibrationFile, calibrate, calibrated_machine};
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
+use volcomp_test_support::cases;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     instrument::Noise,
-    located::{GEOMETRY, LOCATIONS, MORE, calibrated, largest_difference_um, lines, slope, truth},
+    lab::Lab,
+    located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth},
 };
 
 /// The rotary errors that have a line; the truth has no others.
@@ -39,7 +41,7 @@ fn partial_truth() -> Machine {
 }
 
 /// Positions of the tip in a frame that lies elsewhere, as a tracker gives them.
-pub(crate) fn tracker(folder: &Path, truth: &Machine, poses: usize, sigma_um: f64) {
+pub(crate) fn tracker(lab: &Lab, truth: &Machine, poses: usize, sigma_um: f64) {
     use AxisName::{A, C, X, Y, Z};
     let mut random = ChaCha8Rng::seed_from_u64(21);
     let mut noise = Noise::new(22);
@@ -63,7 +65,7 @@ pub(crate) fn tracker(folder: &Path, truth: &Machine, poses: usize, sigma_um: f6
         let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
         writeln!(text, "{}", numbers.join(",")).expect("a String");
     }
-    fs::write(folder.join("tracker.csv"), text).expect("written");
+    lab.write("tracker.csv", &text);
 }
 
 fn value_of(name: &str) -> f64 {
@@ -74,11 +76,11 @@ fn value_of(name: &str) -> f64 {
 
 #[test]
 fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let truth = partial_truth();
-    tracker(folder.path(), &truth, 60, 1.0);
-    let mut text = format!("machine = \"machine.toml\"\n{UNKNOWN}folds = 4\n");
-    text += &lines(folder.path(), &truth, |error| MEASURED.contains(&error));
+    tracker(&lab, &truth, 60, 1.0);
+    let mut text = format!("{UNKNOWN}folds = 4\n");
+    text += &lines(&lab, &truth, |error| MEASURED.contains(&error));
     for (name, value) in &LOCATIONS[..3] {
         writeln!(
             text,
@@ -87,7 +89,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
         .expect("a String");
     }
     text += "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\n";
-    let found = calibrated(folder.path(), &text);
+    let found = lab.calibrated(&text);
     let identified = found.identified.expect("identified");
     assert!(identified.rounds > 2, "{}", identified.rounds);
     let told = format!("identified {} times", identified.rounds);
@@ -129,7 +131,7 @@ fn unknown_locations_are_found_and_the_lines_cleared_of_them() {
 /// Where no line depends on what is found, it is found once; a drawn calibration varies the rows too.
 #[test]
 fn lines_that_hold_nothing_are_fitted_once() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let mut truth = partial_truth();
     truth.clear_errors();
     for (name, value) in MORE {
@@ -137,15 +139,15 @@ fn lines_that_hold_nothing_are_fitted_once() {
             .set_location(name.parse().expect("a name"), value)
             .expect("a location error");
     }
-    tracker(folder.path(), &truth, 30, 0.0);
-    let text = "machine = \"machine.toml\"\nunknown = [\"EZ0A\", \"EX0C\", \"EY0C\", \"EB0C\"]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
-    let found = calibrated(folder.path(), text);
+    tracker(&lab, &truth, 30, 0.0);
+    let text = "unknown = [\"EZ0A\", \"EX0C\", \"EY0C\", \"EB0C\"]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
+    let found = lab.calibrated(text);
     assert_eq!(found.identified.expect("identified").rounds, 1);
     for (name, value) in MORE {
         let written = found.machine.locations()[&name.parse().expect("a name")];
         assert!((written - value).abs() < 1e-3, "{name}: {written}");
     }
-    let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
+    let file = lab.read(text).expect("read");
     let drawn = calibrate(&file.varied(1, 1), |_, _| {}).expect("calibrated");
     let name: ErrorName = "EX0C".parse().expect("a name");
     let shift = (drawn.machine.locations()[&name] - 15.0).abs();
@@ -154,63 +156,33 @@ fn lines_that_hold_nothing_are_fitted_once() {
 
 #[test]
 fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let truth = partial_truth();
-    tracker(folder.path(), &truth, 20, 1.0);
-    let measured = lines(folder.path(), &truth, |_| true);
-    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
-    let path = folder.path().join("calibration.toml");
-    let points = "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n";
-    for (top, tables, expected) in [
-        (
-            "unknown = [\"EA0Z\", { error = \"EXX\", legendre = 2 }]",
-            points,
-            "toml:2: unknown[1].error: EXX is unknown here and measured by [[measurement]] with ",
-        ),
-        (
-            "unknown = [\"EC0Y\"]",
-            "[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 1\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n",
-            "unknown[0]: EC0Y is unknown here and measured by [[squareness]]",
-        ),
-        (
-            "unknown = [\"EX0C\"]",
-            "[[location]]\nerror = \"EX0C\"\nvalue_um = 1\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\n",
-            "unknown[0]: EX0C is unknown here and measured by [[location]]",
-        ),
-        (
-            "unknown = [\"EA0C\"]",
-            points,
-            "unknown[0]: EA0C is unknown here, and the lines of EAC and EBC (",
-        ),
-        (
-            "folds = 3",
-            "",
-            "folds: expected only together with `unknown`",
-        ),
-        ("unknown = [\"EX0C\"]", "", "key `observation` is missing"),
-        ("", points, "key `unknown` is missing"),
-    ] {
-        let lines = if tables.contains("EX0C") || top.is_empty() {
-            ""
-        } else {
-            &measured
-        };
-        fs::write(
-            &path,
-            format!("machine = \"machine.toml\"\n{top}\n{lines}\n{tables}"),
-        )
-        .expect("written");
-        let message = CalibrationFile::read(&path)
-            .expect_err(expected)
-            .to_string();
+    tracker(&lab, &truth, 20, 1.0);
+    let measured = lines(&lab, &truth, |_| true);
+    for [top, lines, table, expected] in &cases(
+        r#"
+unknown = ["EA0Z", { error = "EXX", legendre = 2 }] | yes | POINTS | toml:2: unknown[1].error: EXX is unknown here and measured by [[measurement]] with
+unknown = ["EC0Y"] | yes | [[squareness]]\nerror = "EC0Y"\nvalue_urad = 1\nPOINTS | unknown[0]: EC0Y is unknown here and measured by [[squareness]]
+unknown = ["EX0C"] | no | [[location]]\nerror = "EX0C"\nvalue_um = 1\nPOINTS | unknown[0]: EX0C is unknown here and measured by [[location]]
+unknown = ["EA0C"] | yes | POINTS | unknown[0]: EA0C is unknown here, and the lines of EAC and EBC (
+folds = 3 | yes | | folds: expected only together with `unknown`
+unknown = ["EX0C"] | yes | | key `observation` is missing
+| no | POINTS | key `unknown` is missing
+"#,
+    ) {
+        let points = "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"";
+        let lines = if lines == "yes" { &measured[..] } else { "" };
+        let table = table.replace("POINTS", points);
+        let read = lab.read(&format!("{top}\n{lines}\n{table}\n"));
+        let message = read.expect_err(expected).to_string();
         assert!(message.contains(expected), "{expected}: {message}");
     }
 }
 
 /// Uncertainties of unknowns against the whole calibration repeated with other readings.
-fn uncertainties_are_those_of_repeats(path: &Path) {
+fn uncertainties_are_those_of_repeats(mut file: CalibrationFile) {
     const REPEATS: u64 = 40;
-    let mut file = CalibrationFile::read(path).expect("read");
     let stated = &mut file.uncertainty;
     (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
     let found = calibrate(&file, |_, _| {}).expect("found");
@@ -244,11 +216,11 @@ fn uncertainties_are_those_of_repeats(path: &Path) {
 /// Lines and unknowns that are found by turns.
 #[test]
 fn uncertainties_of_unknowns_beside_lines() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let truth = partial_truth();
-    tracker(folder.path(), &truth, 60, 1.0);
-    let mut text = format!("machine = \"machine.toml\"\n{UNKNOWN}folds = 0\n");
-    text += &lines(folder.path(), &truth, |error| MEASURED.contains(&error));
+    tracker(&lab, &truth, 60, 1.0);
+    let mut text = format!("{UNKNOWN}folds = 0\n");
+    text += &lines(&lab, &truth, |error| MEASURED.contains(&error));
     for (name, value) in &LOCATIONS[..3] {
         writeln!(
             text,
@@ -257,23 +229,20 @@ fn uncertainties_of_unknowns_beside_lines() {
         .expect("a String");
     }
     text += "[uncertainty]\nreading_um = 1.0\nreading_urad = 1.0\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\nuncertainty_um = 1.0\n";
-    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
-    let path = folder.path().join("calibration.toml");
-    fs::write(&path, text).expect("written");
-    uncertainties_are_those_of_repeats(&path);
+    uncertainties_are_those_of_repeats(lab.read(&text).expect("read"));
 }
 
 /// Lines that follow their unknowns.
 #[test]
 fn uncertainties_of_unknowns_that_lines_follow() {
     let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");
-    uncertainties_are_those_of_repeats(&tilt);
+    uncertainties_are_those_of_repeats(CalibrationFile::read(&tilt).expect("read"));
 }
 
 /// A location error with the wrong sign is named where observations contradict it, and only there.
 #[test]
 fn a_location_with_the_wrong_sign_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let mut truth = partial_truth();
     truth.clear_errors();
     for (name, value) in MORE {
@@ -281,10 +250,10 @@ fn a_location_with_the_wrong_sign_is_named() {
             .set_location(name.parse().expect("a name"), value)
             .expect("a location error");
     }
-    tracker(folder.path(), &truth, 30, 1.0);
+    tracker(&lab, &truth, 30, 1.0);
     // EX0C is 15 µm, EY0C −13 µm, EZ0A −12 µm, EB0C 12 µrad.
     let notes = |unknown: &str, locations: &[(&str, f64, f64)], noise_um: f64| {
-        let mut text = format!("machine = \"machine.toml\"\nunknown = [{unknown}]\nfolds = 0\n");
+        let mut text = format!("unknown = [{unknown}]\nfolds = 0\n");
         for (name, value, uncertainty) in locations {
             let unit = if name.starts_with("EB") { "urad" } else { "um" };
             writeln!(
@@ -298,7 +267,7 @@ fn a_location_with_the_wrong_sign_is_named() {
             "[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nuncertainty_um = {noise_um}\n"
         )
         .expect("a String");
-        let found = calibrated(folder.path(), &text);
+        let found = lab.calibrated(&text);
         let told = found.warnings.into_iter();
         told.filter(|note| note.contains("the observations contradict its"))
             .collect::<Vec<_>>()
@@ -333,16 +302,12 @@ fn a_location_with_the_wrong_sign_is_named() {
 /// Uncertainties that are no uncertainties.
 #[test]
 fn absurd_uncertainties_are_refused_and_odd_ones_noted() {
-    let folder = tempfile::tempdir().expect("a folder");
-    fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
-    let path = folder.path().join("calibration.toml");
+    let lab = Lab::new(GEOMETRY);
     for (error, unit) in [("EX0C", "um"), ("EA0C", "urad")] {
         let read = |uncertainty: &str| {
-            let text = format!(
-                "machine = \"machine.toml\"\n[[location]]\nerror = \"{error}\"\nvalue_{unit} = 5\nuncertainty_{unit} = {uncertainty}\n"
-            );
-            fs::write(&path, text).expect("written");
-            CalibrationFile::read(&path)
+            lab.read(&format!(
+                "[[location]]\nerror = \"{error}\"\nvalue_{unit} = 5\nuncertainty_{unit} = {uncertainty}\n"
+            ))
         };
         let message = read("1e9").expect_err("absurd").to_string();
         let expected = "found a standard uncertainty of 1000000000, expected at most 100000: no machine tool is wrong by more";

@@ -1,13 +1,16 @@
 //! Parallel lines: the published gantry, whose positioning of Y depends on the height through the pitch of its beam.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::fmt::Write as _;
 
-use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_calibrate::Calibration;
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName;
 
-use crate::instrument::{Line, Noise, measure};
+use crate::{
+    instrument::{Line, Noise, measure},
+    lab::Lab,
+};
 
 const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
 
@@ -21,7 +24,7 @@ const PITCH: &str = "EAY = { poly = [0, 0.0158, 1.125e-7] }\n";
 const LENGTH: &str = "EYY = { poly = [0, 0.0275625] }\n";
 
 /// A line of Y with the reflector at a place beside the beam's own point.
-fn line(folder: &Path, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
+fn line(lab: &Lab, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f64) -> String {
     let line = Line {
         error,
         at: &[(AxisName::X, 4000.0), (AxisName::Z, z)],
@@ -32,16 +35,11 @@ fn line(folder: &Path, truth: &Machine, error: &str, [x, z]: [f64; 2], sigma: f6
     };
     let mut noise = Noise::new(z.to_bits());
     let file = format!("{error}-{x}-{z}.csv");
-    measure(folder, truth, &file, &line, sigma, &mut noise) + "curve = { poly = { order = 2 } }\n"
+    measure(lab, truth, &file, &line, sigma, &mut noise) + "curve = { poly = { order = 2 } }\n"
 }
 
-fn calibrated(folder: &Path, lines: &[String]) -> Calibration {
-    let geometry = volcomp_test_support::machines::gantry(TRAVEL);
-    fs::write(folder.join("machine.toml"), geometry).expect("written");
-    let path = folder.join("calibration.toml");
-    let text = format!("machine = \"machine.toml\"\n{}", lines.concat());
-    fs::write(&path, text).expect("written");
-    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
+fn lab() -> Lab {
+    Lab::new(&volcomp_test_support::machines::gantry(TRAVEL))
 }
 
 /// How far Y goes too far from 0 to 4000 mm at a height, µm.
@@ -62,12 +60,12 @@ fn has(found: &Calibration, parts: &[&str]) -> bool {
 
 #[test]
 fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}"));
     assert!((positioning_um(&truth, 1050.0) - 42.0).abs() < 0.1);
     assert!((positioning_um(&truth, 650.0) - 68.0).abs() < 0.1);
-    let lines = [1050.0, 650.0].map(|z| line(folder.path(), &truth, "EYY", [0.0, z], 0.3));
-    let found = calibrated(folder.path(), &lines);
+    let lines = [1050.0, 650.0].map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3));
+    let found = lab.calibrated(&lines.concat());
     // 23 to 70 µm between these heights, published.
     for (z, expected) in [(1342.3, 23.0), (1050.0, 42.0), (650.0, 68.0), (619.2, 70.0)] {
         let value = positioning_um(&found.machine, z);
@@ -90,17 +88,17 @@ fn two_heights_give_the_pitch_and_the_published_figures_over_heights() {
 
 #[test]
 fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}"));
     let mut lines: Vec<String> = [1050.0, 650.0]
-        .map(|z| line(folder.path(), &truth, "EYY", [0.0, z], 0.3))
+        .map(|z| line(&lab, &truth, "EYY", [0.0, z], 0.3))
         .into();
-    lines.push(line(folder.path(), &truth, "EAY", [0.0, 0.0], 0.3));
-    let good = calibrated(folder.path(), &lines);
+    lines.push(line(&lab, &truth, "EAY", [0.0, 0.0], 0.3));
+    let good = lab.calibrated(&lines.concat());
     assert!(!has(&good, &["contradict"]), "{:?}", good.warnings);
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
-    lines[2] = line(folder.path(), &doubled, "EAY", [0.0, 0.0], 0.3);
-    let bad = calibrated(folder.path(), &lines);
+    lines[2] = line(&lab, &doubled, "EAY", [0.0, 0.0], 0.3);
+    let bad = lab.calibrated(&lines.concat());
     // 65 µrad over 400 mm are 26 µm, half of it about the mean, a little more at the end of the bent curve.
     let told = [
         "EYY: ",
@@ -122,27 +120,27 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
     let size: f64 = size.expect("a size").parse().expect("a number");
     assert!((size - 13.1).abs() < 0.8, "{told}");
     // Two files of one tilt that disagree are told too.
-    lines[2] = line(folder.path(), &truth, "EAY", [0.0, 0.0], 0.3);
-    lines.push(line(folder.path(), &doubled, "EAY", [0.0, 500.0], 0.3));
+    lines[2] = line(&lab, &truth, "EAY", [0.0, 0.0], 0.3);
+    lines.push(line(&lab, &doubled, "EAY", [0.0, 500.0], 0.3));
     let told = [
         "EAY: ",
         "EAY-0-0.csv and ",
         "EAY-0-500.csv contradict each other by up to ±",
         "check the files",
     ];
-    let bad = calibrated(folder.path(), &lines);
+    let bad = lab.calibrated(&lines.concat());
     assert!(has(&bad, &told), "{:?}", bad.warnings);
 }
 
 #[test]
 fn lines_that_do_not_separate_the_tilts_say_so() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}ECY = {{ poly = [0, 0.01] }}\n"));
     let measured = |places: &[[f64; 2]]| {
         let lines = places
             .iter()
-            .map(|place| line(folder.path(), &truth, "EYY", *place, 0.3));
-        calibrated(folder.path(), &lines.collect::<Vec<_>>())
+            .map(|place| line(&lab, &truth, "EYY", *place, 0.3));
+        lab.calibrated(&lines.collect::<String>())
     };
     let two = measured(&[[0.0, 1050.0], [900.0, 650.0]]);
     let told = [
@@ -178,7 +176,7 @@ fn lines_that_do_not_separate_the_tilts_say_so() {
 }
 
 /// Two lines 600 mm apart with little noise, and the pitch with much, run once.
-fn with_noisy_pitch(folder: &Path, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
+fn with_noisy_pitch(lab: &Lab, pitch: &Machine, truth: &Machine, seed: u64) -> Calibration {
     let mut noise = Noise::new(seed);
     let mut tables = String::new();
     for (name, error, z, runs, sigma) in [
@@ -196,16 +194,16 @@ fn with_noisy_pitch(folder: &Path, pitch: &Machine, truth: &Machine, seed: u64) 
         };
         let machine = if error == "EAY" { pitch } else { truth };
         let file = format!("{name}.csv");
-        tables += &measure(folder, machine, &file, &line, sigma, &mut noise);
+        tables += &measure(lab, machine, &file, &line, sigma, &mut noise);
         tables += "curve = { table = {} }\n";
     }
-    calibrated(folder, &[tables])
+    lab.calibrated(&tables)
 }
 
 /// Two lines of 0 and 40 µm/m: neither both directions nor targets at other places make noise of their slopes.
 #[test]
 fn lines_of_different_slopes_contradict_each_other() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     for (name, runs, other_targets) in [("one run", 1, 11), ("five runs", 5, 7), ("uneven", 1, 8)] {
         let lines = [(0.0, 11, 100.0), (0.04, other_targets, 200.0)].map(|(slope, targets, z)| {
             let mut noise = Noise::new(7);
@@ -222,10 +220,10 @@ fn lines_of_different_slopes_contradict_each_other() {
                 }
             }
             let file = format!("{targets}-{z}.csv");
-            fs::write(folder.path().join(&file), text).expect("written");
+            lab.write(&file, &text);
             format!("[[measurement]]\nerror = \"EXX\"\nfile = \"{file}\"\nat = {{ Y = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 1 }} }}\n")
         });
-        let found = calibrated(folder.path(), &lines);
+        let found = lab.calibrated(&lines.concat());
         assert!(
             has(&found, &["EXX", "contradict"]),
             "{name}: {:?}",
@@ -238,7 +236,7 @@ fn lines_of_different_slopes_contradict_each_other() {
 /// Slopes that differ as those of single runs do, of a beam that is aligned anew, contradict nothing.
 #[test]
 fn slopes_within_the_scatter_of_runs_do_not_contradict() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     for (second, contradicts) in [([0.0, 20.0, 40.0], false), ([100.0, 120.0, 140.0], true)] {
         let lines = [([-20.0, 0.0, 20.0], 100.0), (second, 200.0)].map(|(slopes, z)| {
             let mut noise = Noise::new(3);
@@ -251,10 +249,10 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
                 }
             }
             let file = format!("exy-{z}.csv");
-            fs::write(folder.path().join(&file), text).expect("written");
+            lab.write(&file, &text);
             format!("[[measurement]]\nerror = \"EXY\"\nfile = \"{file}\"\nat = {{ X = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 2 }} }}\n")
         });
-        let found = calibrated(folder.path(), &lines);
+        let found = lab.calibrated(&lines.concat());
         let told = has(&found, &["EXY: the slopes of", "contradict"]);
         assert_eq!(told, contradicts, "{second:?}: {:?}", found.warnings);
     }
@@ -264,13 +262,13 @@ fn slopes_within_the_scatter_of_runs_do_not_contradict() {
 /// tilt that is twice too large is one, whatever the noise draws.
 #[test]
 fn a_noisy_tilt_is_no_contradiction_and_a_doubled_one_is() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = lab();
     let truth = gantry(&format!("{LENGTH}{PITCH}"));
     let doubled = gantry("EAY = { poly = [0, 0.0316, 2.25e-7] }\n");
     let seeds = 1..=30;
     let told = |pitch: &Machine| {
         let told = |seed: &u64| {
-            let found = with_noisy_pitch(folder.path(), pitch, &truth, *seed);
+            let found = with_noisy_pitch(&lab, pitch, &truth, *seed);
             has(&found, &["contradict"])
         };
         seeds.clone().filter(told).collect::<Vec<u64>>()

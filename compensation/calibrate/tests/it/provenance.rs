@@ -1,8 +1,8 @@
 //! Where errors come from, as the calibrated machine tells it.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs};
 
-use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use crate::lab::Lab;
 
 /// Its least-squares line is 0.4 all along: it leaves −0.4 and 0.6 in turn.
 const ZIGZAG: &str = "target,deviation_um\n0,0\n25,1\n50,0\n75,1\n100,0\n";
@@ -10,35 +10,31 @@ const ZIGZAG: &str = "target,deviation_um\n0,0\n25,1\n50,0\n75,1\n100,0\n";
 const HASH: &str = "b9af90ed6d5058fb6b01448ab165fd6962ec85b08a981b326ff5500030b11f7d";
 const MACHINE: &str =
     "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
-const CALIBRATION: &str = "machine = \"machine.toml\"\nserial = \"GM-17\"\n\
+const CALIBRATION: &str = "serial = \"GM-17\"\n\
     [[measurement]]\nerror = \"EXX\"\nfile = \"lasers/x.csv\"\nat = { Y = 40 }\ncurve = { poly = { order = 1 } }\n\
     [[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\n\
     [[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\n\
     [[squareness]]\nerror = \"EC0Y\"\nfrom = [\"EXY\", \"EYX\"]\nreference_angle_urad = 0\n";
 
-fn calibrated(folder: &Path, machine: &str) -> Calibration {
-    fs::create_dir_all(folder.join("lasers")).expect("made");
-    let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("written");
-    write("machine.toml", machine);
-    write("lasers/x.csv", ZIGZAG);
-    write(
+fn files(machine: &str) -> Lab {
+    let lab = Lab::new(machine);
+    fs::create_dir_all(lab.folder().join("lasers")).expect("made");
+    lab.write("lasers/x.csv", ZIGZAG);
+    lab.write(
         "eyx.csv",
         "target,deviation_um\n0,0\n25,2\n50,3\n75,2\n100,0\n",
     );
-    write(
+    lab.write(
         "exy.csv",
         "target,deviation_um\n0,0\n25,1\n50,4\n75,1\n100,0\n",
     );
-    write("c.toml", CALIBRATION);
-    let file = CalibrationFile::read(&folder.join("c.toml")).expect("read");
-    calibrate(&file, |_, _| {}).expect("calibrated")
+    lab
 }
 
 /// Residual and leave-one-out error by hand: the leverages of a line through five even targets are 0.6, 0.3, 0.2, 0.3, 0.6.
 #[test]
 fn a_curve_tells_its_file_and_how_well_it_does() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let found = calibrated(folder.path(), MACHINE);
+    let found = files(MACHINE).calibrated(CALIBRATION);
     let provenance = found.machine.provenance();
     assert_eq!(provenance.serial.as_deref(), Some("GM-17"));
     assert_eq!(provenance.date, None);
@@ -87,16 +83,15 @@ fn a_curve_tells_its_file_and_how_well_it_does() {
 /// Wherever the files are and whenever it is done.
 #[test]
 fn the_same_files_give_the_same_bytes() {
-    let [one, two] = [0, 1].map(|_| tempfile::tempdir().expect("a folder"));
-    let text = calibrated(one.path(), MACHINE).machine.to_toml();
+    let calibrated = |machine: &str| files(machine).calibrated(CALIBRATION).machine;
+    let text = calibrated(MACHINE).to_toml();
     assert!(
         text.contains("[provenance]") && text.contains(HASH),
         "{text}"
     );
-    assert_eq!(calibrated(two.path(), MACHINE).machine.to_toml(), text);
+    assert_eq!(calibrated(MACHINE).to_toml(), text);
     // What the machine file tells of errors that are measured anew goes, what it tells of others stays.
-    let before = calibrated(one.path(), MACHINE).machine.to_toml();
-    let other = before.replace("EXX", "EZY");
+    let other = text.replace("EXX", "EZY");
     let other: String = other.lines().filter(|l| !l.starts_with("checksum")).fold(
         String::new(),
         |mut text, line| {
@@ -104,7 +99,7 @@ fn the_same_files_give_the_same_bytes() {
             text
         },
     );
-    let again = calibrated(two.path(), &other).machine;
+    let again = calibrated(&other);
     let told: Vec<String> = (again.provenance().errors.iter())
         .map(|origin| origin.error.to_string())
         .collect();
@@ -121,14 +116,10 @@ fn the_same_files_give_the_same_bytes() {
 
 #[test]
 fn a_file_counts_once_for_an_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    calibrated(folder.path(), MACHINE);
     let twice = format!(
         "{CALIBRATION}[[measurement]]\nerror = \"EYX\"\nfile = \"./lasers/../eyx.csv\"\nat = {{ Y = 50 }}\n"
     );
-    let path = folder.path().join("c.toml");
-    fs::write(&path, twice).expect("written");
-    let message = CalibrationFile::read(&path).expect_err("twice").to_string();
+    let message = files(MACHINE).refused(&twice);
     assert!(
         message.contains("found `./lasers/../eyx.csv`, which")
             && message.contains("for EYX already"),
@@ -154,18 +145,10 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
         }
         text
     };
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(MACHINE);
     let told = |zigzag: f64, of_run: f64| {
-        let write =
-            |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
-        write("machine.toml", MACHINE);
-        write("x.csv", &readings(zigzag, of_run));
-        write(
-            "c.toml",
-            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n",
-        );
-        let file = CalibrationFile::read(&folder.path().join("c.toml")).expect("read");
-        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        lab.write("x.csv", &readings(zigzag, of_run));
+        let found = lab.calibrated("[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n");
         let said = found
             .warnings
             .iter()
@@ -182,7 +165,7 @@ fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
 /// A straightness a thousand times too large, with the slope of its beam, and the right one.
 #[test]
 fn a_straightness_in_the_wrong_unit_is_told() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(MACHINE);
     let told = |scale: f64| {
         let mut text = String::from("target,deviation_um\n");
         for step in 0..=10 {
@@ -194,16 +177,8 @@ fn a_straightness_in_the_wrong_unit_is_told() {
                 900.0 * x + scale * 8.0 * x * (1.0 - x)
             );
         }
-        let write =
-            |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
-        write("machine.toml", MACHINE);
-        write("e.csv", &text);
-        write(
-            "c.toml",
-            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EYX\"\nfile = \"e.csv\"\n",
-        );
-        let file = CalibrationFile::read(&folder.path().join("c.toml")).expect("read");
-        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        lab.write("e.csv", &text);
+        let found = lab.calibrated("[[measurement]]\nerror = \"EYX\"\nfile = \"e.csv\"\n");
         found.warnings.iter().any(|w| w.contains("a deviation of"))
     };
     assert!(told(1000.0));

@@ -1,11 +1,14 @@
 //! Squareness by square, beams and diagonals, and the reference lines of straightness.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs};
 
-use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_calibrate::Calibration;
 use volcomp_kinematics::{Form, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
+use volcomp_test_support::cases;
 use volcomp_vocabulary::{AxisName, Direction};
+
+use crate::lab::Lab;
 
 /// Edges of the working space, mm.
 const EDGES: [f64; 3] = [600.0, 400.0, 300.0];
@@ -28,7 +31,7 @@ fn position_um(machine: &Machine, at: [f64; 3], approach: Option<[Direction; 3]>
 
 /// A laser along a diagonal: its file, its table in the calibration file, and how much longer the diagonal is than it
 /// should be, µm. The laser's scale and its zero are not known.
-fn diagonal(folder: &Path, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
+fn diagonal(lab: &Lab, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> (String, f64) {
     let [from, to] = ends.map(Vector3::from);
     let way = to - from;
     let (length, along) = (way.norm(), way.normalize());
@@ -49,7 +52,7 @@ fn diagonal(folder: &Path, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> 
         let read = deviation + 7.0 + 0.004 * length * share;
         writeln!(csv, "{},1,+,{read:.9}", length * share).expect("a String");
     }
-    fs::write(folder.join(name), csv).expect("written");
+    lab.write(name, &csv);
     let place = |p: Vector3<f64>| format!("{{ X = {:?}, Y = {:?}, Z = {:?} }}", p.x, p.y, p.z);
     let table = format!(
         "{{ file = \"{name}\", from = {}, to = {} }}",
@@ -57,13 +60,6 @@ fn diagonal(folder: &Path, truth: &Machine, name: &str, ends: [[f64; 3]; 2]) -> 
         place(to)
     );
     (table, ends_um[1] - ends_um[0])
-}
-
-fn calibrated(folder: &Path, machine: &str, text: &str) -> Calibration {
-    fs::write(folder.join("machine.toml"), machine).expect("written");
-    let path = folder.join("calibration.toml");
-    fs::write(&path, format!("machine = \"machine.toml\"\n{text}")).expect("written");
-    calibrate(&CalibrationFile::read(&path).expect("read"), |_, _| {}).expect("calibrated")
 }
 
 /// From the lower to the upper end along P, the other way along N.
@@ -86,24 +82,24 @@ fn value(found: &Calibration, name: &str) -> f64 {
 fn body_diagonals_give_what_their_formula_gives() {
     let squares = [("EC0Y", 25.0), ("EA0Z", -14.0), ("EB0Z", 18.0)];
     for known in ["", KNOWN] {
-        let folder = tempfile::tempdir().expect("a folder");
+        let machine = format!("{GEOMETRY}[errors]\n{known}");
+        let lab = Lab::new(&machine);
         let errors = squares
             .map(|(name, value)| format!("{name} = {value}\n"))
             .concat();
-        let truth = Machine::parse(&format!("{GEOMETRY}[errors]\n{known}{errors}"), "truth");
+        let truth = Machine::parse(&format!("{machine}{errors}"), "truth");
         let truth = truth.expect("a machine");
         let names = ["PPP", "NPP", "PNP", "PPN"];
         let measured: Vec<(String, f64)> = names
             .iter()
-            .map(|name| diagonal(folder.path(), &truth, &format!("{name}.csv"), body(name)))
+            .map(|name| diagonal(&lab, &truth, &format!("{name}.csv"), body(name)))
             .collect();
         let tables: Vec<&str> = measured.iter().map(|(table, _)| table.as_str()).collect();
         let text = format!(
             "[[squareness]]\nerrors = [\"EC0Y\", \"EA0Z\", \"EB0Z\"]\ndiagonals = [{}]\nuncertainty_um = 0.5\n",
             tables.join(", ")
         );
-        let machine = format!("{GEOMETRY}[errors]\n{known}");
-        let found = calibrated(folder.path(), &machine, &text);
+        let found = lab.calibrated(&text);
         for (name, expected) in squares {
             let value = value(&found, name);
             assert!((value - expected).abs() < 0.01, "{name}: {value}");
@@ -132,24 +128,18 @@ fn body_diagonals_give_what_their_formula_gives() {
 
 #[test]
 fn face_diagonals_give_the_squareness_of_their_plane() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(&format!("{GEOMETRY}[errors]\n{KNOWN}EC0X = 80.0\n"));
     let truth = format!("{GEOMETRY}[errors]\n{KNOWN}EC0X = -32.0\nEA0Z = 5.0\n");
     let truth = Machine::parse(&truth, "truth").expect("a machine");
     let [a, b, _] = EDGES;
-    let (pp, _) = diagonal(folder.path(), &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
-    let (np, _) = diagonal(
-        folder.path(),
-        &truth,
-        "np.csv",
-        [[a, 0.0, 0.0], [0.0, b, 0.0]],
-    );
+    let (pp, _) = diagonal(&lab, &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
+    let (np, _) = diagonal(&lab, &truth, "np.csv", [[a, 0.0, 0.0], [0.0, b, 0.0]]);
     let table = format!("[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\n");
     // With Y as the primary reference axis the tilt is X's; what the file had of it is no start.
     let text = format!(
         "reference_axes = [\"Y\", \"X\"]\n{table}[[location]]\nerror = \"EA0Z\"\nvalue_urad = 5.0\n"
     );
-    let machine = format!("{GEOMETRY}[errors]\n{KNOWN}EC0X = 80.0\n");
-    let found = calibrated(folder.path(), &machine, &text);
+    let found = lab.calibrated(&text);
     assert!(
         (value(&found, "EC0Y") - 32.0).abs() < 0.01,
         "{:?}",
@@ -158,16 +148,7 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     let tilt = found.machine.locations()[&"EC0X".parse().expect("a name")];
     assert!((tilt + 32.0).abs() < 0.01, "{tilt}");
     // One plane says nothing of another.
-    let path = folder.path().join("calibration.toml");
-    let text = format!(
-        "machine = \"machine.toml\"\n{}",
-        table.replace("EC0Y", "EB0Z")
-    );
-    fs::write(&path, text).expect("written");
-    let file = CalibrationFile::read(&path).expect("read");
-    let message = calibrate(&file, |_, _| {})
-        .expect_err("not determined")
-        .to_string();
+    let message = lab.refused(&table.replace("EC0Y", "EB0Z"));
     assert!(
         message.contains("EB0Z from ") && message.contains("do not determine"),
         "{message}"
@@ -178,17 +159,17 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
 /// line that is none.
 #[test]
 fn diagonals_that_scatter_are_noted() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let lab = Lab::new(GEOMETRY);
     let truth = Machine::parse(GEOMETRY, "truth").expect("a machine");
     let [a, b, _] = EDGES;
-    let (pp, _) = diagonal(folder.path(), &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
+    let (pp, _) = diagonal(&lab, &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
     let ends = [[a, 0.0, 0.0], [0.0, b, 0.0]];
-    let (np, _) = diagonal(folder.path(), &truth, "np.csv", ends);
+    let (np, _) = diagonal(&lab, &truth, "np.csv", ends);
     let table = format!(
         "[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\nuncertainty_um = 0.1\n"
     );
     let notes = || {
-        let found = calibrated(folder.path(), GEOMETRY, &table);
+        let found = lab.calibrated(&table);
         let own = found.warnings.into_iter();
         own.filter(|note| note.starts_with("EC0Y from diagonals: "))
             .collect::<Vec<_>>()
@@ -199,8 +180,7 @@ fn diagonals_that_scatter_are_noted() {
         "{quiet:?}"
     );
     for name in ["pp.csv", "np.csv"] {
-        let path = folder.path().join(name);
-        let text = fs::read_to_string(&path).expect("read");
+        let text = fs::read_to_string(lab.folder().join(name)).expect("read");
         let scattered: Vec<String> = text
             .lines()
             .enumerate()
@@ -213,7 +193,7 @@ fn diagonals_that_scatter_are_noted() {
                 _ => text.to_owned(),
             })
             .collect();
-        fs::write(&path, scattered.join("\n")).expect("written");
+        lab.write(name, &scattered.join("\n"));
     }
     let found = notes();
     assert!(
@@ -223,13 +203,13 @@ fn diagonals_that_scatter_are_noted() {
     assert!(!found.iter().any(|note| note.contains(":0:")), "{found:?}");
 }
 
-fn straight(folder: &Path, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
+fn straight(lab: &Lab, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
     let mut csv = String::from("target,deviation\n");
     for step in 0..=12 {
         let q = length * f64::from(step) / 12.0;
         writeln!(csv, "{q},{:.9}", profile(q)).expect("a String");
     }
-    fs::write(folder.join(name), csv).expect("written");
+    lab.write(name, &csv);
 }
 
 const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve = { table = {} }\nLINE\n[[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\ncurve = { table = {} }\nLINE\n[[squareness]]\nerror = \"EC0Y\"\n";
@@ -238,18 +218,18 @@ const LINES: &str = "[[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\ncurve
 /// workpiece is laid on it.
 #[test]
 fn reference_lines_share_out_the_same_machine() {
-    let folder = tempfile::tempdir().expect("a folder");
-    straight(folder.path(), "eyx.csv", 600.0, |q| {
+    let lab = Lab::new(GEOMETRY);
+    straight(&lab, "eyx.csv", 600.0, |q| {
         4.0 + 0.02 * q + 6.0 * (q / 100.0).sin()
     });
-    straight(folder.path(), "exy.csv", 400.0, |q| {
+    straight(&lab, "exy.csv", 400.0, |q| {
         -0.01 * q + 3.0 * (q / 60.0).cos()
     });
     let mut machines = Vec::new();
     let mut squares = Vec::new();
     for kind in ["least-squares", "end-points", "minimum-zone"] {
         let text = LINES.replace("LINE", &format!("reference_line = \"{kind}\""));
-        let found = calibrated(folder.path(), GEOMETRY, &text);
+        let found = lab.calibrated(&text);
         squares.push(value(&found, "EC0Y"));
         machines.push(found.machine);
     }
@@ -276,9 +256,9 @@ fn reference_lines_share_out_the_same_machine() {
 /// into 180° − φ.
 #[test]
 fn squares_and_beams_count_in_the_direction_of_the_light() {
-    let folder = tempfile::tempdir().expect("a folder");
-    straight(folder.path(), "eyx.csv", 600.0, |q| 0.010 * q);
-    straight(folder.path(), "exy.csv", 400.0, |q| 0.004 * q);
+    let lab = Lab::new(GEOMETRY);
+    straight(&lab, "eyx.csv", 600.0, |q| 0.010 * q);
+    straight(&lab, "exy.csv", 400.0, |q| 0.004 * q);
     let angle = 90.0 + 5e-6_f64.to_degrees();
     for (keys, expected) in [
         ("reference_angle_urad = 5.0".to_owned(), -9.0),
@@ -297,56 +277,24 @@ fn squares_and_beams_count_in_the_direction_of_the_light() {
             -19.0,
         ),
     ] {
-        let found = calibrated(
-            folder.path(),
-            GEOMETRY,
-            &format!("{}{keys}\n", LINES.replace("LINE", "")),
-        );
+        let found = lab.calibrated(&format!("{}{keys}\n", LINES.replace("LINE", "")));
         let value = value(&found, "EC0Y");
         assert!((value - expected).abs() < 1e-6, "{keys}: {value}");
     }
-    for (keys, expected) in [
-        (
-            "beams = [\"+X\", \"+Y\"]",
-            "beams: expected only with `optical_square_urad` or `beam_angle_deg`",
-        ),
-        (
-            "optical_square_urad = 1\nbeams = [\"X\", \"Y\"]",
-            "[\"+X\", \"-Y\"]",
-        ),
-        (
-            "optical_square_urad = 1\nbeams = [\"+X\", \"+X\"]",
-            "[\"+X\", \"-Y\"]",
-        ),
-        (
-            "beam_angle_deg = 0.0001",
-            "expected an angle between 89 and 91 deg",
-        ),
-        (
-            "beam_angle_deg = 90\nvalue_urad = 3",
-            "found value_urad and beam_angle_deg together",
-        ),
-        ("uncertainty_um = 1", "expected only with `diagonals`"),
-        (
-            "diagonals = [{ file = \"eyx.csv\", from = {}, to = { X = 600 } }]",
-            "found 1 diagonals",
-        ),
-        (
-            "diagonals = [{ file = \"eyx.csv\", from = {}, to = { X = 60 } }, { file = \"eyx.csv\", from = {}, to = { X = 60 } }]",
-            "found targets from 0 to 600 mm, expected distances from the beginning of the diagonal, 0 to 60.0 mm",
-        ),
-        (
-            "diagonals = [{ file = \"eyx.csv\", from = {}, to = {} }, { file = \"eyx.csv\", from = {}, to = { X = 60 } }]",
-            "the same place",
-        ),
-    ] {
-        let path = folder.path().join("calibration.toml");
-        let text = format!(
-            "machine = \"machine.toml\"\n{}{keys}\n",
-            LINES.replace("LINE", "")
-        );
-        fs::write(&path, text).expect("written");
-        let message = CalibrationFile::read(&path).expect_err(keys).to_string();
+    for [keys, expected] in &cases(
+        r#"
+beams = ["+X", "+Y"] | beams: expected only with `optical_square_urad` or `beam_angle_deg`
+optical_square_urad = 1\nbeams = ["X", "Y"] | ["+X", "-Y"]
+optical_square_urad = 1\nbeams = ["+X", "+X"] | ["+X", "-Y"]
+beam_angle_deg = 0.0001 | expected an angle between 89 and 91 deg
+beam_angle_deg = 90\nvalue_urad = 3 | found value_urad and beam_angle_deg together
+uncertainty_um = 1 | expected only with `diagonals`
+diagonals = [{ file = "eyx.csv", from = {}, to = { X = 600 } }] | found 1 diagonals
+diagonals = [{ file = "eyx.csv", from = {}, to = { X = 60 } }, { file = "eyx.csv", from = {}, to = { X = 60 } }] | found targets from 0 to 600 mm, expected distances from the beginning of the diagonal, 0 to 60.0 mm
+diagonals = [{ file = "eyx.csv", from = {}, to = {} }, { file = "eyx.csv", from = {}, to = { X = 60 } }] | the same place
+"#,
+    ) {
+        let message = lab.refused(&format!("{}{keys}\n", LINES.replace("LINE", "")));
         assert!(message.contains(expected), "{keys}: {message}");
     }
 }

@@ -1,12 +1,13 @@
 //! A turning axis measured over another turn than its travel: the right error at every angle.
 
 use std::fmt::Write as _;
-use std::fs;
 
-use volcomp_calibrate::{CalibrateError, CalibrationFile, calibrate};
+use volcomp_calibrate::CalibrateError;
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName;
+
+use crate::lab::Lab;
 
 /// The machine that a calibration of ECC = 20·sin C µrad makes.
 fn calibrated(travel: &str, targets: impl Iterator<Item = i32>, curve: &str) -> Machine {
@@ -18,28 +19,21 @@ fn tried(
     targets: impl Iterator<Item = i32>,
     curve: &str,
 ) -> Result<Machine, CalibrateError> {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
     let machine = format!(
         "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
          C = {{ travel = {travel}, modulo = 360 }}\n"
     );
-    write("machine.toml", &machine);
+    let lab = Lab::new(&machine);
     let mut readings = "target,deviation\n".to_owned();
     for target in targets {
         let deviation = 20.0 * f64::from(target).to_radians().sin();
         writeln!(readings, "{target},{deviation}").expect("a text");
     }
-    write("c.csv", &readings);
+    lab.write("c.csv", &readings);
     let text = format!(
-        "machine = \"machine.toml\"\n[[measurement]]\nerror = \"ECC\"\nfile = \"c.csv\"\nunit = \"urad\"\ncurve = {curve}\n"
+        "[[measurement]]\nerror = \"ECC\"\nfile = \"c.csv\"\nunit = \"urad\"\ncurve = {curve}\n"
     );
-    let file = CalibrationFile::read(&write("calibration.toml", &text)).expect("read");
-    Ok(calibrate(&file, |_, _| {})?.machine)
+    Ok(lab.tried(&text)?.machine)
 }
 
 /// The largest difference of ECC from 20·sin C over two turns, µrad, where no curve may be outside of its range.
@@ -117,13 +111,6 @@ fn a_part_of_a_turn_stays_one() {
 /// An instrument that does not turn sees two motions of a turning frame mixed: read as they are they would be silently wrong.
 #[test]
 fn lines_of_motions_that_turn_with_the_axis_are_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
-    write("c.csv", "target,deviation\n0,0\n90,1\n180,2\n270,1\n");
     for (frame, error, is_read) in [
         ("turning", "EXC", false),
         ("turning", "EBC", false),
@@ -131,21 +118,18 @@ fn lines_of_motions_that_turn_with_the_axis_are_refused() {
         ("turning", "ECC", true),
         ("fixed", "EXC", true),
     ] {
-        write(
-            "machine.toml",
-            &format!(
-                "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
-            ),
-        );
+        let lab = Lab::new(&format!(
+            "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
+        ));
+        lab.write("c.csv", "target,deviation\n0,0\n90,1\n180,2\n270,1\n");
         let unit = if error.starts_with("EB") || error.starts_with("EC") {
             "urad"
         } else {
             "um"
         };
-        let text = format!(
-            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"{error}\"\nfile = \"c.csv\"\nunit = \"{unit}\"\n"
-        );
-        let read = CalibrationFile::read(&write("calibration.toml", &text));
+        let text =
+            format!("[[measurement]]\nerror = \"{error}\"\nfile = \"c.csv\"\nunit = \"{unit}\"\n");
+        let read = lab.read(&text);
         assert_eq!(read.is_ok(), is_read, "{frame} {error}: {:?}", read.err());
         if let Err(error) = read {
             let error = error.to_string();

@@ -1,6 +1,6 @@
 //! Drawn calibrations against the covariance of the readings, computed by itself.
 
-use std::{fmt::Write, fs, path::Path};
+use std::fmt::Write;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,6 +8,8 @@ use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_vocabulary::AxisName;
 
 use volcomp_model::{Ensemble, Machine, Tolerance};
+
+use crate::lab::Lab;
 
 const TRIALS: u64 = 2000;
 const MACHINE: &str =
@@ -25,20 +27,19 @@ fn runs() -> Vec<[f64; TARGETS]> {
     (0..RUNS).map(&mut run).collect()
 }
 
-fn written(folder: &Path, more: &str) -> CalibrationFile {
+fn written(more: &str) -> CalibrationFile {
     let mut csv = String::from("target,run,direction,deviation\n");
     for (run, values) in runs().iter().enumerate() {
         for (i, value) in values.iter().enumerate() {
             writeln!(csv, "{},{},+,{value}", 200 * i, run + 1).expect("a String");
         }
     }
-    fs::write(folder.join("x.csv"), csv).expect("written");
-    fs::write(folder.join("machine.toml"), MACHINE).expect("written");
+    let lab = Lab::new(MACHINE);
+    lab.write("x.csv", &csv);
     let text = format!(
-        "machine = \"machine.toml\"\n{more}\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\ncurve = {{ table = {{}} }}\n"
+        "{more}\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\ncurve = {{ table = {{}} }}\n"
     );
-    fs::write(folder.join("calibration.toml"), text).expect("written");
-    CalibrationFile::read(&folder.join("calibration.toml")).expect("a valid calibration")
+    lab.read(&text).expect("a valid calibration")
 }
 
 fn machine_of(file: &CalibrationFile) -> Machine {
@@ -61,8 +62,7 @@ fn uncertainty(ensemble: &Ensemble, machine: &Machine, x: f64, y: f64) -> [f64; 
 /// The curve is zero at 0, so what counts at a target is its difference from the first.
 #[test]
 fn the_spread_is_that_of_the_means_of_the_runs() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = written(folder.path(), "");
+    let file = written("");
     let (ensemble, runs) = (ensemble(&file), runs());
     for i in 1..TARGETS {
         let differences: Vec<f64> = runs.iter().map(|run| run[i] - run[0]).collect();
@@ -83,9 +83,8 @@ fn the_spread_is_that_of_the_means_of_the_runs() {
 
 #[test]
 fn stated_uncertainties_are_carried() {
-    let folder = tempfile::tempdir().expect("a folder");
     let more = "[uncertainty]\nlaser_um_per_m = 20.0\nsquare_urad = 5.0\n[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = 12.0";
-    let mut file = written(folder.path(), more);
+    let mut file = written(more);
     // Without scatter only the stated ones are left.
     for reading in &mut file.measurements[0].readings.readings {
         reading.deviation = 1.0;
@@ -101,8 +100,7 @@ fn stated_uncertainties_are_carried() {
 
 #[test]
 fn a_trial_is_the_same_whatever_was_drawn_before() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = written(folder.path(), "[uncertainty]\nreading_um = 0.5");
+    let file = written("[uncertainty]\nreading_um = 0.5");
     let deviations = |seed, trial| {
         let varied = file.varied(seed, trial);
         let readings = varied.measurements[0].readings.readings.clone();

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use volcomp_test_support::cases;
+
 use crate::lab::{Lab, value};
 
 const MACHINE: &str = "structure = \"w b X Y Z t\"
@@ -117,134 +119,60 @@ fn a_calibrated_distance_is_one_more_observation() {
 }
 
 #[test]
-#[expect(clippy::too_many_lines, reason = "a list of what can be wrong")]
 fn what_is_wrong_with_a_row_is_named() {
-    let read = "X,ball,along_um\n0,A,0\n100,B,1\n200,C,2\n300,D,2\n400,E,1\n";
-    for (row, table, extra, expected) in [
-        (ROW, read, "", ""),
-        (
-            "ball,distance_mm\nA,0\n",
-            read,
-            "",
-            "row.csv:1: header: found 1 balls, expected at least two",
-        ),
-        (
-            "ball,distance_mm\nA,0\nA,3\n",
-            read,
-            "",
-            "ball `A` stands twice",
-        ),
-        (
-            "ball,distance_mm\nA,0\nB,0\n",
-            read,
-            "",
-            "found 0 mm, where ball `A` is already",
-        ),
-        (
-            "ball,distance_mm,uncertainty_um\nA,0,-1\nB,2,0\n",
-            read,
-            "",
-            "found -1e0 µm, expected 1e-6 to 1e6 µm, or 0",
-        ),
-        (
-            "ball,distance_mm\nA,nan\nB,2\n",
-            read,
-            "",
-            "expected a finite number",
-        ),
-        (ROW, "X,along_um\n0,1\n", "", "expected a column `ball`"),
-        (
-            ROW,
-            "X,ball,along_um\n0,F,1\n",
-            "",
-            "read.csv:2: ball: found `F`, expected a ball of row.csv: A, B, C, D, E",
-        ),
-        (
-            ROW,
-            "X,ball,along_um\n0,A,\n100,B,1\n",
-            "",
-            "found no reading, expected at least one of",
-        ),
-        (
-            ROW,
-            "X,ball,along_um\n0,A,0\n10,A,1\n",
-            "",
-            "readings at one place of the row only",
-        ),
-        (
-            ROW,
-            "X,ball,along_um\n0,A,0\n100,B,1\n150,C,2\n300,D,2\n400,E,1\n",
-            "",
-            "read.csv:4: row: found a ball",
-        ),
-        (
-            ROW,
-            read,
-            "direction = [-1, 0, 0]\n",
-            "from where its distance puts it on a straight bar",
-        ),
-        (
-            ROW,
-            read,
-            "direction = [0, 0, 0]\n",
-            "found a zero direction",
-        ),
-        (
-            ROW,
-            read,
-            "direction = [1, 0, 0]\nside1 = [2, 0, 0]\n",
-            "found the direction of the row itself",
-        ),
-        (
-            ROW,
-            read,
-            "side1 = [2, 0, 0]\n",
-            "expected a direction across it",
-        ),
-        (
-            ROW,
-            read,
-            "judge = true\n",
-            "found `judge = true` without a known origin",
-        ),
-        (
-            ROW,
-            read,
-            "origin = [5, 0, 0]\n",
-            "origin: found an origin 5.0 mm from where the readings of the balls put it, 5.0 mm of it along the row",
-        ),
-        (
-            ROW,
-            read,
-            "origin = [0, 0, -4]\ndirection = [1, 0, 0]\n",
-            "found an origin 4.0 mm from where the readings of the balls put it, 0.0 mm of it along the row",
-        ),
-        (ROW, read, "origin = [0, 0, 0]\n", ""),
-        (ROW, read, "point = [1, 2, 3]\n", "unknown key"),
-        (
-            ROW,
-            "X,Y,ball,side1_um\n0,0,A,0\n60,80,B,1\n120,160,C,2\n180,240,D,2\n240,320,E,1\n",
-            "",
-            "expected `side1 = [x, y, z]`",
-        ),
-    ] {
+    const READ: &str = "X,ball,along_um\n0,A,0\n100,B,1\n200,C,2\n300,D,2\n400,E,1\n";
+    let refused = |row: &str, table: &str, extra: &str| {
         let lab = lab();
         lab.write("row.csv", row);
         lab.write("read.csv", table);
-        let text = format!("folds = 0\nunknown = [\"EXX\"]\n{OBSERVATION}{extra}");
-        match lab.identify(&text) {
-            Ok(_) => assert_eq!(expected, "", "{table}{extra}"),
-            Err(error) => {
-                let message = error.to_string();
-                assert!(
-                    !expected.is_empty() && message.contains(expected),
-                    "{row}{table}{extra}\n{message}\n{expected}"
-                );
-            }
-        }
+        let text = format!("folds = 0\nunknown = [\"EXX\"]\n{OBSERVATION}{extra}\n");
+        let found = lab.identify(&text).map(|_| ());
+        found.map_err(|error| error.to_string())
+    };
+    let named = |told: Result<(), String>, expected: &str| {
+        let told = told.expect_err(expected);
+        assert!(told.contains(expected), "{told}\n{expected}");
+    };
+    refused(ROW, READ, "").expect("right");
+    refused(ROW, READ, "origin = [0, 0, 0]").expect("right");
+    for [row, expected] in &cases(
+        r"
+ball,distance_mm\nA,0\n | row.csv:1: header: found 1 balls, expected at least two
+ball,distance_mm\nA,0\nA,3\n | ball `A` stands twice
+ball,distance_mm\nA,0\nB,0\n | found 0 mm, where ball `A` is already
+ball,distance_mm\nA,nan\nB,2\n | expected a finite number
+",
+    ) {
+        named(refused(row, READ, ""), expected);
+    }
+    for [table, expected] in &cases(
+        r"
+X,along_um\n0,1\n | expected a column `ball`
+X,ball,along_um\n0,F,1\n | read.csv:2: ball: found `F`, expected a ball of row.csv: A, B, C, D, E
+X,ball,along_um\n0,A,\n100,B,1\n | found no reading, expected at least one of
+X,ball,along_um\n0,A,0\n10,A,1\n | readings at one place of the row only
+X,ball,along_um\n0,A,0\n100,B,1\n150,C,2\n300,D,2\n400,E,1\n | read.csv:4: row: found a ball
+X,Y,ball,side1_um\n0,0,A,0\n60,80,B,1\n120,160,C,2\n180,240,D,2\n240,320,E,1\n | expected `side1 = [x, y, z]`
+",
+    ) {
+        named(refused(ROW, table, ""), expected);
+    }
+    for [extra, expected] in &cases(
+        r"
+direction = [-1, 0, 0] | from where its distance puts it on a straight bar
+direction = [0, 0, 0] | found a zero direction
+direction = [1, 0, 0]\nside1 = [2, 0, 0] | found the direction of the row itself
+side1 = [2, 0, 0] | expected a direction across it
+judge = true | found `judge = true` without a known origin
+origin = [5, 0, 0] | origin: found an origin 5.0 mm from where the readings of the balls put it, 5.0 mm of it along the row
+origin = [0, 0, -4]\ndirection = [1, 0, 0] | found an origin 4.0 mm from where the readings of the balls put it, 0.0 mm of it along the row
+point = [1, 2, 3] | unknown key
+",
+    ) {
+        named(refused(ROW, READ, extra), expected);
     }
     let lab = lab();
-    lab.write("read.csv", read);
+    lab.write("read.csv", READ);
     let message = lab.refused(&format!(
         "{UNKNOWN}{}",
         OBSERVATION.replace("row = \"row.csv\"\n", "")

@@ -8,7 +8,7 @@ use volcomp_model::Machine;
 use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName::{self, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value, words, worn};
+use crate::lab::{Lab, Noise, csv, tip, value, words, worn};
 
 const MACHINE: &str = "structure = \"w C b X Y Z B t\"
 axes.X.travel = [-500.0, 500.0]
@@ -123,12 +123,11 @@ fn rows_that_no_machine_gave_are_refused() {
         &rows(HEADER, 200.0, |_, _, name| apart(name, ["three", "four"])),
     );
     // Diagonals never are far off: most of all rows, they must not hide a file that is.
-    let mut diagonal = String::from("X,Y,Z,deviation_um\n");
-    for k in 0..200 {
+    let diagonal = (0..200).map(|k| {
         let at = f64::from(k) * 2.0 - 200.0;
-        let _ = writeln!(diagonal, "{at},{at},{at},{:?}", 0.3 * f64::from(k % 3));
-    }
-    lab.write("d.csv", &diagonal);
+        [at, at, at, 0.3 * f64::from(k % 3)]
+    });
+    lab.write("d.csv", &csv("X,Y,Z,deviation_um", diagonal));
     let good = "[[observation]]\nkind = \"sphere\"\nfile = \"good.csv\"\n";
     let line = "[[observation]]\nkind = \"line\"\nfile = \"d.csv\"\ndirection = [1, 1, 1]\n";
     for (what, length, change) in changes {
@@ -184,12 +183,11 @@ fn a_left_handed_frame_is_refused() {
         "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
     for (sign, is_refused) in [(1.0, false), (-1.0, true)] {
         let mut noise = Noise::new(12);
-        let mut text = String::from("X,Y,Z,x mm,y_mm,z [mm]\n");
-        for _ in 0..20 {
+        let rows = (0..20).map(|_| {
             let [x, y, z] = [0; 3].map(|_| noise.between(-400.0, 400.0));
-            let _ = writeln!(text, "{:?},{y:?},{z:?},{x:?},{y:?},{z:?}", sign * x);
-        }
-        lab.write("t.csv", &text);
+            [sign * x, y, z, x, y, z]
+        });
+        lab.write("t.csv", &csv("X,Y,Z,x mm,y_mm,z [mm]", rows));
         let result = lab.identify(observed);
         assert_eq!(result.is_err(), is_refused, "{result:?}");
         if is_refused {
@@ -293,31 +291,28 @@ X,Y,Z,C_actual,B,sphere | found a column `C_actual`, expected `C`
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
     }
-    let r_test = "X,Y,Z,C,B,sphere,dx_mm,dy_mm,dz_mm\n1,2,3,4,5,S,0.1,0.2,0.3\n";
-    let error = found(r_test).expect_err("mm");
-    assert!(
-        error
-            .to_string()
-            .contains("found a column `dx_mm`, expected `dx_um`"),
-        "{error}"
-    );
-}
-
-/// With none of its three columns a file is that of a touch probe; one that is missing or misspelt does not make it one.
-#[test]
-fn an_r_test_has_all_three_columns() {
-    for (columns, missing) in [
-        ("foo,dy_um,dz_um", "dx_um"),
-        ("dx_um,dy_um,foo", "dz_um"),
-        ("dx_um,foo,bar", "dy_um"),
-    ] {
+    // With none of its three columns a file is that of a touch probe; one that is missing or misspelt does not make it one.
+    for [columns, expected] in &cases(
+        "
+dx_mm,dy_mm,dz_mm | found a column `dx_mm`, expected `dx_um`
+foo,dy_um,dz_um | `dx_um`
+dx_um,dy_um,foo | `dz_um`
+dx_um,foo,bar | `dy_um`
+",
+    ) {
         let text = format!("X,Y,Z,C,B,sphere,{columns}\n1,2,3,4,5,S,1,2,3\n");
         let error = found(&text).expect_err(columns).to_string();
-        assert!(
-            error.contains(&format!("`{missing}`")),
-            "{columns}: {error}"
-        );
+        assert!(error.contains(expected), "{columns}: {error}");
     }
+    // A column of a tracker in another unit is told by its own name, not by that of an axis.
+    let lab = Lab::new(MACHINE);
+    lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
+    let message =
+        lab.refused("unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n");
+    assert!(
+        message.contains("found a column `z_um`, expected `z`:"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -340,19 +335,6 @@ fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
     let beside = found(&beside).expect("found");
     assert_eq!(beside.warnings.len(), 1, "{:?}", beside.warnings);
     assert!(words(&beside).ends_with("columns that are not used: x"));
-}
-
-/// A tracker's columns may have their unit; in another one they are told by their own name, not by that of an axis.
-#[test]
-fn columns_of_targets_have_their_own_names() {
-    let lab = Lab::new(MACHINE);
-    lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
-    let observed = "unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
-    let message = lab.refused(observed);
-    assert!(
-        message.contains("found a column `z_um`, expected `z`:"),
-        "{message}"
-    );
 }
 
 #[test]
@@ -401,73 +383,6 @@ fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
     );
 }
 
-/// An R-test and a touch probe on one machine, EX0C = 60 µm: the R-test with its signs the other way contradicts the probe.
-#[test]
-fn an_instrument_that_counts_the_other_way_is_named() {
-    let lab = Lab::new(MACHINE);
-    let mut noise = Noise::new(8);
-    let mut probe = format!("{HEADER}\n");
-    let mut r_test = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
-    for k in 0..16 {
-        let c = 22.5 * f64::from(k) - 170.0;
-        let (sin_c, cos_c) = c.to_radians().sin_cos();
-        // The ball turns about a line that lies 60 µm to +X: in workpiece axes the tip is off by −60·(cos C − 1), 60·sin C
-        // turned back, which is (1 − cos C)·60 along X of the machine.
-        let ball = [cos_c * 120.0 + sin_c * 40.0, cos_c * 40.0 - sin_c * 120.0];
-        let off = [0.06 * (1.0 - cos_c), 0.06 * sin_c];
-        let mut n = || noise.normal(0.0005);
-        let _ = writeln!(
-            probe,
-            "{:?},{:?},{:?},{c},0,one",
-            ball[0] + off[0] + n(),
-            ball[1] + off[1] + n(),
-            -100.0 + n()
-        );
-        // At the ideal place the tip stands off by as much the other way, in workpiece axes.
-        let tip = [-off[0], -off[1]];
-        let [dx, dy] = [
-            cos_c * tip[0] - sin_c * tip[1],
-            sin_c * tip[0] + cos_c * tip[1],
-        ];
-        let _ = writeln!(
-            r_test,
-            "{:?},{:?},-100,{c},0,one,{:?},{:?},{:?}",
-            ball[0],
-            ball[1],
-            1e3 * (dx + n()),
-            1e3 * (dy + n()),
-            1e3 * n()
-        );
-    }
-    lab.write("s.csv", &probe);
-    lab.write("r.csv", &r_test);
-    let both = format!("{UNKNOWN}[[observation]]\nkind = \"sphere\"\nfile = \"r.csv\"\n");
-    let right = lab.identify(&both).expect("found");
-    assert!(
-        (value(&right, "EX0C").0 - 60.0).abs() < 1.0,
-        "{:?}",
-        right.parameters
-    );
-    assert_eq!(crate::lab::words(&right), "");
-    let turned: String = r_test
-        .lines()
-        .enumerate()
-        .map(|(row, line)| {
-            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
-            if row > 0 {
-                for cell in &mut cells[6..] {
-                    *cell = format!("{:?}", -cell.parse::<f64>().expect("a number"));
-                }
-            }
-            cells.join(",") + "\n"
-        })
-        .collect();
-    lab.write("r.csv", &turned);
-    let wrong = lab.identify(&both).expect("found");
-    let words = crate::lab::words(&wrong);
-    assert!(words.contains("r.csv: looks inverted"), "{words}");
-}
-
 /// An R-test beside diagonals has one number in common with them, the squareness: the contradiction is small, but it goes with the
 /// sign. Two instruments that contradict each other in size are not told to count the other way.
 #[test]
@@ -477,15 +392,21 @@ fn an_opposite_sign_is_named_beside_diagonals() {
     let lab = Lab::new(MACHINE);
     let nominal = lab.machine();
     let mut noise = Noise::new(21);
-    let mut diagonals = String::from("X,Y,Z,deviation_um\n");
-    for k in 0..40 {
+    let diagonal = (0..40).map(|k| {
         let x = f64::from(k) * 24.0 - 468.0;
         let at = [(X, x), (Y, x), (Z, 0.0)];
         let moved = tip(&truth, &at, [0.0; 3]) - tip(&nominal, &at, [0.0; 3]);
         let along = (moved.x + moved.y) / 2.0_f64.sqrt();
-        let _ = writeln!(diagonals, "{x},{x},0,{:?}", 1e3 * along + noise.normal(1.0));
-    }
-    lab.write("d.csv", &diagonals);
+        [x, x, 0.0, 1e3 * along + noise.normal(1.0)]
+    });
+    let diagonal: Vec<[f64; 4]> = diagonal.collect();
+    let diagonals = |times: f64| {
+        let rows = diagonal
+            .iter()
+            .map(|[x, y, z, um]| [*x, *y, *z, times * um]);
+        csv("X,Y,Z,deviation_um", rows)
+    };
+    lab.write("d.csv", &diagonals(1.0));
     let mut r_test = |sign: f64| {
         let mut text = String::from("X,Y,Z,C,B,sphere,dx_um,dy_um,dz_um\n");
         for k in 0..24 {
@@ -520,18 +441,8 @@ direction = [1, 1, 0]
     let words = crate::lab::words(&found);
     assert!(words.contains("r.csv: looks inverted"), "{words}");
     // As large a contradiction with the same sign.
-    let steeper: String = diagonals
-        .lines()
-        .map(|line| match line.rsplit_once(',') {
-            Some((at, um)) => match um.parse::<f64>() {
-                Ok(um) => format!("{at},{:?}\n", 3.0 * um),
-                Err(_) => format!("{line}\n"),
-            },
-            None => String::new(),
-        })
-        .collect();
     lab.write("r.csv", &right);
-    lab.write("d.csv", &steeper);
+    lab.write("d.csv", &diagonals(3.0));
     let found = lab.identify(observed).expect("found");
     let words = crate::lab::words(&found);
     assert!(words.contains("times the stated uncertainty"), "{words}");
@@ -654,18 +565,17 @@ fn line(seed: u64, direction: [f64; 3], sign: f64) -> String {
         Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"),
     );
     let mut noise = Noise::new(seed);
-    let mut text = String::from("X,Y,Z,deviation_um\n");
     let length = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
-    for k in 0..21 {
+    let rows = (0..21).map(|k| {
         let s = f64::from(k) * 40.0 - 400.0;
         let [x, y, z] = direction.map(|d| s * d);
         let at = [(X, x), (Y, y), (Z, z)];
         let moved = tip(&truth, &at, [0.0; 3]) - tip(&nominal, &at, [0.0; 3]);
         let along: f64 = (0..3).map(|k| moved[k] * direction[k] / length).sum();
         let read = sign * (1e3 * along + noise.normal(1.0));
-        let _ = writeln!(text, "{x},{y},{z},{read:?}");
-    }
-    text
+        [x, y, z, read]
+    });
+    csv("X,Y,Z,deviation_um", rows)
 }
 
 const DIRECTIONS: [[f64; 3]; 6] = [
@@ -768,57 +678,6 @@ fn ball_rows_with_the_opposite_sign_are_named() {
                 told.contains(&format!("b{k}.csv: looks inverted")),
                 "{k}: {told}"
             ),
-        }
-    }
-}
-
-/// A ballbar or a tracer in inches, with a dead length that is known or not.
-#[test]
-fn lengths_in_inches_are_named() {
-    let truth = truth();
-    let unknown = "folds = 0\nunknown = [\"EC0Y\", \"EA0Z\", { error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"distance\"\nfile = \"b.csv\"\npoint = \"unknown\"\n";
-    for seed in 0..3 {
-        for (reach, dead) in [(0.0, ""), (0.0, "unknown"), (200.0, ""), (200.0, "unknown")] {
-            for unit in [1.0, 25.4] {
-                let mut noise = Noise::new(seed);
-                let mut text = String::from("X,Y,Z,length_mm\n");
-                for k in 0..40 {
-                    let angle = f64::from(k) * 0.3;
-                    let r = 150.0 + reach * f64::from(k % 5) / 4.0;
-                    let rise = noise.between(-0.7, 0.7);
-                    let at = [
-                        (X, 20.0 + r * rise.cos() * angle.cos()),
-                        (Y, -30.0 + r * rise.cos() * angle.sin()),
-                        (Z, 10.0 + r * rise.sin()),
-                    ];
-                    // The point is where the tip would be at the middle.
-                    let from = tip(&truth, &at, [0.0; 3])
-                        - volcomp_kinematics::nalgebra::Vector3::new(20.0, -30.0, 10.0 - 150.0);
-                    let length = from.norm() + noise.normal(0.001);
-                    let [x, y, z] = at.map(|(_, q)| q);
-                    let _ = writeln!(text, "{x:?},{y:?},{z:?},{:?}", length / unit);
-                }
-                let lab = Lab::new(HEAD_MACHINE);
-                lab.write("b.csv", &text);
-                let dead = if dead.is_empty() {
-                    String::new()
-                } else {
-                    format!("dead_length = \"{dead}\"\n")
-                };
-                let observed = format!("{unknown}{dead}");
-                let what = format!("{seed} {reach} {dead} {unit}");
-                match (unit > 1.0, lab.identify(&observed)) {
-                    (false, found) => {
-                        let said = words(&found.expect("found"));
-                        assert!(!said.contains("in inches"), "{what}: {said}");
-                    }
-                    (true, Err(IdentifyError::FarRows { .. })) => {}
-                    (true, found) => {
-                        let said = words(&found.expect("found"));
-                        assert!(said.contains("is `length_mm` in inches?"), "{what}: {said}");
-                    }
-                }
-            }
         }
     }
 }

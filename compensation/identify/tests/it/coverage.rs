@@ -1,7 +1,5 @@
 //! The stated uncertainty is the one that occurs.
 
-use std::fmt::Write as _;
-
 use volcomp_identify::{identify, machine_with};
 use volcomp_kinematics::{
     Form,
@@ -10,7 +8,7 @@ use volcomp_kinematics::{
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName::{X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value, worn};
+use crate::lab::{Lab, Noise, csv, tip, value, worn};
 
 const MACHINE: &str = "structure = \"w b X Y t\"
 [axes.X]
@@ -34,17 +32,16 @@ fn bands_of_95_percent_hold_the_truth_as_often() {
         let mut noise = Noise::new(seed);
         let mut inside = [0_u32; 2];
         for _ in 0..RUNS {
-            let mut text = String::from("X,Y,x,y,z\n");
-            for k in 0..columns * rows {
+            let rows = (0..columns * rows).map(|k| {
                 let (x, y) = (f64::from(k % columns) * by_x, f64::from(k / columns) * by_y);
                 let at = tip(&truth, &[(X, x), (Y, y)], [0.0; 3]);
                 let [px, py, pz] = [at.x, at.y, at.z].map(|p| {
                     let is_slip = robust && noise.between(0.0, 1.0) < 0.08;
                     p + noise.normal(if is_slip { 0.03 } else { 0.003 })
                 });
-                let _ = writeln!(text, "{x},{y},{px:?},{py:?},{pz:?}");
-            }
-            lab.write("t.csv", &text);
+                [x, y, px, py, pz]
+            });
+            lab.write("t.csv", &csv("X,Y,x,y,z", rows));
             let keys = format!(
                 "folds = 0\nrobust = {robust}\nunknown = [\"EC0Y\", {{ error = \"EXX\", legendre = 1 }}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\nuncertainty_um = 3.0\n"
             );
@@ -134,19 +131,14 @@ fn bands_at_the_tip_hold_the_truth_where_a_ruler_says_where_the_target_is() {
             let turn = Rotation3::new(Vector3::new(of(3), of(4), of(5)) * 1e-6);
             Vector3::new(x, 0.0, 0.0) + shift + turn * (Vector3::new(0.0, y, z) + offset)
         };
-        let mut text = String::from("X,Y,Z,x,y,z\n");
-        for _ in 0..60 {
+        let rows = (0..60).map(|_| {
             let ends = [[0.0, 600.0], [0.0, 500.0], [-400.0, 0.0]];
             let [x, y, z] =
                 ends.map(|[low, high]| (10.0 * noise.between(low, high)).round() / 10.0);
             let seen = tip([x, y, z], target).map(|p| p + noise.normal(0.0005));
-            let _ = writeln!(
-                text,
-                "{x:?},{y:?},{z:?},{:?},{:?},{:?}",
-                seen.x, seen.y, seen.z
-            );
-        }
-        lab.write("t.csv", &text);
+            [x, y, z, seen.x, seen.y, seen.z]
+        });
+        lab.write("t.csv", &csv("X,Y,Z,x,y,z", rows));
         let ruler = target.map(|x| x + noise.normal(RULER_MM));
         let keys = |target: &str| {
             format!(

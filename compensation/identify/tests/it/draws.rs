@@ -1,13 +1,11 @@
 //! Machines drawn from the covariance, against the whole identification repeated with new readings.
 
-use std::fmt::Write as _;
-
 use volcomp_identify::{Draws, Identification, IdentifyError};
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName::{X, Y};
 
-use crate::lab::{Lab, Noise, tip};
+use crate::lab::{Lab, Noise, csv, tip};
 
 const MACHINE: &str = "structure = \"w b X Y t\"
 axes.X.travel = [0.0, 500.0]
@@ -28,14 +26,13 @@ const REPEATS: usize = 400;
 const POSES: [[f64; 2]; 4] = [[0.0, 0.0], [500.0, 0.0], [120.0, 400.0], [500.0, 400.0]];
 
 fn found(lab: &Lab, truth: &Machine, noise: &mut Noise) -> Identification {
-    let mut text = String::from("X,Y,x,y,z\n");
-    for k in 0..20 {
+    let rows = (0..20).map(|k| {
         let (x, y) = (f64::from(k % 5) * 125.0, f64::from(k / 5) * 133.0);
         let at = tip(truth, &[(X, x), (Y, y)], [0.0; 3]);
         let [px, py, pz] = [at.x, at.y, at.z].map(|p| p + noise.normal(0.003));
-        let _ = writeln!(text, "{x},{y},{px:?},{py:?},{pz:?}");
-    }
-    lab.write("t.csv", &text);
+        [x, y, px, py, pz]
+    });
+    lab.write("t.csv", &csv("X,Y,x,y,z", rows));
     lab.identify(KEYS).expect("found")
 }
 

@@ -56,6 +56,16 @@ impl Lab {
     }
 }
 
+/// A table of numbers.
+pub(crate) fn csv<const N: usize>(head: &str, rows: impl IntoIterator<Item = [f64; N]>) -> String {
+    let mut text = format!("{head}\n");
+    for row in rows {
+        text += &row.map(|number| format!("{number:?}")).join(",");
+        text.push('\n');
+    }
+    text
+}
+
 /// All notes of a result, a line for each.
 pub(crate) fn words(found: &Identification) -> String {
     let notes: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();

@@ -1,7 +1,5 @@
 //! What observations may hold: numbers that a file may state, numbers that a program may give, and distances that grow with the machine.
 
-use std::fmt::Write as _;
-
 use volcomp_document::Document;
 use volcomp_identify::{
     Basis, IdentifyError, Observations, SecondAxis, Unknown, identify, identify_followed,
@@ -10,7 +8,7 @@ use volcomp_identify::{
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{self, C, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value};
+use crate::lab::{Lab, Noise, csv, tip, value};
 
 const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
 axes.X.travel = [-300.0, 300.0]
@@ -30,16 +28,14 @@ fn lab() -> Lab {
     let truth = Machine::parse(&truth, "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
     let mut noise = Noise::new(3);
-    let mut text = String::from("X,Y,Z,C,x,y,z\n");
-    for _ in 0..20 {
+    let rows = (0..20).map(|_| {
         let at = [(X, 300.0), (Y, 200.0), (Z, 200.0), (C, 180.0)]
             .map(|(axis, size)| (axis, noise.between(0.0, size)));
         let seen = tip(&truth, &at, [0.0; 3]);
-        let numbers = at.iter().map(|(_, q)| *q).chain(seen.iter().copied());
-        let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
-        let _ = writeln!(text, "{}", numbers.join(","));
-    }
-    lab.write("t.csv", &text);
+        let [x, y, z, c] = at.map(|(_, q)| q);
+        [x, y, z, c, seen.x, seen.y, seen.z]
+    });
+    lab.write("t.csv", &csv("X,Y,Z,C,x,y,z", rows));
     lab
 }
 
@@ -63,20 +59,19 @@ tip = [0.0, 0.0, -20.0]
     for (sign, is_right) in [(1.0, true), (-1.0, false)] {
         let lab = Lab::new(machine);
         let mut noise = Noise::new(8);
-        let mut text = String::from("X,Y,Z,C\n");
-        for k in 0..24_u8 {
+        let rows = (0..24_u8).map(|k| {
             // C turns the table, so that the tool follows a ball at [8, 3, −10] by +C (ISO 841).
             let c = 15.0 * f64::from(k) - 170.0;
             let (sin, cos) = c.to_radians().sin_cos();
             let mut n = || noise.normal(0.0005);
-            let at = [
+            [
                 8.0 * cos + 3.0 * sin + n(),
                 3.0 * cos - 8.0 * sin + n(),
                 10.0 + n(),
-            ];
-            let _ = writeln!(text, "{:?},{:?},{:?},{:?}", at[0], at[1], at[2], sign * c);
-        }
-        lab.write("s.csv", &text);
+                sign * c,
+            ]
+        });
+        lab.write("s.csv", &csv("X,Y,Z,C", rows));
         match lab.identify(unknown) {
             Ok(found) => {
                 assert!(is_right);
@@ -103,16 +98,14 @@ axes.Z.travel = [-1000.0, 1000.0]
     let truth = Machine::parse(&truth, "truth").expect("a machine");
     let lab = Lab::new(machine);
     let mut noise = Noise::new(5);
-    let mut text = String::from("X,Y,Z,x,y,z\n");
-    for _ in 0..60 {
+    let rows = (0..60).map(|_| {
         let at = [(X, 1e4), (Y, 2e3), (Z, 1e3)]
             .map(|(axis, size): (AxisName, f64)| (axis, noise.between(-size, size)));
         let seen = tip(&truth, &at, [0.0; 3]).map(|number| number + noise.normal(0.02));
-        let numbers = at.iter().map(|(_, q)| *q).chain(seen.iter().copied());
-        let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
-        let _ = writeln!(text, "{}", numbers.join(","));
-    }
-    lab.write("t.csv", &text);
+        let [x, y, z] = at.map(|(_, q)| q);
+        [x, y, z, seen.x, seen.y, seen.z]
+    });
+    lab.write("t.csv", &csv("X,Y,Z,x,y,z", rows));
     let found = lab
         .identify(
             "folds = 0\nunknown = [{ error = \"EYX\", legendre = 2 }]
@@ -295,41 +288,49 @@ fn known_errors_of_another_structure_are_refused() {
 fn an_unknown_is_read_back_as_it_was_written() {
     let machine = Machine::parse(MACHINE, "machine").expect("a machine");
     let lab = lab();
-    let bases = [
-        Basis::Constant,
-        Basis::Legendre { order: 3 },
-        Basis::BSpline { coefficients: 5 },
+    let along = |axis, basis| Some(SecondAxis { axis, basis });
+    let of = |error: &str, basis, second, reversal| Unknown {
+        error: error.parse().expect("a name"),
+        basis,
+        second,
+        reversal,
+        penalised: false,
+    };
+    let legendre = |order| Basis::Legendre { order };
+    let spline = |coefficients| Basis::BSpline { coefficients };
+    let fourier = |harmonics| Basis::Fourier { harmonics };
+    let mut all = vec![
+        of("EXX", None, None, true),
+        of("ECC", Some(fourier(2)), along(Z, legendre(1)), false),
+        of("EAZ", Some(spline(5)), along(C, fourier(1)), true),
     ];
-    let seconds = [
-        None,
-        Some(Basis::Legendre { order: 2 }),
-        Some(Basis::BSpline { coefficients: 4 }),
-        Some(Basis::BSpline { coefficients: 8 }),
-    ];
-    for basis in bases {
-        for second in seconds {
-            for penalised in [false, true] {
-                let unknown = Unknown {
-                    error: "EXX".parse().expect("a name"),
-                    basis: Some(basis),
-                    second: second.map(|basis| SecondAxis { axis: Y, basis }),
-                    reversal: false,
-                    penalised,
-                };
-                let written = unknown.to_toml(false);
-                let text = format!("unknown = [{written}]\n");
-                let document = Document::new("o.toml", &text);
-                let read =
-                    document.decode(|root| Unknown::decode(&root.require("unknown")?, &machine));
-                let read: Vec<Unknown> = read.expect("read");
-                assert_eq!(read, [unknown], "{written}");
-                for root in ["auto", "none"] {
-                    let written = unknown.to_toml(root == "auto");
-                    let text = format!("penalty = \"{root}\"\nunknown = [{written}]\n{POINTS}");
-                    let read = lab.read(&text).expect("read");
-                    assert_eq!(read.unknown, [unknown], "{root}: {written}");
-                }
-            }
+    for basis in [Basis::Constant, legendre(3), spline(5)] {
+        for second in [
+            None,
+            along(Y, legendre(2)),
+            along(Y, spline(4)),
+            along(Y, spline(8)),
+        ] {
+            all.push(of("EXX", Some(basis), second, false));
+        }
+    }
+    let penalised = |unknown: &Unknown| Unknown {
+        penalised: true,
+        ..*unknown
+    };
+    let with_penalty: Vec<Unknown> = all.iter().map(penalised).collect();
+    for unknown in all.into_iter().chain(with_penalty) {
+        let written = unknown.to_toml(false);
+        let text = format!("unknown = [{written}]\n");
+        let document = Document::new("o.toml", &text);
+        let read = document.decode(|root| Unknown::decode(&root.require("unknown")?, &machine));
+        let read: Vec<Unknown> = read.expect("read");
+        assert_eq!(read, [unknown], "{written}");
+        for root in ["auto", "none"] {
+            let written = unknown.to_toml(root == "auto");
+            let text = format!("penalty = \"{root}\"\nunknown = [{written}]\n{POINTS}");
+            let read = lab.read(&text).expect("read");
+            assert_eq!(read.unknown, [unknown], "{root}: {written}");
         }
     }
 }

@@ -1,8 +1,6 @@
 //! Lines of sight: what offset and slope mean, and what a straight line cannot tell although its coordinates are rounded.
 
-use std::fmt::Write as _;
-
-use crate::lab::{Lab, Noise, tip, value};
+use crate::lab::{Lab, Noise, csv, tip, value};
 
 const MACHINE: &str = "structure = \"w X' Y' b Z t\"
 axes.X.travel = [0.0, 600.0]
@@ -16,12 +14,11 @@ tool.length = 120.0
 #[test]
 fn readings_contain_offset_and_slope() {
     let lab = Lab::new(MACHINE);
-    let mut text = String::from("X,Y,Z,deviation_um\n");
-    for k in 0..=20 {
+    let rows = (0..=20).map(|k| {
         let x = 30.0 * f64::from(k);
-        let _ = writeln!(text, "{x},100,-200,{}", 10.0 + 0.02 * x);
-    }
-    lab.write("l.csv", &text);
+        [x, 100.0, -200.0, 10.0 + 0.02 * x]
+    });
+    lab.write("l.csv", &csv("X,Y,Z,deviation_um", rows));
     let found = |more: &str, unknown: &str| {
         lab.identify(&format!(
             "folds = 0\nunknown = [{unknown}]\n[[observation]]\nkind = \"line\"\nfile = \"l.csv\"\ndirection = [1, 0, 0]\n{more}"
@@ -62,8 +59,7 @@ fn rounded_coordinates_determine_nothing() {
         [(X, at[0]), (Y, at[1]), (Z, at[2])]
     };
     let mut random = Noise::new(5);
-    let mut tracker = String::from("X,Y,Z,x,y,z\n");
-    for _ in 0..80 {
+    let tracker = (0..80).map(|_| {
         let at = [
             random.between(0.0, 600.0),
             random.between(0.0, 400.0),
@@ -71,13 +67,9 @@ fn rounded_coordinates_determine_nothing() {
         ];
         let seen = tip(&truth, &places(at), [0.0; 3]);
         let [x, y, z] = [seen.x, seen.y, seen.z].map(|q| q + random.normal(0.003));
-        let _ = writeln!(
-            tracker,
-            "{:?},{:?},{:?},{x:?},{y:?},{z:?}",
-            at[0], at[1], at[2]
-        );
-    }
-    lab.write("tracker.csv", &tracker);
+        [at[0], at[1], at[2], x, y, z]
+    });
+    lab.write("tracker.csv", &csv("X,Y,Z,x,y,z", tracker));
     let names = [
         "EXX", "EYX", "EZX", "EAX", "EBX", "ECX", "EXY", "EYY", "EZY", "EAY", "EBY", "ECY", "EXZ",
         "EYZ", "EZZ", "EAZ", "EBZ", "ECZ",
@@ -89,16 +81,15 @@ fn rounded_coordinates_determine_nothing() {
         .into_iter()
         .map(|steps| {
             let direction = unit([600.0, 400.0, 500.0]);
-            let mut line = String::from("X,Y,Z,deviation_um\n");
-            for k in 0..=steps {
+            let line = (0..=steps).map(|k| {
                 let share = f64::from(k) / f64::from(steps);
                 let rounded = |q: f64| (q * 100.0).round() / 100.0;
                 let at = [600.0 * share, 400.0 * share, 500.0 * share - 500.0].map(rounded);
                 let off = tip(&truth, &places(at), [0.0; 3]) - tip(&ideal, &places(at), [0.0; 3]);
                 let along = direction[0] * off.x + direction[1] * off.y + direction[2] * off.z;
-                let _ = writeln!(line, "{:?},{:?},{:?},{:?}", at[0], at[1], at[2], 1e3 * along);
-            }
-            lab.write("line.csv", &line);
+                [at[0], at[1], at[2], 1e3 * along]
+            });
+            lab.write("line.csv", &csv("X,Y,Z,deviation_um", line));
             let found = lab
                 .identify(&format!(
                     "folds = 0\nunknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", {}]\n[[observation]]\nkind = \"points\"\nfile = \"tracker.csv\"\nframe = \"unknown\"\nuncertainty_um = 3.0\n[[observation]]\nkind = \"line\"\nfile = \"line.csv\"\nuncertainty_um = 0.5\ndirection = [6, 4, 5]\noffset = \"unknown\"\n",
@@ -129,11 +120,13 @@ fn unit(of: [f64; 3]) -> [f64; 3] {
 #[test]
 fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
     let lab = Lab::new(MACHINE);
-    let mut text = String::from("X,Y,Z,deviation_um\n");
-    for k in 0..=10 {
-        let share = f64::from(k) / 10.0;
-        let _ = writeln!(text, "{},{},-200,{share}", 600.0 * share, 400.0 * share);
-    }
+    let text = csv(
+        "X,Y,Z,deviation_um",
+        (0..=10).map(|k| {
+            let share = f64::from(k) / 10.0;
+            [600.0 * share, 400.0 * share, -200.0, share]
+        }),
+    );
     lab.write("l.csv", &text);
     let notes = |direction: &str| {
         let file = format!(

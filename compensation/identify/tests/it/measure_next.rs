@@ -5,7 +5,7 @@ use std::fmt::Write;
 use volcomp_identify::Identification;
 use volcomp_vocabulary::AxisName;
 
-use crate::lab::{Lab, Noise, value};
+use crate::lab::{Lab, Noise, csv, value};
 
 const THREE_AXES: &str = "structure = \"w b X Y Z t\"
 axes.X.travel = [-300.0, 300.0]
@@ -21,20 +21,12 @@ fn next_at(found: &Identification) -> Vec<f64> {
 /// The tip at the end of a ballbar of 150 mm about [10, 20, −30] on a machine that only travels: in the plane of X and Y.
 fn ballbar() -> (String, Vec<[f64; 3]>) {
     let mut noise = Noise::new(3);
-    let mut text = String::from("X,Y,Z,length_mm\n");
-    let mut stood = Vec::new();
-    for k in 0..29 {
-        let angle = f64::from(k) * 5.0_f64.to_radians();
-        let at = [
-            10.0 + 150.0 * angle.cos(),
-            20.0 + 150.0 * angle.sin(),
-            -30.0,
-        ];
-        let [x, y, z] = at;
-        let _ = writeln!(text, "{x:?},{y:?},{z:?},{:?}", 150.0 + noise.normal(0.001));
-        stood.push(at);
-    }
-    (text, stood)
+    let stood = (0..29).map(|k| {
+        let (sin, cos) = (f64::from(k) * 5.0_f64.to_radians()).sin_cos();
+        [10.0 + 150.0 * cos, 20.0 + 150.0 * sin, -30.0]
+    });
+    let rows = (stood.clone()).map(|[x, y, z]| [x, y, z, 150.0 + noise.normal(0.001)]);
+    (csv("X,Y,Z,length_mm", rows), stood.collect())
 }
 
 const BALLBAR: &str = "folds = 0
@@ -100,12 +92,11 @@ file = \"g.csv\"
 #[test]
 fn where_no_pose_tells_of_what_is_missing_the_surest_is_proposed() {
     let lab = Lab::new(THREE_AXES);
-    let mut text = String::from("X,Y,Z,deviation_um\n");
-    for k in 0..31 {
+    let rows = (0..31).map(|k| {
         let at = f64::from(k) * 10.0 - 150.0;
-        let _ = writeln!(text, "{at},{at},0,{:?}", 0.02 * at);
-    }
-    lab.write("d.csv", &text);
+        [at, at, 0.0, 0.02 * at]
+    });
+    lab.write("d.csv", &csv("X,Y,Z,deviation_um", rows));
     let observed = "folds = 0
 unknown = [\"EB0Z\", { error = \"EXX\", legendre = 1 }]
 [[observation]]
@@ -210,8 +201,7 @@ point = [0, 0, -50]
 fn errors_are_compared_by_their_largest_effect() {
     let lab = Lab::new(THREE_AXES);
     let mut noise = Noise::new(14);
-    let mut text = String::from("X,Y,Z,x,y,z\n");
-    for k in 0..40 {
+    let rows = (0..40).map(|k| {
         // Most rows at one end of X: the modes of EXX are hard to tell apart. Y keeps to 60 mm.
         let x = if k < 36 {
             250.0 + f64::from(k)
@@ -220,9 +210,9 @@ fn errors_are_compared_by_their_largest_effect() {
         };
         let y = noise.between(-30.0, 30.0);
         let mut n = || noise.normal(0.001);
-        let _ = writeln!(text, "{x:?},{y:?},0,{:?},{:?},{:?}", x + n(), y + n(), n());
-    }
-    lab.write("t.csv", &text);
+        [x, y, 0.0, x + n(), y + n(), n()]
+    });
+    lab.write("t.csv", &csv("X,Y,Z,x,y,z", rows));
     let found = lab
         .identify(
             "folds = 0

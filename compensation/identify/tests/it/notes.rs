@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use volcomp_identify::IdentifyError;
 
-use crate::lab::{Lab, Noise, value};
+use crate::lab::{Lab, Noise, csv, value};
 
 const MACHINE: &str = "structure = \"w b X Y t\"
 axes.X.travel = [0.0, 500.0]
@@ -14,19 +14,13 @@ axes.Y.travel = [0.0, 400.0]
 /// Points on a plate, with an error of the squareness of so many µrad.
 fn points(count: usize, squareness_urad: f64, noise_um: f64) -> String {
     let mut noise = Noise::new(31);
-    let mut text = String::from("X,Y,x,y,z\n");
-    for k in 0..count {
+    let rows = (0..count).map(|k| {
         let (x, y) = ((k * 37 % 11) as f64 * 45.0, (k * 17 % 9) as f64 * 48.0);
         let mut n = || noise.normal(1e-3 * noise_um);
-        let _ = writeln!(
-            text,
-            "{x},{y},{:?},{:?},{:?}",
-            x - 1e-6 * squareness_urad * y + n(),
-            y + n(),
-            n()
-        );
-    }
-    text
+        let seen = x - 1e-6 * squareness_urad * y + n();
+        [x, y, seen, y + n(), n()]
+    });
+    csv("X,Y,x,y,z", rows)
 }
 
 fn observed(head: &str, files: &[&str]) -> String {
@@ -173,18 +167,12 @@ fn a_judged_file_that_is_far_off_is_noted() {
 #[test]
 fn a_ballbar_in_another_unit_is_refused_and_a_long_gauge_is_not() {
     let lab = Lab::new(MACHINE);
-    let mut bar = String::from("X,Y,length_mm\n");
-    for k in 0..12 {
-        let angle = f64::from(k) * 0.5;
-        let _ = writeln!(
-            bar,
-            "{:?},{:?},{:?}",
-            200.0 + 150.0 * angle.cos(),
-            200.0 + 150.0 * angle.sin(),
-            150_000.0 + f64::from(k % 3)
-        );
-    }
-    lab.write("b.csv", &bar);
+    let bar = (0..12).map(|k| {
+        let (sin, cos) = (f64::from(k) * 0.5).sin_cos();
+        let length = 150_000.0 + f64::from(k % 3);
+        [200.0 + 150.0 * cos, 200.0 + 150.0 * sin, length]
+    });
+    lab.write("b.csv", &csv("X,Y,length_mm", bar));
     let message = lab.refused(
         "unknown = [\"EC0Y\"]\n[[observation]]\nkind = \"distance\"\nfile = \"b.csv\"\npoint = \"unknown\"\ndead_length = \"unknown\"\n",
     );

@@ -1,8 +1,6 @@
 //! Curves whose bending is chosen from the observations.
 
-use std::fmt::Write as _;
-
-use crate::lab::{Lab, Noise};
+use crate::lab::{Lab, Noise, csv};
 
 const MACHINE: &str = "structure = \"w b X t\"
 [axes.X]
@@ -11,12 +9,11 @@ travel = [0.0, 1000.0]
 
 fn readings(of: impl Fn(f64) -> f64, sigma: f64) -> String {
     let mut noise = Noise::new(3);
-    let mut text = String::from("X,deviation_um\n");
-    for k in 0..60 {
+    let rows = (0..60).map(|k| {
         let x = f64::from(k) * 1000.0 / 59.0;
-        let _ = writeln!(text, "{x:?},{:?}", of(x) + noise.normal(sigma));
-    }
-    text
+        [x, of(x) + noise.normal(sigma)]
+    });
+    csv("X,deviation_um", rows)
 }
 
 const TEXT: &str = "penalty = \"auto\"\nfolds = 10

@@ -1,11 +1,9 @@
 //! Errors that depend on a second axis are found, and only where the observations say so.
 
-use std::fmt::Write as _;
-
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value, worn};
+use crate::lab::{Lab, Noise, csv, tip, value, worn};
 
 const MACHINE: &str = "structure = \"w X' b Y Z t\"
 [axes.X]
@@ -34,15 +32,14 @@ EZY = {{ grid = {{ axes = [\"Y\", \"Z\"], nodes = [{ys:?}, [-400.0, 0.0]], value
 
 fn tracker(machine: &Machine, poses: usize, noise_um: f64) -> String {
     let mut noise = Noise::new(23);
-    let mut text = String::from("X,Y,Z,x,y,z\n");
-    for _ in 0..poses {
+    let rows = (0..poses).map(|_| {
         let [x, y, z] = [[0.0, 1000.0], [0.0, 800.0], [-400.0, 0.0]]
             .map(|[low, high]| noise.between(low, high));
         let at = tip(machine, &[(X, x), (Y, y), (Z, z)], [0.0; 3]);
         let [a, b, c] = [at.x, at.y, at.z].map(|p| p + noise.normal(noise_um * 1e-3));
-        let _ = writeln!(text, "{x:?},{y:?},{z:?},{a:?},{b:?},{c:?}");
-    }
-    text
+        [x, y, z, a, b, c]
+    });
+    csv("X,Y,Z,x,y,z", rows)
 }
 
 fn text(second: &str) -> String {
@@ -128,12 +125,12 @@ fn a_twist_without_noise_is_one_product() {
         "EZX = { grid = { axes = [\"X\", \"Y\"], nodes = [[0.0, 1000.0], [0.0, 800.0]], values = [[9.0, -9.0], [-9.0, 9.0]] } }\n",
     );
     let lab = Lab::new(MACHINE);
-    let mut rows = String::from("X,Y,x,y,z\n");
-    for (x, y) in (0..25).map(|k| (f64::from(k % 5) * 250.0, f64::from(k / 5) * 200.0)) {
+    let rows = (0..25).map(|k| {
+        let (x, y) = (f64::from(k % 5) * 250.0, f64::from(k / 5) * 200.0);
         let at = tip(&truth, &[(X, x), (Y, y)], [0.0; 3]);
-        let _ = writeln!(rows, "{x},{y},{:?},{:?},{:?}", at.x, at.y, at.z);
-    }
-    lab.write("t.csv", &rows);
+        [x, y, at.x, at.y, at.z]
+    });
+    lab.write("t.csv", &csv("X,Y,x,y,z", rows));
     let found = lab
         .identify(
             "folds = 5

@@ -1,13 +1,11 @@
 //! What a penalty draws towards zero is as uncertain as the observations leave it.
 
-use std::fmt::Write as _;
-
 use volcomp_identify::{Draws, identify};
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{C, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value};
+use crate::lab::{Lab, Noise, csv, tip, value};
 
 const MACHINE: &str = "structure = \"w C' b X Y Z t\"
 [axes.X]
@@ -85,8 +83,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
         widths: 0.0,
     };
     for _ in 0..worlds {
-        let mut text = String::from("X,Y,Z,C,x,y,z\n");
-        for k in 0..12 {
+        let rows = (0..12).map(|k| {
             let [mut x, mut y, z] = [(); 3].map(|()| noise.between(-240.0, 240.0));
             // Curves go as far as the poses.
             match k {
@@ -99,11 +96,10 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
             let c = noise.between(-180.0, 180.0);
             let at = tip(&truth, &[(X, x), (Y, y), (Z, z), (C, c)], [0.0; 3]);
             let [px, py, pz] = [at.x, at.y, at.z].map(|p| p + noise.normal(0.002));
-            let _ = writeln!(text, "{x:?},{y:?},{z:?},{c:?},{px:?},{py:?},{pz:?}");
-        }
-        lab.write("t.csv", &text);
-        let mut text = String::from("X,Y,Z,C,dx_um,dy_um,dz_um\n");
-        for k in 0..12 {
+            [x, y, z, c, px, py, pz]
+        });
+        lab.write("t.csv", &csv("X,Y,Z,C,x,y,z", rows));
+        let rows = (0..12).map(|k| {
             let mut state = State::default();
             let c = -180.0 + 30.0 * f64::from(k);
             state.q[nominal.index_of(C).expect("C")] = c.to_radians();
@@ -116,9 +112,9 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
             let [x, y, z] = [X, Y, Z].map(|axis| state.q[nominal.index_of(axis).expect("an axis")]);
             let at = tip(&truth, &[(X, x), (Y, y), (Z, z), (C, c)], [0.0; 3]) - centre;
             let [dx, dy, dz] = [at.x, at.y, at.z].map(|p| 1e3 * p + noise.normal(0.5));
-            let _ = writeln!(text, "{x:?},{y:?},{z:?},{c:?},{dx:?},{dy:?},{dz:?}");
-        }
-        lab.write("s.csv", &text);
+            [x, y, z, c, dx, dy, dz]
+        });
+        lab.write("s.csv", &csv("X,Y,Z,C,dx_um,dy_um,dz_um", rows));
         let observations = lab
             .read(&format!("penalty = \"{penalty}\"\n{UNKNOWN}"))
             .expect("read");

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{B, C, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value, worn};
+use crate::lab::{Lab, Noise, csv, tip, value, worn};
 
 const MACHINE: &str = "structure = \"w C' X' b Y Z B t\"
 [axes.X]
@@ -26,8 +26,7 @@ tip = [0.0, 0.0, 100.0]
 /// Rows of a tracker whose frame lies elsewhere, with a target beside the tip.
 fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
     let mut noise = Noise::new(11);
-    let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
-    for _ in 0..poses {
+    let rows = (0..poses).map(|_| {
         let at = [
             (X, noise.between(-300.0, 300.0)),
             (Y, noise.between(-200.0, 200.0)),
@@ -37,18 +36,11 @@ fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
         ];
         let seen = tip(truth, &at, [3.0, -2.0, 5.0]);
         let [x, y, z] = [seen.x, seen.y, seen.z].map(|x| x + noise.normal(noise_um * 1e-3));
-        let numbers: Vec<String> = at.iter().map(|(_, q)| format!("{q:?}")).collect();
+        let [q_x, q_y, q_z, q_c, q_b] = at.map(|(_, q)| q);
         // Turned by +90° about Z and shifted: workpiece = (−y', x', z') + (1000, 0, −50).
-        let _ = writeln!(
-            text,
-            "{},{:?},{:?},{:?}",
-            numbers.join(","),
-            y,
-            1000.0 - x,
-            z + 50.0
-        );
-    }
-    text
+        [q_x, q_y, q_z, q_c, q_b, y, 1000.0 - x, z + 50.0]
+    });
+    csv("X,Y,Z,C,B,x,y,z", rows)
 }
 
 #[test]
@@ -240,18 +232,13 @@ fn distances_between_poses_and_from_a_point() {
         let _ = writeln!(gauge, ",,,p-300,p{x},{length:?}");
     }
     lab.write("gauge.csv", &gauge);
-    let mut bar = String::from("X,Y,Z,length_mm\n");
     let centre = volcomp_kinematics::nalgebra::Vector3::new(20.0, 10.0, 100.0);
-    for step in 0..36 {
+    let bar = (0..36).map(|step| {
         let angle = f64::from(step) / 18.0 * core::f64::consts::PI;
         let (x, y) = (20.0 + 150.0 * angle.cos(), 10.0 + 150.0 * angle.sin());
-        let _ = writeln!(
-            bar,
-            "{x:?},{y:?},0,{:?}",
-            (at(x, y) - centre).norm() - 150.0
-        );
-    }
-    lab.write("bar.csv", &bar);
+        [x, y, 0.0, (at(x, y) - centre).norm() - 150.0]
+    });
+    lab.write("bar.csv", &csv("X,Y,Z,length_mm", bar));
     let found = lab
         .identify(
             "unknown = [{ error = \"EXX\", legendre = 1 }, { error = \"EYY\", legendre = 1 }, \"EC0Y\"]
@@ -341,8 +328,7 @@ fn a_series_over_a_part_of_a_turn_keeps_to_it() {
     let found = |last: f64| {
         let lab = Lab::new(MACHINE);
         let mut noise = Noise::new(3);
-        let mut text = String::from("X,Y,Z,C,B,x,y,z\n");
-        for k in 0..60 {
+        let rows = (0..60).map(|k| {
             let at = [
                 (X, noise.between(-300.0, 300.0)),
                 (Y, noise.between(-200.0, 200.0)),
@@ -351,17 +337,10 @@ fn a_series_over_a_part_of_a_turn_keeps_to_it() {
                 (B, noise.between(-100.0, 100.0)),
             ];
             let seen = tip(&truth, &at, [0.0; 3]);
-            let numbers: Vec<String> = at.iter().map(|(_, q)| format!("{q:?}")).collect();
-            let _ = writeln!(
-                text,
-                "{},{:?},{:?},{:?}",
-                numbers.join(","),
-                seen.x,
-                seen.y,
-                seen.z
-            );
-        }
-        lab.write("t.csv", &text);
+            let [x, y, z, c, b] = at.map(|(_, q)| q);
+            [x, y, z, c, b, seen.x, seen.y, seen.z]
+        });
+        lab.write("t.csv", &csv("X,Y,Z,C,B,x,y,z", rows));
         lab.identify("folds = 0\nunknown = [{ error = \"ECC\", fourier = 1 }]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n")
             .expect("identified")
     };

@@ -1,22 +1,16 @@
-//! Checks that stop a wrong number: refusals of lines that cannot be what the calibration file says, and notes on results that could
-//! mislead.
+//! Checks of lines and stated values: refusals of what cannot be what the calibration file says, and notes on what could mislead.
 
-use volcomp_document::{InputError, Note, Value, quoted};
+use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;
 use volcomp_metrology::{
     Measurement, Metadata, MotionKind, ODD_ABOVE, Reading, ReferenceLine, SMALL_BELOW,
     SeenReadings, axis_named, errors_named,
 };
 use volcomp_model::{Axis, Machine};
-use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},
-    error::CalibrateError,
-    fitted_curve::FittedCurve,
-    fitted_line::FittedLine,
-    identified::CHANGE,
-    lines_share::LinesShare,
     setup::{Method, Setup},
 };
 
@@ -44,77 +38,59 @@ pub(crate) fn refuse_turning(
     )))
 }
 
-/// Refuses the file of another error, read in the same way: the readings of one are not those of the other. Angles of a bridge may
-/// give the angular error itself and, summed up, a straightness.
-pub(crate) fn refuse_file_of_another(
+/// Refuses a line whose readings would count twice, or be those of another error. `file` is the value that names its file.
+///
+/// * A file that another line of the same error names already.
+/// * A second file of one error along one line, over the same targets in the same direction: which of them holds is for the operator to
+///   say, and the mean of both would be none of them. Files that go on where another ends, or hold the other direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and, summed up, a
+///   straightness.
+pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
     file: &Value<'_>,
 ) -> Result<(), InputError> {
-    let is_direct = |line: &Line| line.setup.method == Method::Direct;
-    let same = before.iter().find(|other| {
-        other.file == line.file
-            && other.setup.error != line.setup.error
-            && is_direct(other) == is_direct(line)
-    });
-    same.map_or(Ok(()), |other| {
-        Err(file.error(format!(
-            "found {:?}, which is the file of {} at {}, expected that of {}",
-            line.file
-                .file_name()
-                .unwrap_or_default()
-                .display()
-                .to_string(),
-            other.setup.error,
-            other.place,
-            line.setup.error
-        )))
-    })
-}
-
-/// Refuses a file that another line of the same error names already: its readings would count twice. `file` is the value that
-/// names the file.
-pub(crate) fn refuse_file_twice(
-    before: &[Line],
-    line: &Line,
-    file: &Value<'_>,
-) -> Result<(), InputError> {
+    let error = line.setup.error;
+    let named = quoted(file.text()?);
     // Both were read; one that is no longer there is compared as it is named.
-    let place = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
-    let same = |other: &&Line| other.setup.error == line.setup.error && place(other) == place(line);
-    before.iter().find(same).map_or(Ok(()), |other| {
-        Err(file.error(format!(
-            "found {}, which {} names for {} already, expected each file once for an error: its readings would count twice",
-            quoted(file.text()?),
-            other.place,
-            line.setup.error
-        )))
-    })
-}
-
-/// Refuses a second file of one error along one line, over the same targets in the same direction: which of them holds is for a person
-/// to say, and the mean of both would be none of them. Files that go on where another ends, or hold the other direction, are
-/// one test.
-pub(crate) fn refuse_line_twice(
-    before: &[Line],
-    line: &Line,
-    file: &Value<'_>,
-) -> Result<(), InputError> {
-    let is_one_line = |other: &&Line| {
-        (other.setup.error, &other.setup.at, other.setup.point_mcs)
-            == (line.setup.error, &line.setup.at, line.setup.point_mcs)
+    let path = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
+    let name = |line: &Line| {
+        let name = line.file.file_name().unwrap_or_default();
+        name.display().to_string()
+    };
+    let is_same_file = |other: &&Line| other.setup.error == error && path(other) == path(line);
+    if let Some(other) = before.iter().find(is_same_file) {
+        return Err(file.error(format!(
+            "found {named}, which {} names for {error} already, expected each file once for an error: its readings would count twice",
+            other.place
+        )));
+    }
+    let is_same_line = |other: &&Line| {
+        (error, &other.setup.at, other.setup.point_mcs)
+            == (other.setup.error, &line.setup.at, line.setup.point_mcs)
             && other.setup.method == line.setup.method
             && (covers(&other.readings, &line.readings) || covers(&line.readings, &other.readings))
     };
-    before.iter().find(is_one_line).map_or(Ok(()), |other| {
-        Err(file.error(format!(
-            "found {}, and {:?} ({}) measures {} along the same line already, with the same `at` and `point`: the mean of two tests is none of them, expected one of the files, or other places",
-            quoted(file.text()?),
-            other.file.file_name().unwrap_or_default().display().to_string(),
-            other.place,
-            line.setup.error
-        )))
-    })
+    if let Some(other) = before.iter().find(is_same_line) {
+        return Err(file.error(format!(
+            "found {named}, and {:?} ({}) measures {error} along the same line already, with the same `at` and `point`: the mean of two tests is none of them, expected one of the files, or other places",
+            name(other),
+            other.place
+        )));
+    }
+    let is_direct = |line: &Line| line.setup.method == Method::Direct;
+    let is_of_another = |other: &&Line| {
+        other.file == line.file && other.setup.error != error && is_direct(other) == is_direct(line)
+    };
+    if let Some(other) = before.iter().find(is_of_another) {
+        return Err(file.error(format!(
+            "found {:?}, which is the file of {} at {}, expected that of {error}",
+            name(line),
+            other.setup.error,
+            other.place
+        )));
+    }
+    Ok(())
 }
 
 /// Whether more than half of the readings of `other` are at places that `one` went over in the same direction.
@@ -258,7 +234,7 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     notes
 }
 
-/// The files of lines with what they say of themselves.
+/// The files of lines with their metadata.
 pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
     let file = |line: &Line| line.file.display().to_string();
     let lines = lines.iter();
@@ -471,73 +447,17 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
     })
 }
 
-/// A warning for each error whose chosen curve leaves more of the readings than these scatter, whose targets are too sparse, or whose curve swings
-/// between them.
-pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<String> {
-    let mut warnings = Vec::new();
-    let mut rest = curves;
-    // The branches of an error stand one after the other; one of them speaks for both.
-    while let Some(curve) = rest.first() {
-        let error = curve.error;
-        let (branches, others) = rest.split_at(
-            rest.iter()
-                .take_while(|branch| branch.error == error)
-                .count(),
-        );
-        rest = others;
-        let unit = if error.component.is_angular() {
-            Urad::SYMBOL
-        } else {
-            Um::SYMBOL
-        };
-        let choice = curve.choice.as_ref();
-        let of_curves = || {
-            let mut said = branches.iter().map(|branch| &branch.between);
-            said.find_map(|between| between.not_followed(unit))
-        };
-        let said = choice.and_then(|choice| choice.not_followed(unit));
-        if let Some(said) = said.or_else(of_curves) {
-            warnings.push(format!("{error}: {said}"));
-        }
-        let along = error.axis.kind().coordinate_unit();
-        let said = branches
-            .iter()
-            .map(|branch| branch.between.warnings(unit, along))
-            .find(|said| !said.is_empty());
-        for said in said.into_iter().flatten() {
-            let files = files(lines, error);
-            warnings.push(format!("{files}{error}, axis {}: {said}", error.axis));
-        }
-    }
-    warnings
-}
-
-/// `a.csv, b.csv: `, the files of an error.
-fn files(lines: &[FittedLine], error: ErrorName) -> String {
-    let of_error = lines.iter().filter(|line| line.error == error);
-    let mut files: Vec<&str> = of_error
-        .flat_map(|line| &line.sources)
-        .map(|source| source.file.as_str())
-        .collect();
-    files.dedup();
-    if files.is_empty() {
-        String::new()
-    } else {
-        files.join(", ") + ": "
-    }
-}
-
 /// A location or squareness error that a calibration file states, µm or µrad, with its standard uncertainty.
-struct Stated {
-    table: &'static str,
-    place: usize,
-    error: ErrorName,
-    value: f64,
-    uncertainty: f64,
+pub(crate) struct Stated {
+    pub(crate) table: &'static str,
+    pub(crate) place: usize,
+    pub(crate) error: ErrorName,
+    pub(crate) value: f64,
+    pub(crate) uncertainty: f64,
 }
 
 impl Stated {
-    fn all(file: &CalibrationFile) -> Vec<Self> {
+    pub(crate) fn all(file: &CalibrationFile) -> Vec<Self> {
         let locations = file.locations.iter().enumerate();
         let locations = locations.map(|(place, of)| Self {
             table: "location",
@@ -561,7 +481,7 @@ impl Stated {
     }
 
     /// The file with the value changed by `step`.
-    fn changed(&self, file: &CalibrationFile, step: f64) -> CalibrationFile {
+    pub(crate) fn changed(&self, file: &CalibrationFile, step: f64) -> CalibrationFile {
         let mut other = file.clone();
         if self.table == "location" {
             other.locations[self.place].value += step;
@@ -573,81 +493,17 @@ impl Stated {
     }
 }
 
-/// Stated values that the observations contradict: with another sign, in another unit, halved or doubled.
-pub(crate) fn contradicted_values(
-    lines: &LinesShare<'_>,
-) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
-    /// A contradiction in units of both standard uncertainties together, and as a share of the value.
-    const UNCERTAINTIES: f64 = 4.0;
-    const SHARE: f64 = 0.4;
-    let all = Stated::all(lines.file);
-    // To the opposite value, and further from one that is much smaller than what may be wanted of it.
-    let step = |of: &Stated| {
-        if 2.0 * of.value.abs() > CHANGE {
-            -2.0 * of.value
-        } else {
-            CHANGE
-        }
-    };
-    let machines = all.iter().map(|of| {
-        let file = of.changed(lines.file, step(of));
-        lines.fitted(&file).map(|stages| stages.machine)
-    });
-    let machines: Vec<_> = machines.collect::<Result<_, _>>()?;
-    let mut notes = Vec::new();
-    for (of, wanted) in all.iter().zip(lines.response.wanted(&machines)?) {
-        let Some(wanted) = wanted else { continue };
-        let change = wanted.share * step(of);
-        let own = (wanted.uncertainty * step(of)).abs();
-        if change.abs() > UNCERTAINTIES * own.hypot(of.uncertainty)
-            && change.abs() > SHARE * of.value.abs()
-        {
-            let [stated, fits] = [of.value, of.value + change]
-                .map(|micro| Displacement::from_micro(of.error.component.kind(), micro));
-            let digits = if of.value.abs() < 1.0 { 4 } else { 1 };
-            let what = format!(
-                "the observations contradict its {stated:.digits$} and fit with {fits:.1}, standard uncertainty {own:.1}"
-            );
-            let place = format!("{} in [[{}]]", of.error, of.table);
-            let note = Note::warning(place, what).hint("check its sign and unit");
-            notes.push((of.error, note));
-        }
-    }
-    Ok(notes)
-}
-
 /// Sentences, each once behind the names of all files that it is about, from pairs of a file's name and what is to be said of it: in the order
 /// in which each was first said.
 pub fn with_files(notes: impl IntoIterator<Item = (String, String)>) -> Vec<String> {
-    let mut told: Vec<(String, Vec<String>)> = Vec::new();
+    let mut by_note: Vec<(String, Vec<String>)> = Vec::new();
     for (file, note) in notes {
-        match told.iter_mut().find(|(text, _)| *text == note) {
+        match by_note.iter_mut().find(|(text, _)| *text == note) {
             Some((_, files)) if files.contains(&file) => {}
             Some((_, files)) => files.push(file),
-            None => told.push((note, vec![file])),
+            None => by_note.push((note, vec![file])),
         }
     }
     let text = |(note, files): (String, Vec<String>)| format!("{}: {note}", files.join(", "));
-    told.into_iter().map(text).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::line;
-
-    /// Two programs write one machine in other cases; two machines are two.
-    #[test]
-    fn names_of_one_machine_are_compared_without_case() {
-        let told = |names: [&str; 2]| {
-            let mut lines = [line("EXX", |_| 0.0), line("EYY", |_| 0.0)];
-            for (line, name) in lines.iter_mut().zip(names) {
-                line.readings.metadata.machine = Some(name.to_owned());
-                line.readings.metadata.serial = Some(name.to_owned());
-            }
-            different_machines(&files_of(&lines))
-        };
-        assert_eq!(told(["VMC-5 ", "vmc-5"]), [""; 0]);
-        assert_eq!(told(["VMC-5", "VMC-6"]).len(), 2);
-    }
+    by_note.into_iter().map(text).collect()
 }

@@ -1,13 +1,15 @@
-//! What numbers and sizes observations may have, whether a file states them or a program: one rule for each, and one check of all.
+//! Checks of observations before the fit: one rule for each number and size, whether a file states it or a program, and units and
+//! directions that cannot be.
 
-use volcomp_document::{InputError, Value};
-use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_document::{CsvTable, InputError, Value};
+use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
+use volcomp_model::Machine;
 
 use crate::{
     basis::Basis,
+    checks::limit_mm,
     error::{IdentifyError, at},
-    observations::{Observations, Quantity, Row, Seen, SetUp, Stand, Unknown},
-    params::Part,
+    observations::{Observations, Part, Quantity, Row, Seen, SetUp, Stand, Unknown},
 };
 
 /// The highest order of a drift.
@@ -187,4 +189,108 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
         return refuse("found a coordinate or a reading that is no finite number".to_owned());
     }
     Ok(())
+}
+
+/// Refuses the rows of one file whose unit cannot be mm.
+pub(crate) fn refuse_units(
+    table: &CsvTable,
+    machine: &Machine,
+    rows: &[Row],
+    setup: &SetUp,
+) -> Result<(), InputError> {
+    /// Targets that spread more or less than the tool by this factor are in another unit: an inch is 25 times a mm.
+    const OTHER_UNIT: f64 = 15.0;
+    /// Minimum motion of the tool for a check of the unit, mm.
+    const MIN_MOTION_MM: f64 = 1.0;
+    /// Largest difference of a length between two poses from the nominal one, mm at usual extents, and per mm of length.
+    const MAX_APART_MM: f64 = 5.0;
+    const MAX_APART_SHARE: f64 = 2e-3;
+    /// No ballbar and no tracer reaches this many times the diagonal of the travels.
+    const MAX_DIAGONALS: f64 = 20.0;
+    let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
+    // A machine that only turns has arms of unknown length.
+    let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
+    let diagonal = diagonal.unwrap_or(f64::INFINITY);
+    let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
+    let mut seen = Vec::new();
+    for row in rows {
+        match &row.seen {
+            Seen::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.stand))),
+            Seen::Pair {
+                from,
+                dead,
+                length_mm,
+            } => {
+                let dead = &setup.numbers[*dead];
+                let expected = (nominal(&row.stand) - nominal(from)).norm();
+                let found = length_mm + dead.value.unwrap_or_default();
+                if !dead.unknown && (found - expected).abs() > apart_mm + MAX_APART_SHARE * expected
+                {
+                    return Err(table.error_at(row.line, format!(
+                        "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
+                    )));
+                }
+            }
+            Seen::Distance { length_mm, .. } if *length_mm > MAX_DIAGONALS * diagonal => {
+                return Err(table.error_at(row.line, format!(
+                    "found a length of {length_mm} mm at a machine whose travels are {diagonal:.0} mm from corner to corner, expected mm: is it another unit?"
+                )));
+            }
+            _ => {}
+        }
+    }
+    let spread = |points: &mut dyn Iterator<Item = Vector3<f64>>| {
+        let points: Vec<Vector3<f64>> = points.collect();
+        let count = points.len().max(1) as f64;
+        let middle = points.iter().sum::<Vector3<f64>>() / count;
+        let squares = points.iter().map(|point| (point - middle).norm_squared());
+        (squares.sum::<f64>() / count).sqrt()
+    };
+    let found = spread(&mut seen.iter().map(|(found, _)| *found));
+    let moved = spread(&mut seen.iter().map(|(_, nominal)| *nominal));
+    if moved > MIN_MOTION_MM && !(1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&(found / moved)) {
+        return Err(table.header_error(format!(
+            "found x, y, z that spread by {found:.3} where the tool spreads by {moved:.3} mm, expected mm: are they in another unit?"
+        )));
+    }
+    Ok(())
+}
+
+/// A line of sight that goes neither along its rows (positioning) nor across them (straightness): its readings would count in a
+/// wrong direction.
+pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
+    const ALIGNED_DEG: f64 = 1.0;
+    /// Largest spread across the line as a share of that along it.
+    const STRAIGHT: f64 = 1e-3;
+    const MIN_SPREAD_MM: f64 = 1.0;
+    let tips = rows
+        .iter()
+        .map(|row| row.stand.ideal_tip_mm(machine.chain()));
+    let tips: Vec<Vector3<f64>> = tips.collect();
+    let count = tips.len() as f64;
+    let middle = tips.iter().sum::<Vector3<f64>>() / count;
+    let squares: Matrix3<f64> = tips
+        .iter()
+        .map(|tip| (tip - middle) * (tip - middle).transpose())
+        .sum();
+    let found = (squares / count).symmetric_eigen();
+    let spread = found.eigenvalues.map(|square| square.max(0.0).sqrt());
+    let longest = spread.imax();
+    let across = (spread.norm_squared() - spread[longest].powi(2)).max(0.0);
+    if across.sqrt() > STRAIGHT * spread[longest] || spread[longest] <= MIN_SPREAD_MM {
+        return None;
+    }
+    let along: Vector3<f64> = found.eigenvectors.column(longest).into();
+    let along = along * along.dot(direction).signum();
+    let angle_deg = along.dot(direction).min(1.0).acos().to_degrees();
+    if angle_deg <= ALIGNED_DEG || angle_deg >= 90.0 - ALIGNED_DEG {
+        return None;
+    }
+    // Rounded first, so that no zero has a sign.
+    let [x, y, z] = along
+        .map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0))
+        .into();
+    Some(format!(
+        "the rows run along [{x}, {y}, {z}] in workpiece axes, {angle_deg:.1} deg from this direction: expected a line of sight along them, or across them for a straightness"
+    ))
 }

@@ -1,29 +1,23 @@
-//! Checks that stop a wrong number: refusals before and after the fit, and notes on results that could mislead.
+//! Checks of what was found: refusals of what no machine explains, and notes on results that could mislead.
 
-use std::{collections::BTreeSet, ops::Range};
+use std::collections::BTreeSet;
 
-use volcomp_document::{CsvTable, InputError, Note};
-use volcomp_kinematics::nalgebra::{DVector, Matrix3, Vector3};
+use volcomp_document::Note;
+use volcomp_kinematics::nalgebra::{DVector, Vector3};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
+    checks::{limit_mm, median},
     error::{FarFile, IdentifyError, at},
-    identify::Fitted,
-    observations::{Observations, Row, Seen, SetUp, Stand},
-    params::{Param, Part},
-    prepared::Rows,
+    fit::{Fitted, LARGEST},
+    observations::{Observations, Part, Row, Seen},
+    params::{Param, Values},
     rank::{Rank, of_unit_length},
     solve::squares_by_chance,
-    system::System,
-    uncertain::LARGEST,
-    values::Values,
+    system::{Rows, System},
 };
 
-/// Limits are stated for rows that extend over these lengths, mm: nearly all machine tools.
-const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
-/// Smallest factor on a limit, for rows in a corner of a machine.
-const SMALLEST_FACTOR: f64 = 0.1;
 /// Largest distance of a row from the nominal machine, mm at usual extents: a machine that was just assembled misses by a few mm.
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;
 /// Largest RMS residual of a file after the fit, mm at usual extents.
@@ -36,168 +30,6 @@ const INVERTED_LEAVES: f64 = 0.25;
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
 /// Maximum number of rows or names that one check lists.
 const MAX_LISTED: usize = 5;
-
-/// The diagonal of the box around all coordinates of the linear axes, or around all nominal tips in workpiece axes where it is
-/// larger, mm: a tip on a sphere does not move, and axes at rest carry a tip that does.
-fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
-    let is_linear: Vec<bool> = (machine.axes().iter())
-        .map(|axis| axis.name.kind() == AxisKind::Linear)
-        .collect();
-    let mut coordinates = [[f64::INFINITY, f64::NEG_INFINITY]; MAX_AXES];
-    let mut tips = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
-    let grow = |ends: &mut [f64; 2], at: f64| *ends = [ends[0].min(at), ends[1].max(at)];
-    for stand in rows.flat_map(stands) {
-        let q = coordinates.iter_mut().zip(&stand.state.q).zip(&is_linear);
-        q.filter(|(_, is_linear)| **is_linear)
-            .for_each(|((ends, q), _)| grow(ends, *q));
-        let tip = stand.ideal_tip_mm(machine.chain());
-        tips.iter_mut()
-            .zip(tip.iter())
-            .for_each(|(ends, at)| grow(ends, *at));
-    }
-    let diagonal = |ends: &[[f64; 2]]| {
-        let squares = ends.iter().map(|[low, high]| (high - low).max(0.0).powi(2));
-        squares.sum::<f64>().sqrt()
-    };
-    diagonal(&coordinates).max(diagonal(&tips))
-}
-
-/// The poses of a row: two of a length between poses.
-fn stands(row: &Row) -> impl Iterator<Item = &Stand> {
-    let from = match &row.seen {
-        Seen::Pair { from, .. } => Some(from),
-        _ => None,
-    };
-    core::iter::once(&row.stand).chain(from)
-}
-
-/// A limit in mm, stated for usual machine tools, for the extent of these rows; to two digits, as messages show it.
-pub(crate) fn limit_mm<'r>(
-    machine: &Machine,
-    rows: impl Iterator<Item = &'r Row>,
-    usual_mm: f64,
-) -> f64 {
-    scaled(usual_mm, extent_mm(machine, rows))
-}
-
-fn scaled(usual_mm: f64, extent_mm: f64) -> f64 {
-    let [small, large] = USUAL_EXTENT_MM;
-    let factor = if extent_mm <= 0.0 {
-        // Rows that extend over nothing say nothing of the size.
-        1.0
-    } else if extent_mm < small {
-        (extent_mm / small).max(SMALLEST_FACTOR)
-    } else {
-        (extent_mm / large).max(1.0)
-    };
-    let limit = usual_mm * factor;
-    let digit = 10.0_f64.powf(limit.log10().floor() - 1.0);
-    ((limit / digit).round() * digit * 1e6).round() / 1e6
-}
-
-/// Refuses the rows of one file whose unit cannot be mm.
-pub(crate) fn refuse_units(
-    table: &CsvTable,
-    machine: &Machine,
-    rows: &[Row],
-    setup: &SetUp,
-) -> Result<(), InputError> {
-    /// Targets that spread more or less than the tool by this factor are in another unit: an inch is 25 times a mm.
-    const OTHER_UNIT: f64 = 15.0;
-    /// A tool that moves less says nothing of the unit, mm.
-    const MIN_MOTION_MM: f64 = 1.0;
-    /// Largest difference of a length between two poses from the nominal one, mm at usual extents, and per mm of length.
-    const MAX_APART_MM: f64 = 5.0;
-    const MAX_APART_SHARE: f64 = 2e-3;
-    /// No ballbar and no tracer reaches this many times the diagonal of the travels.
-    const MAX_DIAGONALS: f64 = 20.0;
-    let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
-    // A machine that only turns has arms of unknown length.
-    let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
-    let diagonal = diagonal.unwrap_or(f64::INFINITY);
-    let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
-    let mut seen = Vec::new();
-    for row in rows {
-        match &row.seen {
-            Seen::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.stand))),
-            Seen::Pair {
-                from,
-                dead,
-                length_mm,
-            } => {
-                let dead = &setup.numbers[*dead];
-                let expected = (nominal(&row.stand) - nominal(from)).norm();
-                let found = length_mm + dead.value.unwrap_or_default();
-                if !dead.unknown && (found - expected).abs() > apart_mm + MAX_APART_SHARE * expected
-                {
-                    return Err(table.error_at(row.line, format!(
-                        "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
-                    )));
-                }
-            }
-            Seen::Distance { length_mm, .. } if *length_mm > MAX_DIAGONALS * diagonal => {
-                return Err(table.error_at(row.line, format!(
-                    "found a length of {length_mm} mm at a machine whose travels are {diagonal:.0} mm from corner to corner, expected mm: is it another unit?"
-                )));
-            }
-            _ => {}
-        }
-    }
-    let spread = |points: &mut dyn Iterator<Item = Vector3<f64>>| {
-        let points: Vec<Vector3<f64>> = points.collect();
-        let count = points.len().max(1) as f64;
-        let middle = points.iter().sum::<Vector3<f64>>() / count;
-        let squares = points.iter().map(|point| (point - middle).norm_squared());
-        (squares.sum::<f64>() / count).sqrt()
-    };
-    let found = spread(&mut seen.iter().map(|(found, _)| *found));
-    let moved = spread(&mut seen.iter().map(|(_, nominal)| *nominal));
-    if moved > MIN_MOTION_MM && !(1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&(found / moved)) {
-        return Err(table.header_error(format!(
-            "found x, y, z that spread by {found:.3} where the tool spreads by {moved:.3} mm, expected mm: are they in another unit?"
-        )));
-    }
-    Ok(())
-}
-
-/// A line of sight that goes neither along its rows (positioning) nor across them (straightness): its readings would count in a
-/// wrong direction.
-pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
-    const ALIGNED_DEG: f64 = 1.0;
-    /// Largest spread across the line as a share of that along it.
-    const STRAIGHT: f64 = 1e-3;
-    const MIN_SPREAD_MM: f64 = 1.0;
-    let tips = rows
-        .iter()
-        .map(|row| row.stand.ideal_tip_mm(machine.chain()));
-    let tips: Vec<Vector3<f64>> = tips.collect();
-    let count = tips.len() as f64;
-    let middle = tips.iter().sum::<Vector3<f64>>() / count;
-    let squares: Matrix3<f64> = tips
-        .iter()
-        .map(|tip| (tip - middle) * (tip - middle).transpose())
-        .sum();
-    let found = (squares / count).symmetric_eigen();
-    let spread = found.eigenvalues.map(|square| square.max(0.0).sqrt());
-    let longest = spread.imax();
-    let across = (spread.norm_squared() - spread[longest].powi(2)).max(0.0);
-    if across.sqrt() > STRAIGHT * spread[longest] || spread[longest] <= MIN_SPREAD_MM {
-        return None;
-    }
-    let along: Vector3<f64> = found.eigenvectors.column(longest).into();
-    let along = along * along.dot(direction).signum();
-    let angle_deg = along.dot(direction).min(1.0).acos().to_degrees();
-    if angle_deg <= ALIGNED_DEG || angle_deg >= 90.0 - ALIGNED_DEG {
-        return None;
-    }
-    // Rounded first, so that no zero has a sign.
-    let [x, y, z] = along
-        .map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0))
-        .into();
-    Some(format!(
-        "the rows run along [{x}, {y}, {z}] in workpiece axes, {angle_deg:.1} deg from this direction: expected a line of sight along them, or across them for a straightness"
-    ))
-}
 
 /// Refuses rows from which nothing can be found.
 pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
@@ -443,7 +275,7 @@ pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
     const SMALL: f64 = 1.0 / 20.0;
     let mut largest: Option<(f64, AxisName, f64)> = None;
     for (place, axis) in machine.axes().iter().enumerate() {
-        let at = || rows.iter().flat_map(stands).map(|s| s.state.q[place]);
+        let at = || rows.iter().flat_map(Row::stands).map(|s| s.state.q[place]);
         let moved = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
         let share = moved / (axis.travel[1] - axis.travel[0]);
         if axis.name.kind() == AxisKind::Linear
@@ -508,41 +340,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     notes
 }
 
-/// Lengths in inches of which an unknown dead length takes up the difference where all are alike.
-pub(crate) fn inches(system: &System, observations: &Observations, fitted: &Fitted) -> Vec<Note> {
-    const MM_PER_INCH: f64 = 25.4;
-    const NEAR: f64 = 0.01;
-    let mut notes = Vec::new();
-    for (observation, _) in observations.fitted() {
-        let lengths = observation.rows.iter().filter_map(|row| match row.seen {
-            Seen::Distance {
-                dead, length_mm, ..
-            }
-            | Seen::Pair {
-                dead, length_mm, ..
-            } => Some((dead, length_mm)),
-            _ => None,
-        });
-        let lengths: Vec<(usize, f64)> = lengths.collect();
-        let dead = lengths.first().map(|(dead, _)| *dead);
-        let Some(dead) = dead.filter(|dead| system.setup.numbers[*dead].unknown) else {
-            continue;
-        };
-        let mean = lengths.iter().map(|(_, length)| length).sum::<f64>() / lengths.len() as f64;
-        let found = fitted.solution.values.numbers[dead][0];
-        let expected = (MM_PER_INCH - 1.0) * mean;
-        if mean > 0.0 && (found - expected).abs() < NEAR * expected {
-            let what = format!(
-                "the dead length is found to be {found:.3} mm, {:.1} times the lengths: is `length_mm` in inches?",
-                found / mean
-            );
-            notes.push(Note::warning(observation.file.as_str(), what));
-        }
-    }
-    notes
-}
-
-/// Rows that fit far worse than the others of their file, and spheres that moved between files.
+/// Rows that fit far worse than the others of their file.
 pub(crate) fn outliers(
     observations: &Observations,
     rows: &Rows,
@@ -588,78 +386,5 @@ pub(crate) fn outliers(
             notes.push(Note::warning(observation.file.as_str(), what));
         }
     }
-    notes.extend(moved_spheres(observations, rows, residuals));
     notes
-}
-
-/// Spheres whose rows in two files are apart by more than their uncertainty explains.
-fn moved_spheres(
-    observations: &Observations,
-    rows: &Rows,
-    residuals: &[Vector3<f64>],
-) -> Vec<Note> {
-    /// The mean residual of a sphere in a file, and the standard uncertainty of the mean.
-    fn mean(
-        rows: &Rows,
-        residuals: &[Vector3<f64>],
-        own: Range<usize>,
-        of: usize,
-    ) -> Option<(Vector3<f64>, f64)> {
-        let is_of = |row: &usize| matches!(rows.get(*row).seen, Seen::Sphere { centre, .. } if centre == of);
-        let places: Vec<usize> = own.filter(is_of).collect();
-        let count = places.len() as f64;
-        let largest = places.iter().map(|row| rows.get(*row).uncertainty_mm);
-        let largest = largest.fold(0.0, f64::max);
-        let sum: Vector3<f64> = places.iter().map(|row| residuals[*row]).sum();
-        (!places.is_empty()).then(|| (sum / count, largest / count.sqrt()))
-    }
-    let mut notes = Vec::new();
-    for (centre, point) in observations.setup.points.iter().enumerate() {
-        let files: Vec<(&str, Vector3<f64>, f64)> = observations
-            .fitted()
-            .filter_map(|(observation, own)| {
-                let (mean, u) = mean(rows, residuals, own, centre)?;
-                Some((observation.file.as_str(), mean, u))
-            })
-            .collect();
-        for (place, (file, at, u)) in files.iter().enumerate() {
-            for (before, other, other_u) in &files[..place] {
-                let apart = 1e3 * (at - other);
-                if apart.norm() > 6e3 * u.hypot(*other_u) {
-                    let what = format!(
-                        "{} seems to have moved by [{:.1}, {:.1}, {:.1}] µm between {before} and {file}",
-                        point.name, apart.x, apart.y, apart.z
-                    );
-                    notes.push(
-                        Note::warning("", what).hint("if so, give it another name in one of them"),
-                    );
-                }
-            }
-        }
-    }
-    notes
-}
-
-pub(crate) fn median(sizes: &[f64]) -> f64 {
-    let mut sorted = sizes.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::scaled;
-
-    #[test]
-    fn limits_grow_with_the_extent_of_the_rows() {
-        for usual in [0.0, 300.0, 1000.0, 2000.0] {
-            for limit in [10.0, 1.0, 0.25, 2.0, 5.0] {
-                assert_eq!(scaled(limit, usual), limit, "{usual}");
-            }
-        }
-        assert_eq!(scaled(10.0, 50.0), 1.7);
-        assert_eq!(scaled(10.0, 20_000.0), 100.0);
-        // A corner of a machine.
-        assert_eq!(scaled(10.0, 1e-3), 1.0);
-    }
 }

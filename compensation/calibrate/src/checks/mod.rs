@@ -1,0 +1,5 @@
+//! Checks that stop a wrong number.
+
+pub(crate) mod contradictions;
+pub(crate) mod lines;
+pub(crate) mod result;

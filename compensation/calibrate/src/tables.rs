@@ -1,0 +1,511 @@
+//! The tables `[[location]]` and `[[squareness]]` of a calibration file, with the diagonals that a squareness may come from.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_document::{InputError, Section, Value};
+use volcomp_identify::{
+    Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, Stand, Unknown,
+    standard_uncertainty_um,
+};
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_metrology::{
+    DeviationUnit, Mapping, Measurement, MetrologyError, read_file_with, squareness_parts,
+};
+use volcomp_model::{Machine, Source};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement, ErrorName, Urad};
+
+use crate::{
+    calibration_file::{Diagonals, Location, Squareness, SquarenessSource},
+    checks::lines::{NEVER_ABOVE, refuse_value},
+    error::CalibrateError,
+    setup::{decode_errors, decode_sign, set_coordinates},
+    squareness::{is_square, partner_of, reference_of, tilt_of},
+};
+
+/// The location errors that one table states.
+pub(crate) fn decode_location(
+    section: &Section<'_>,
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+) -> Result<Vec<Location>, InputError> {
+    section.allow(&[
+        "error",
+        "errors",
+        "value_um",
+        "value_urad",
+        "values_um",
+        "values_urad",
+        "uncertainty_um",
+        "uncertainty_urad",
+        "sign",
+    ])?;
+    let errors = decode_location_errors(section, machine, reference_axes)?;
+    let one = section.get("error").is_some();
+    let Some(first) = errors.first().copied() else {
+        // There is at least one.
+        return Ok(Vec::new());
+    };
+    let kind = first.component.kind();
+    let unit = first.component.unit();
+    let (own, other) = match kind {
+        AxisKind::Linear => ("um", "urad"),
+        AxisKind::Rotary => ("urad", "um"),
+    };
+    for wrong in ["value", "values", "uncertainty"].map(|key| format!("{key}_{other}")) {
+        if let Some(value) = section.get(&wrong) {
+            return Err(value.error(format!(
+                "{first} is in {unit}, expected the key with the ending _{own}"
+            )));
+        }
+    }
+    let key = if one { "value" } else { "values" };
+    let unexpected = format!("{}_{own}", if one { "values" } else { "value" });
+    if let Some(value) = section.get(&unexpected) {
+        return Err(value.error(format!(
+            "expected `{key}_{own}` beside `{}`",
+            if one { "error" } else { "errors" }
+        )));
+    }
+    let stated = section.require(&format!("{key}_{own}"))?;
+    let values = if one {
+        vec![stated.number()?]
+    } else {
+        stated.numbers()?
+    };
+    if values.len() != errors.len() {
+        return Err(stated.error(format!(
+            "found {} values, expected {}: one for each of `errors`",
+            values.len(),
+            errors.len()
+        )));
+    }
+    for value in &values {
+        refuse_value(&stated, kind, *value)?;
+    }
+    let sign = decode_sign(section)?;
+    let uncertainty = section
+        .get(&format!("uncertainty_{own}"))
+        .map_or(Ok(0.0), |value| standard_uncertainty(&value))?;
+    let location = |(error, value): (ErrorName, f64)| Location {
+        error,
+        value: sign * value,
+        uncertainty,
+    };
+    Ok(errors.into_iter().zip(values).map(location).collect())
+}
+
+/// The location errors that a table `[[location]]` names, by `error` or by `errors`: all lengths or all angles.
+///
+/// # Errors
+/// What is no location error, what moves nothing, the tilt of a reference axis, lengths and angles together.
+pub fn decode_location_errors(
+    section: &Section<'_>,
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+) -> Result<Vec<ErrorName>, InputError> {
+    let missing = || section.error("key `error` or `errors` is missing");
+    let errors = decode_errors(section, machine, missing, |name, error| {
+        check(name, error, machine, reference_axes)
+    })?;
+    let Some(first) = errors.first() else {
+        return Ok(errors); // there is at least one
+    };
+    let kind = first.component.kind();
+    match errors.iter().find(|error| error.component.kind() != kind) {
+        Some(other) => Err(section.error(format!(
+            "found {first} and {other}, a length and an angle, expected errors of one unit: give each kind its own table"
+        ))),
+        None => Ok(errors),
+    }
+}
+
+/// A standard uncertainty, 0 or more (µm, µrad, µm/m). One that is larger than any error of a machine says nothing, and a correction with
+/// its band would be none.
+pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
+    let found = value.number()?;
+    if found < 0.0 {
+        return Err(value.error(format!(
+            "found {found}, expected a standard uncertainty of 0 or more"
+        )));
+    }
+    if found > NEVER_ABOVE {
+        return Err(value.error(format!(
+            "found a standard uncertainty of {found}, expected at most {NEVER_ABOVE}: no machine tool is wrong by more, so it would say that nothing is known. Check its unit, or leave out what is not known"
+        )));
+    }
+    Ok(found)
+}
+
+/// Refuses what is no location error, what moves nothing, and the tilt of a reference axis, which is zero by definition.
+fn check(
+    name: &Value<'_>,
+    error: ErrorName,
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+) -> Result<(), InputError> {
+    if !error.location {
+        return Err(name.error(format!(
+            "found {error}, expected a location error E?0N; error motions have their own table [[measurement]]"
+        )));
+    }
+    let joint = machine.index_of(error.axis).ok();
+    let joint = joint.and_then(|index| machine.chain().joints().get(index));
+    if let Some(reason) = joint.and_then(|joint| joint.no_effect(error.component)) {
+        return Err(name.error(format!("{error} {reason}")));
+    }
+    if is_square(error) && reference_of(reference_axes, error) == error.axis {
+        let other = ErrorName::location(error.component, partner_of(error));
+        return Err(name.error(format!(
+            "{error} is 0 by definition, because {} is a reference axis: expected {other}, which is then minus the value of {error}, or other `reference_axes`",
+            error.axis
+        )));
+    }
+    Ok(())
+}
+
+/// Keys that exclude each other.
+const SOURCES: [&str; 5] = [
+    "value_urad",
+    "reference_angle_urad",
+    "optical_square_urad",
+    "beam_angle_deg",
+    "diagonals",
+];
+/// Two beams that are further from a right angle are no reference of it, deg.
+const FAR_FROM_SQUARE_DEG: f64 = 1.0;
+
+/// The squareness errors of one table; `sets` takes its diagonals, where it has some.
+pub(crate) fn decode_squareness(
+    section: &Section<'_>,
+    machine: &Machine,
+    reference_axes: [AxisName; 2],
+    folder: &Path,
+    sets: &mut Vec<Diagonals>,
+) -> Result<Vec<Squareness>, CalibrateError> {
+    let own = ["error", "errors", "from", "beams", "uncertainty_um"];
+    section.allow(&[&own[..], &SOURCES].concat())?;
+    let missing = || section.error("key `error` is missing");
+    let errors = decode_errors(section, machine, missing, |name, error| {
+        check_parts(section, name, error)
+    })?;
+    let stated: Vec<Value<'_>> = SOURCES.iter().filter_map(|key| section.get(key)).collect();
+    if let [first, second, ..] = &stated[..] {
+        let message = format!(
+            "found {} and {} together, expected one of them",
+            last(first),
+            last(second)
+        );
+        return Err(second.error(message).into());
+    }
+    let only_with = |key: &str, with: &[&str]| match section.get(key) {
+        Some(value) if with.iter().all(|key| section.get(key).is_none()) => {
+            let expected = with.join("` or `");
+            Err(value.error(format!("expected only with `{expected}`")))
+        }
+        _ => Ok(()),
+    };
+    only_with("beams", &["optical_square_urad", "beam_angle_deg"])?;
+    only_with("uncertainty_um", &["diagonals"])?;
+    only_with("errors", &["diagonals"])?;
+    if let Some(value) = section.get("diagonals") {
+        let uncertainty_um = section.get("uncertainty_um").map_or(Ok(1.0), |value| {
+            standard_uncertainty_um(value.positive()?).map_err(|why| value.error(why))
+        })?;
+        let names = errors.clone();
+        let place = (machine, reference_axes);
+        sets.push(decode_diagonals(
+            &value,
+            names,
+            uncertainty_um,
+            place,
+            folder,
+        )?);
+        let source = SquarenessSource::Diagonals;
+        return Ok(errors
+            .into_iter()
+            .map(|error| Squareness { error, source })
+            .collect());
+    }
+    let [error] = errors[..] else {
+        // `errors` stands with diagonals only.
+        return Ok(Vec::new());
+    };
+    let number = |key: &str| {
+        let Some(value) = section.get(key) else {
+            return Ok(None);
+        };
+        let found = value.number()?;
+        refuse_value(&value, AxisKind::Rotary, found)?;
+        Ok::<_, InputError>(Some(found))
+    };
+    let source = if let Some(value) = number("value_urad")? {
+        SquarenessSource::Value(Urad(value))
+    } else {
+        let opposite = opposite_beams(section, error)?;
+        let reference = if let Some(square) = number("optical_square_urad")? {
+            if opposite { -square } else { square }
+        } else if let Some(value) = section.get("beam_angle_deg") {
+            let angle = value.number()?;
+            if (angle - 90.0).abs() > FAR_FROM_SQUARE_DEG {
+                return Err(value
+                    .error(format!(
+                        "found {angle} deg, expected an angle between 89 and 91 deg"
+                    ))
+                    .into());
+            }
+            let over = (angle - 90.0).to_radians() * 1e6;
+            if opposite { -over } else { over }
+        } else {
+            number("reference_angle_urad")?.unwrap_or_default()
+        };
+        SquarenessSource::Slopes {
+            reference_angle: Urad(reference),
+        }
+    };
+    Ok(vec![Squareness { error, source }])
+}
+
+/// The last part of the key of a value.
+fn last<'k>(value: &'k Value<'_>) -> &'k str {
+    value.key().rsplit('.').next().unwrap_or_default()
+}
+
+/// Refuses an error that is no squareness, and a `from` that does not name its two straightness errors.
+fn check_parts(
+    section: &Section<'_>,
+    name: &Value<'_>,
+    error: ErrorName,
+) -> Result<(), InputError> {
+    let parts = squareness_parts(error).map_err(|e| name.error(e.to_string()))?;
+    let Some(from) = section.get("from") else {
+        return Ok(());
+    };
+    let mut found = from.texts()?;
+    let parts = parts.map(|part| part.to_string());
+    let mut expected: Vec<&str> = parts.iter().map(String::as_str).collect();
+    found.sort_unstable();
+    expected.sort_unstable();
+    if found == expected {
+        return Ok(());
+    }
+    Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
+}
+
+/// Whether just one of the two beams runs against its axis: then the angle between the light's directions is 180° less
+/// the angle between the plus directions.
+fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
+    let Some(value) = section.get("beams") else {
+        return Ok(false);
+    };
+    let axes = [error.axis, crate::squareness::partner_of(error)];
+    let mut against = 0;
+    let mut seen = Vec::new();
+    for word in value.texts()? {
+        let (sign, letter) = word.split_at(word.len().min(1));
+        let axis = axes.into_iter().find(|axis| axis.to_string() == letter);
+        match (sign, axis) {
+            ("+" | "-", Some(axis)) if !seen.contains(&axis) => {
+                against += usize::from(sign == "-");
+                seen.push(axis);
+            }
+            _ => seen.clear(),
+        }
+    }
+    if seen.len() == 2 {
+        return Ok(against == 1);
+    }
+    let [first, second] = [axes[1], axes[0]];
+    Err(value.error(format!(
+        "found {:?}, expected the directions in which the light runs along {first} and {second}: [\"+{first}\", \"-{second}\"]",
+        value.texts()?
+    )))
+}
+
+/// Targets may stand so much of the length beyond the ends of a diagonal, for the overrun.
+const BEYOND: f64 = 0.02;
+
+/// The diagonals of a `[[squareness]]` with the key `diagonals`.
+pub(crate) fn decode_diagonals(
+    value: &Value<'_>,
+    errors: Vec<ErrorName>,
+    uncertainty_um: f64,
+    (machine, reference_axes): (&Machine, [AxisName; 2]),
+    folder: &Path,
+) -> Result<Diagonals, CalibrateError> {
+    let mut found = Observations::of(machine.clone());
+    let tilts = errors.iter().map(|error| tilt_of(*error, reference_axes).0);
+    found.unknown.extend(tilts.map(Unknown::constant));
+    let from_zero = |name: String| Quantity {
+        unknown: true,
+        ..Quantity::new(name, Some(0.0), 0)
+    };
+    let scale = from_zero("scale of the diagonals".to_owned());
+    let scale = found.setup.add_number(NumberKind::Slope, scale);
+    let items = value.items()?;
+    if items.len() < 2 {
+        return Err(value
+            .error(format!(
+                "found {} diagonals, expected two face diagonals or the four body diagonals",
+                items.len()
+            ))
+            .into());
+    }
+    for item in items {
+        let section = item.section()?;
+        section.allow(&["file", "from", "to"])?;
+        let file_value = section.require("file")?;
+        let (file, readings) = read_measurement(&file_value, folder, None)?;
+        if readings.unit == Some(DeviationUnit::Urad) {
+            return Err(file_value
+                .error("the file holds angles, expected lengths")
+                .into());
+        }
+        let [from, to] = ["from", "to"].map(|key| end(&section, key, machine));
+        let (from, to) = (from?, to?);
+        let offset = from_zero(format!("{}:offset", file.display()));
+        let offset = found.setup.add_number(NumberKind::Offset, offset);
+        found.observations.push(Observation {
+            file: file.display().to_string(),
+            kind: Kind::Line,
+            judge: false,
+            rows: rows(
+                &file_value,
+                machine,
+                (&from, &to),
+                (&readings, uncertainty_um),
+                [offset, scale],
+            )?,
+        });
+        found.files.push(file);
+    }
+    Ok(Diagonals {
+        errors,
+        sources: sources_of(folder, &found.files)?,
+        observations: found,
+    })
+}
+
+/// Where a diagonal begins or ends, mm or deg by the place of the axis.
+fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, InputError> {
+    let mut coordinates = vec![0.0; machine.axes().len()];
+    let value = section.require(key)?;
+    set_coordinates(&mut coordinates, &value.section()?, machine)?;
+    Ok(coordinates)
+}
+
+/// A row for each mean reading of a diagonal, with its standard uncertainty, µm; `offset` and `scale` are the places of the numbers of its set-up.
+fn rows(
+    file: &Value<'_>,
+    machine: &Machine,
+    (from, to): (&[f64], &[f64]),
+    (readings, uncertainty_um): (&Measurement, f64),
+    [offset, scale]: [usize; 2],
+) -> Result<Vec<Row>, CalibrateError> {
+    let names = || machine.axes().iter().map(|axis| axis.name);
+    for ((name, from), to) in names().zip(from).zip(to) {
+        if name.is_rotary() && from != to {
+            let message = format!(
+                "{name} turns along this diagonal, expected the same angle in `from` and `to`"
+            );
+            return Err(file.error(message).into());
+        }
+    }
+    let state_at = |share: f64| -> Result<State, CalibrateError> {
+        let between = from
+            .iter()
+            .zip(to)
+            .map(|(from, to)| from + share * (to - from));
+        let coordinates: Vec<(AxisName, f64)> = names().zip(between).collect();
+        Ok(machine.state(&coordinates)?)
+    };
+    let chain = machine.chain();
+    let way: Vector3<f64> =
+        chain.ideal_tip_mm(&state_at(1.0)?) - chain.ideal_tip_mm(&state_at(0.0)?);
+    let length = way.norm();
+    let Some(direction) = way.try_normalize(1e-9) else {
+        return Err(file
+            .error("`from` and `to` are the same place, expected the ends of a diagonal")
+            .into());
+    };
+    let targets = readings.targets();
+    let (first, last) = (targets.first().copied(), targets.last().copied());
+    let (first, last) = (first.unwrap_or_default(), last.unwrap_or_default());
+    if first < -BEYOND * length || last > (1.0 + BEYOND) * length {
+        return Err(file
+            .error(format!(
+                "found targets from {first} to {last} mm, expected distances from the beginning of the diagonal, 0 to {length:.1} mm"
+            ))
+            .into());
+    }
+    let both = Direction::BOTH
+        .iter()
+        .all(|direction| readings.has(*direction));
+    let forward = readings.has(Direction::Positive);
+    let mut rows = Vec::new();
+    for (target, mean_um) in readings.mean_curve() {
+        let mut state = state_at(target / length)?;
+        for (approach, (from, to)) in state.approach.iter_mut().zip(from.iter().zip(to)) {
+            // With readings in both directions the mean of both branches is what their mean shows.
+            if !both && from != to {
+                *approach = Some(if (to > from) == forward {
+                    Direction::Positive
+                } else {
+                    Direction::Negative
+                });
+            }
+        }
+        rows.push(Row {
+            line: 0,
+            stand: Stand {
+                state,
+                tip_mm: chain.tool_tip_mm(),
+            },
+            seen: Seen::Line {
+                direction,
+                offset,
+                slope: scale,
+                deviation_mm: Displacement::from_micro(
+                    volcomp_vocabulary::AxisKind::Linear,
+                    mean_um,
+                )
+                .mm_or_rad(),
+            },
+            run: None,
+            time: 0.0,
+            uncertainty_mm: uncertainty_um * 1e-3,
+        });
+    }
+    Ok(rows)
+}
+
+/// The measurement file that a value names, and its readings.
+pub(crate) fn read_measurement(
+    value: &Value<'_>,
+    folder: &Path,
+    mapping: Option<&Mapping>,
+) -> Result<(PathBuf, Measurement), CalibrateError> {
+    let file = folder.join(value.text()?);
+    let readings = read_file_with(&file, mapping).map_err(|error| match error {
+        // Not what is in a file, but which file is named: the calibration file is where to look.
+        MetrologyError::Unreadable { .. }
+        | MetrologyError::Directory { .. }
+        | MetrologyError::Extension { .. }
+        | MetrologyError::TooLarge { .. } => value.error(error.to_string()).into(),
+        inside => CalibrateError::from(inside),
+    })?;
+    readings.check_directions()?;
+    Ok((file, readings))
+}
+
+/// Files by their names relative to the folder of the calibration file.
+pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>, CalibrateError> {
+    let read = |path: &PathBuf| {
+        let name = path.strip_prefix(folder).unwrap_or(path);
+        let read = Source::read(&name.display().to_string(), path);
+        read.map_err(|source| CalibrateError::Hash {
+            file: path.clone(),
+            source,
+        })
+    };
+    paths.iter().map(read).collect()
+}

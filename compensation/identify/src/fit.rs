@@ -1,0 +1,241 @@
+//! One fit: which unknowns are distinguishable, and the search for them.
+//!
+//! This is judged on the ideal experiment, the same poses on a machine without errors with readings that fit it exactly: unknowns that it
+//! cannot distinguish are distinguished by the errors of the real machine only in appearance.
+
+use volcomp_kinematics::{
+    REACHED_WITHIN_MM, State,
+    nalgebra::{DMatrix, DVector, Vector3},
+};
+
+use crate::{
+    equation::{Equations, bar},
+    error::IdentifyError,
+    observations::{Observations, Row, Seen, Stand},
+    params::{Param, Values},
+    rank::{LEAST_SHARE, Rank, independent, independent_without, of_unit_length},
+    solve::{Exactness, Solution, solve},
+    system::{Rows, System},
+};
+
+/// The distinguishable unknowns, where it is not known from which side an axis came before it first moved: reversal values that only such
+/// rows depend on are left at zero, and so are the columns `without`.
+pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[usize]) -> Rank {
+    let rank = independent_without(&design.jacobian, without);
+    if !design.sides.has_unknown() {
+        return rank;
+    }
+    let (reversals, others): (Vec<usize>, Vec<usize>) =
+        (rank.kept.iter()).partition(|column| system.is_reversal(**column));
+    let jacobian = &design.jacobian;
+    let sides = design.sides.columns(jacobian.nrows(), true);
+    let columns_of = |columns: &[usize]| jacobian.select_columns(columns);
+    let all = [columns_of(&others), sides, columns_of(&reversals)];
+    let columns: Vec<DVector<f64>> = all
+        .iter()
+        .flat_map(|matrix| matrix.column_iter().map(Into::into))
+        .collect();
+    let place_of = |place: usize| {
+        let after = place.checked_sub(others.len() + all[1].ncols());
+        others
+            .get(place)
+            .or_else(|| after.and_then(|after| reversals.get(after)))
+            .copied()
+    };
+    let beside = independent(&DMatrix::from_columns(&columns));
+    let mixed = beside.null.iter().filter_map(|null| {
+        let listed = null.iter();
+        let mut own: Vec<(usize, f64)> = listed
+            .filter_map(|&(place, weight)| place_of(place).map(|column| (column, weight)))
+            .collect();
+        let length = own.iter().map(|(_, w)| w * w).sum::<f64>().sqrt();
+        for (_, weight) in &mut own {
+            *weight /= length;
+        }
+        place_of(null[0].0)
+            .is_some_and(|first| system.is_reversal(first))
+            .then_some(own)
+    });
+    let mixed: Vec<Vec<(usize, f64)>> = mixed.collect();
+    if mixed.is_empty() {
+        return rank;
+    }
+    // What was left at zero stays there.
+    let left: Vec<&Vec<(usize, f64)>> = rank.null.iter().chain(&mixed).collect();
+    let mut others = jacobian.clone();
+    for null in &left {
+        others.column_mut(null[0].0).fill(0.0);
+    }
+    let mut rest = independent_without(&others, without);
+    for null in &mut rest.null {
+        if let Some(own) = left.iter().find(|own| own[0].0 == null[0].0) {
+            null.clone_from(own);
+        }
+    }
+    rest
+}
+
+/// A fit to some rows.
+pub(crate) struct Fitted {
+    pub(crate) solution: Solution,
+    pub(crate) rank: Rank,
+    /// Of what the rank leaves out that of which only the noise leaves nothing known.
+    pub(crate) uncertain: Vec<Uncertain>,
+}
+
+/// Fits rows from a start of the set-ups.
+pub(crate) fn fit(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: Values,
+) -> Result<Fitted, IdentifyError> {
+    let design = design(system, rows, &values);
+    let rank = distinguishable(system, &design, &[]);
+    if rank.kept.len() > design.jacobian.nrows()
+        || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
+    {
+        return Err(IdentifyError::TooFew {
+            poses: rows.poses().1,
+            numbers: design.jacobian.nrows(),
+            unknowns: system.params.len(),
+            rank: rank.kept.len(),
+        });
+    }
+    let mut values = values;
+    let is_penalised =
+        |rank: &Rank| (rank.kept.iter()).any(|&column| system.group(column).is_some());
+    let mut rank = rank;
+    let mut uncertain: Vec<Uncertain> = Vec::new();
+    // A penalty says how large an unknown may be: beside it noise leaves nothing open.
+    if !is_penalised(&rank) {
+        let jacobian = system.equations(rows, &values).jacobian;
+        while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
+            uncertain.push(one);
+            let without: Vec<usize> = uncertain.iter().map(|of| of.param).collect();
+            rank = distinguishable(system, &design, &without);
+        }
+    }
+    // What is left at zero begins there.
+    for left in rank.left_at_zero() {
+        if let Param::Coefficient(coefficient) = system.params.at(left) {
+            values.coefficients[coefficient] = 0.0;
+        }
+    }
+    let solution = solve(
+        system,
+        rows,
+        values,
+        &rank.kept,
+        observations.robust,
+        is_penalised(&rank),
+        Exactness::Full,
+    )?;
+    Ok(Fitted {
+        solution,
+        rank,
+        uncertain,
+    })
+}
+
+/// The equations of the ideal experiment.
+pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
+    let ideal: Vec<Row> = rows
+        .iter()
+        .map(|row| ideal_row(system, row, values))
+        .collect();
+    system.plain_equations(&system.prepare(ideal.iter()), values, true)
+}
+
+/// A row on a sphere or a ball with the linear axes where the ideal machine would have stood.
+fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
+    let mut ideal = row.clone();
+    let centre = match &row.seen {
+        Seen::Sphere { centre, .. } => values.points[*centre][0],
+        Seen::Ball {
+            origin,
+            tilts,
+            distance,
+            axes,
+            ..
+        } => {
+            // On the bar as it lies: beside it, turning the bar and turning the machine would not be the same.
+            let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
+            values.points[*origin][0] + along * values.numbers[*distance][0]
+        }
+        _ => return ideal,
+    };
+    // As near as the linear axes can: a machine with fewer than three of them stays beside it.
+    let _ = bring(system, &mut ideal.stand, centre);
+    ideal
+}
+
+/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Whether they could.
+pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> bool {
+    let chain = system.machine.chain();
+    let tip_mm = stand.tip_mm;
+    let tip = |state: &State| {
+        let stand = Stand {
+            state: *state,
+            tip_mm,
+        };
+        stand.ideal_tip_mm(chain)
+    };
+    chain.bring(&mut stand.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
+}
+
+/// mm and mrad: no error of a machine is larger. Where the noise alone gives an unknown a larger standard uncertainty than this, the
+/// observations tell less of it than is known before any measurement: a value would be noise, and harm where it is applied.
+pub(crate) const LARGEST: f64 = 1.0;
+
+/// An error coefficient that is left at zero for its uncertainty.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Uncertain {
+    pub(crate) param: usize,
+    /// The standard uncertainty that it would have, in its unit.
+    pub(crate) uncertainty: f64,
+}
+
+impl Uncertain {
+    /// Which of the kept unknowns is to be left at zero first, where these are the derivatives of all by the numbers, each divided by
+    /// its uncertainty: of those that are about as uncertain the last one, since more is known of the others without it. `None` where
+    /// something is known of all.
+    pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
+        let own = jacobian.select_columns(kept);
+        let lengths: Vec<f64> = own.column_iter().map(|column| column.norm()).collect();
+        let inverse = of_unit_length(own)
+            .qr()
+            .r()
+            .solve_upper_triangular(&DMatrix::identity(kept.len(), kept.len()))?;
+        let uncertain = |place: usize| {
+            let param = kept[place];
+            let inside = inverse.row(place).norm() / lengths[place];
+            Self {
+                param,
+                uncertainty: inside * system.unit_of(param).1,
+            }
+        };
+        let is_error = |of: &Self| matches!(system.params.at(of.param), Param::Coefficient(_));
+        let found: Vec<Self> = (0..kept.len())
+            .map(uncertain)
+            .filter(|of| is_error(of) && of.uncertainty > 1e3 * LARGEST)
+            .collect();
+        let most = found.iter().map(|of| of.uncertainty).fold(0.0, f64::max);
+        found
+            .into_iter()
+            .rfind(|of| of.uncertainty >= LEAST_SHARE * most)
+    }
+
+    /// What it is, for people.
+    pub(crate) fn words(self, system: &System) -> String {
+        let (symbol, largest) = match system.unit_of(self.param).0 {
+            "urad" => ("µrad", "mrad"),
+            _ => ("µm", "mm"),
+        };
+        format!(
+            "{} is not determined: with the stated noise its standard uncertainty would be {:.0} {symbol}, more than {LARGEST} {largest}, which no error of a machine is larger than: it is left at zero",
+            system.name(self.param),
+            self.uncertainty
+        )
+    }
+}
