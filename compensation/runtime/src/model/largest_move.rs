@@ -1,5 +1,5 @@
 //! How far the correction moves when another model takes over: over the corners, the middles and the places at which
-//! the curves of the work space have to be looked at, from either direction of approach; and from the largest that these
+//! the curves of the work space have to be sampled, from either direction of approach; and from the largest that these
 //! find, axis after axis to where it is larger still.
 
 use volcomp_kinematics::{Correctors, State};
@@ -12,14 +12,14 @@ use super::{Model, nodes::GridNodes};
 const STATES: usize = 5000;
 /// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
 const NODES: usize = 100_000;
-/// Places along each axis that are looked at besides those of curves: the lever of an axis without errors has none.
+/// Sampled places along each axis besides those of curves: the lever of an axis without errors has no curve.
 const PLACES: usize = 25;
 /// The number of states at which the axes are moved, one after another, to where the largest move is; more where one round takes
 /// more, up to NODES.
 const CLIMB: usize = 40_000;
-/// So many times each axis is moved at the most.
+/// Maximum number of coordinate-ascent passes.
 const ROUNDS: usize = 2;
-/// The nodes of an axis at which the models differ most are looked at with the other axes at their ends, too.
+/// The number of nodes with the largest differences that are sampled with the other axes at their ends, too.
 const BEST: usize = 20;
 
 /// How far the correction at the worst point of the work space moves when another model takes over. Infinite where the
@@ -53,7 +53,7 @@ struct Pair<'a> {
     models: [&'a Model; 2],
     correctors: [Correctors; 2],
     worst: LargestMove,
-    /// States that may still be looked at.
+    /// The number of states that may still be sampled.
     left: usize,
     /// For each axis the most that its correction moved forward and backward, mm or rad, and where.
     most: PerAxis<[(f64, State); 2]>,
@@ -190,7 +190,7 @@ impl Space {
                 let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
                 space.middle[axis] = f64::midpoint(low, high);
                 ends.extend([low, high]);
-                // The ends of ±360° are one pose, and so is the middle: an axis that turns is looked at in between.
+                // The ends of ±360° are one pose, and so is the middle: a rotary axis is sampled in between.
                 let whole = if old.axes[axis].is_rotary() {
                     (high - low).min(std::f64::consts::TAU)
                 } else {
@@ -229,12 +229,12 @@ impl Space {
         space
     }
 
-    /// The directions in which every place is looked at.
+    /// The directions of approach in which every place is sampled.
     fn both(&self) -> &[PerAxis<Option<Direction>>] {
         &self.directions[..self.directions.len().min(2)]
     }
 
-    /// The number of states at the places along the axes and at the nodes of grids: all of them are looked at.
+    /// The number of states at the places along the axes and at the nodes of grids: all of them are sampled.
     fn node_states(&self) -> usize {
         let along: usize = self.places.iter().map(Vec::len).sum();
         let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
@@ -334,7 +334,7 @@ impl Space {
         }
     }
 
-    /// Looks at points, which place some of the axes, with the other axes in their middles; at the worst of them with the
+    /// Samples points, which place some of the axes, with the other axes in their middles; at the worst of them with the
     /// other axes at their ends, too.
     fn look_at(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
@@ -425,7 +425,7 @@ fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
     directions
 }
 
-/// At most so many of the places, evenly spread.
+/// At most `at_most` of the places, evenly spread.
 fn thinned(places: &[f64], at_most: usize) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(at_most.max(1)).max(1);
     places.iter().copied().step_by(step)
