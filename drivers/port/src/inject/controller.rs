@@ -8,7 +8,7 @@ use volcomp_vocabulary::PerChannel;
 use super::{Faulty, Lie, faulty::MOST_LAG, held::Write};
 use crate::{Controller, ControllerState, Description, Fault, Snapshot, Words};
 
-/// A read-back that lies is off by so many steps at the most.
+/// The maximum error of a wrong read-back, steps.
 const MOST_STEPS: f64 = 5000.0;
 
 fn deliver<C: Controller>(device: &mut C, write: &Write, deadline: Instant) -> Result<(), Fault> {

@@ -16,14 +16,14 @@ use super::{
 };
 use crate::{Clock, Fault, InputLevels, Snapshot, Temperature};
 
-/// So many injections may wait for the next call.
+/// The maximum number of injections that wait for the next call.
 const MOST_ORDERS: usize = 64;
-/// The positions of so many readings are kept.
+/// The number of readings whose positions are kept.
 pub(super) const MOST_LAG: usize = 64;
-/// A write that is late has this long to be delivered: nobody waits for it.
+/// The timeout of a late write, which no caller waits for.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Lets the program stand for a time.
+/// Stops the program for a time.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
 /// How a kind of device takes a write.
@@ -302,7 +302,7 @@ impl<D> Faulty<D> {
         late
     }
 
-    /// The program stands after a reading, before anything is made of it.
+    /// The program stops after a reading, before it is used.
     pub(super) fn after_reading(&mut self) {
         if self.happens(self.faults.stop_after_read) {
             self.asked.stop_after_read = Some(self.stands_for());
@@ -320,7 +320,7 @@ impl<D> Faulty<D> {
 
     fn deliver_held(&mut self, deliver: Deliver<D>, written: bool) {
         while let Some(write) = self.held.take(written) {
-            // Nobody waits for the answer.
+            // No caller waits for the answer.
             let _ = deliver(&mut self.device, &write, Instant::now() + PATIENCE);
         }
     }
