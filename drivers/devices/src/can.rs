@@ -14,10 +14,9 @@ use volcomp_port::{Controller, Description, DeviceError, Temperature};
 
 use crate::{
     address::Address,
-    config::{ControllerConfig, ThermometerConfig},
     driver::{ControllerDevice, Driver, Settings, TOLD_WITHIN, ThermometerDevice, USUAL},
-    facts::{BusFacts, Facts, SeenFrames},
-    probed::Probe,
+    keys::{ControllerConfig, ThermometerConfig},
+    probe::{BusFacts, Facts, Probe, SeenFrames},
 };
 
 pub(crate) const DRIVER: Driver = Driver {
