@@ -116,7 +116,7 @@ impl ReadBack {
         // Lines that report nothing are not waited for.
         let answered = !is_told || *told != Told::Nothing;
         self.landing.hear(now, answered, landed, limits);
-        self.tell();
+        self.update_known();
     }
 
     /// Whether it is reported what is applied, so that what was sent is seen to land.
@@ -128,7 +128,7 @@ impl ReadBack {
     }
 
     /// What follows for the guard.
-    fn tell(&mut self) {
+    fn update_known(&mut self) {
         self.known.unlanded_since = self.landing.unlanded_since();
         let candidates = match &self.kind {
             Kind::Echo(echo) => echo.between(),
@@ -186,7 +186,7 @@ impl ReadBack {
         }
         let is_unseen = !self.is_seen();
         self.landing.sent(now, ok, is_unseen);
-        self.tell();
+        self.update_known();
     }
 
     /// The output of the last run, for controls without read-back: it was written `age` ago.
@@ -200,7 +200,7 @@ impl ReadBack {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.restore(now, values, age, limits, &mut self.known);
         }
-        self.tell();
+        self.update_known();
     }
 
     /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
@@ -214,7 +214,7 @@ impl ReadBack {
             Kind::Barrier(_) => return,
         }
         self.landing = Landing::default();
-        self.tell();
+        self.update_known();
     }
 
     /// The operator has made sure that a control without read-back applies nothing.
@@ -222,7 +222,7 @@ impl ReadBack {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.acknowledge(now, &mut self.known);
         }
-        self.tell();
+        self.update_known();
     }
 
     /// How long after the last write the control is at zero on its own, whatever it applied; `None`: it never goes there

@@ -254,7 +254,7 @@ impl Cycle {
             path.device
                 .attend(&path.description.device, STANDBY_EVERY)?;
         }
-        self.leave_standbys(Duration::ZERO);
+        self.release_standbys(Duration::ZERO);
         Ok(())
     }
 
@@ -381,7 +381,7 @@ impl Cycle {
         let passed = since_start.saturating_sub(last);
         let patience = self.paths[self.selector.active()].patience();
         self.read(self.selector.active(), now + patience, since_start);
-        self.hear_standbys(since_start);
+        self.take_standby_answers(since_start);
         if asked.request == Some(Request::Acknowledge) {
             self.acknowledge(since_start, asked);
         }
@@ -402,9 +402,9 @@ impl Cycle {
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
         self.read_readers(since_start);
-        self.leave_standbys(since_start);
+        self.release_standbys(since_start);
         let (tells, written) = (own_clock(), Instant::now());
-        self.tell(since_start, asked, &output);
+        self.fill_report(since_start, asked, &output);
         Spent {
             exchange: read.saturating_duration_since(now) + (written - writes),
             own: own + computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
@@ -524,7 +524,7 @@ impl Cycle {
         } else {
             let others = place.oldest_of_others;
             let is_fresh = others.is_none() || path.is_young(others, now);
-            path.answers(now) && path.told_fresh() && is_fresh
+            path.answers(now) && path.was_fresh() && is_fresh
         };
         PathHealth {
             usable: complete && is_young,
@@ -757,7 +757,7 @@ impl Cycle {
     }
 
     /// Takes what the paths that stand by have answered to the threads that ask them.
-    fn hear_standbys(&mut self, now: Duration) {
+    fn take_standby_answers(&mut self, now: Duration) {
         let active = self.selector.active();
         for (index, path) in self.paths.iter_mut().enumerate() {
             let mut answered = None;
@@ -778,7 +778,7 @@ impl Cycle {
 
     /// Leaves the standby paths to the threads that read them; without threads, reads one of them here, after
     /// the path that corrects has been written: they must not hold it up.
-    fn leave_standbys(&mut self, now: Duration) {
+    fn release_standbys(&mut self, now: Duration) {
         let (active, wanted) = (self.selector.active(), self.standby.wanted);
         for (index, path) in self.paths.iter_mut().enumerate() {
             if index != active && wanted != Some(index) {
@@ -826,7 +826,7 @@ impl Cycle {
         notes
     }
 
-    fn tell(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
+    fn fill_report(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
         let active = self.selector.active();
         let path = &self.paths[active];
         let report = &mut self.report;

@@ -216,7 +216,7 @@ impl ControlPath {
     }
 
     /// Whether its positions were young enough when it reported them.
-    pub(crate) fn told_fresh(&self) -> bool {
+    pub(crate) fn was_fresh(&self) -> bool {
         self.answered
             .is_some_and(|answered| self.is_young(self.seen.taken, answered))
     }

@@ -30,9 +30,9 @@ use crate::{
 /// The largest number of cycles whose times wait to be taken; the times of further cycles are lost.
 const TIMINGS: usize = 8192;
 /// How long overruns are reported after the last one.
-const OVERRUN_TOLD: Duration = Duration::from_secs(2);
+const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
 /// The timeout of a request that the thread has not taken.
-const REQUEST_LASTS: Duration = Duration::from_secs(1);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Stack that is touched before the loop begins, bytes.
 const STACK: usize = 256 * 1024;
@@ -93,7 +93,7 @@ struct Shared {
     /// Disarming is ordered because the program ends.
     ends: AtomicBool,
     /// When the last cycle was done, ns of the clock of the cycle; before the first one when the thread was started.
-    told_ns: AtomicU64,
+    cycle_done_ns: AtomicU64,
 }
 
 /// The order to disarm, which waits for nothing: no ring, no lock, and no thread but the control thread itself. Every
@@ -135,7 +135,7 @@ impl Pulse {
 
     /// How long ago the last cycle was done; before the first one, how long ago the thread was started.
     pub fn age(&self) -> Duration {
-        let told = Duration::from_nanos(self.shared.told_ns.load(Ordering::Relaxed));
+        let told = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
         self.clock.elapsed().saturating_sub(told)
     }
 
@@ -162,7 +162,7 @@ impl Handle {
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
-        self.send_by(order, self.clock().now() + REQUEST_LASTS, disarms)
+        self.send_by(order, self.clock().now() + REQUEST_TIMEOUT, disarms)
     }
 
     /// Sends an order. A request that the thread takes after `until` is not carried out, nor one to arm after
@@ -337,7 +337,7 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let shared = Arc::new(Shared::default());
     let clock = cycle.clock();
     shared
-        .told_ns
+        .cycle_done_ns
         .store(nanos(clock.elapsed()), Ordering::Relaxed);
     let pulse = Pulse {
         shared: Arc::clone(&shared),
@@ -406,7 +406,8 @@ impl Control {
         while !self.shared.stop.load(Ordering::Relaxed) {
             let deadline = deadlines.wait();
             let woke = monotonic();
-            let overruns = overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD);
+            let overruns =
+                overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_REPORTED_FOR);
             let spent = self.once(overruns);
             let done = monotonic();
             let missed = deadlines.done(done);
@@ -431,18 +432,18 @@ impl Control {
     fn once(&mut self, overruns: bool) -> Spent {
         let asked = self.asked(overruns);
         let spent = self.cycle.run(self.clock.now(), &asked, &mut thread_time);
-        self.tell_change();
+        self.push_change();
         self.reports
             .input_buffer_mut()
             .clone_from(self.cycle.report());
         self.reports.publish();
         self.shared.cycles.fetch_add(1, Ordering::Relaxed);
         let told = nanos(self.clock.elapsed());
-        self.shared.told_ns.store(told, Ordering::Relaxed);
+        self.shared.cycle_done_ns.store(told, Ordering::Relaxed);
         spent
     }
 
-    fn tell_change(&mut self) {
+    fn push_change(&mut self) {
         let report = self.cycle.report();
         let now = (report.state, report.active);
         if now != self.last {

@@ -14,7 +14,7 @@ use volcomp_port::{Controller, Description, DeviceError, Temperature};
 
 use crate::{
     address::Address,
-    driver::{ControllerDevice, Driver, Settings, TOLD_WITHIN, ThermometerDevice, USUAL},
+    driver::{ControllerDevice, Driver, REPORTED_WITHIN, Settings, ThermometerDevice, USUAL},
     keys::{ControllerConfig, ThermometerConfig},
     probe::{BusFacts, Facts, Probe, SeenFrames},
 };
@@ -98,7 +98,7 @@ impl ControllerDevice for Bridge {
 
     fn settings(&self) -> Settings {
         Settings {
-            shown_within: Some(TOLD_WITHIN),
+            shown_within: Some(REPORTED_WITHIN),
             position_steps: self.config.position_steps(),
             ..Settings::default()
         }

@@ -140,7 +140,7 @@ pub trait ControllerDevice: Any + Send + Sync {
 /// A bridge tells what is applied in messages of its own, which it sends when it likes: so late at the most a correction
 /// shows in them. How old such a message may be is for the guard to judge.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
-pub(crate) const TOLD_WITHIN: Duration = Duration::from_millis(100);
+pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
 /// What the readings of a controller mean to whoever judges them.
 #[derive(Clone, Debug, Default)]

@@ -13,7 +13,7 @@ use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
     address::{Address, hosts},
-    driver::{ControllerDevice, Driver, Inspected, Needs, Settings, TOLD_WITHIN, USUAL},
+    driver::{ControllerDevice, Driver, Inspected, Needs, REPORTED_WITHIN, Settings, USUAL},
     keys::{BarrierConfig, ControllerConfig, join},
     probe::Probe,
 };
@@ -59,7 +59,7 @@ impl ControllerDevice for Control {
 
     fn settings(&self) -> Settings {
         Settings {
-            shown_within: Some(TOLD_WITHIN),
+            shown_within: Some(REPORTED_WITHIN),
             // Commanded positions are floating numbers.
             ..Settings::default()
         }

@@ -16,7 +16,7 @@ use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 /// Equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
 /// For how long another gateway is reported after it was seen.
-const OTHER_TOLD: Duration = Duration::from_secs(5);
+const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
 /// What was confirmed, and a write for each cycle that a reading may be behind.
 const MOST: usize = MOST_READ_BACK_CYCLES + 4;
 
@@ -251,7 +251,7 @@ impl Echo {
         known.writable &= fresh && alone;
         let other = self
             .other
-            .is_some_and(|seen| now.saturating_sub(seen) < OTHER_TOLD);
+            .is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);
         known.reasons = Reasons::WATCHING.when(!alone)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;

@@ -15,9 +15,9 @@ use crate::{
 /// Speeds are taken over so much time at least: a count of a position says little of the speed.
 const BASE: Duration = Duration::from_millis(20);
 /// How long a reduction is reported: at speed it changes at every position.
-const TOLD: Duration = Duration::from_secs(2);
+const REPORTED_FOR: Duration = Duration::from_secs(2);
 /// The maximum time of a look ahead.
-const LONGEST: Duration = Duration::from_secs(10);
+const MAX_AHEAD: Duration = Duration::from_secs(10);
 
 /// The interval at which what was wanted is remembered, and how many of these.
 const SPACING: Duration = Duration::from_millis(10);
@@ -99,7 +99,7 @@ impl Lag {
             // What is held can only go out as fast as it may.
             ahead = ahead.saturating_add(asked.way_out);
         }
-        let ahead = ahead.min(LONGEST);
+        let ahead = ahead.min(MAX_AHEAD);
         let taken = now.saturating_sub(age);
         let moves = self.speed.iter().any(|speed| *speed != 0.0);
         let part = if moves && !self.is_calm(asked, taken, ahead) {
@@ -114,7 +114,7 @@ impl Lag {
         }
         let told = self
             .last
-            .is_some_and(|last| now.saturating_sub(last) <= TOLD);
+            .is_some_and(|last| now.saturating_sub(last) <= REPORTED_FOR);
         Kept {
             part,
             let_go: self.goes_out,

@@ -9,18 +9,18 @@ use super::{Model, nodes::GridNodes};
 
 /// The largest number of states besides the nodes of curves, each evaluated with both models, over which two models are
 /// compared.
-const STATES: usize = 5000;
+const MAX_STATES: usize = 5000;
 /// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
-const NODES: usize = 100_000;
+const MAX_NODE_STATES: usize = 100_000;
 /// Sampled places along each axis besides those of curves: the lever of an axis without errors has no curve.
 const PLACES: usize = 25;
 /// The number of states at which the axes are moved, one after another, to where the largest move is; more where one round takes
-/// more, up to NODES.
-const CLIMB: usize = 40_000;
+/// more, up to MAX_NODE_STATES.
+const MAX_CLIMB_STATES: usize = 40_000;
 /// Maximum number of coordinate-ascent passes.
-const ROUNDS: usize = 2;
+const MAX_PASSES: usize = 2;
 /// The number of nodes with the largest differences that are sampled with the other axes at their ends, too.
-const BEST: usize = 20;
+const MAX_BEST_NODES: usize = 20;
 
 /// How far the correction at the worst point of the work space moves when another model takes over. Infinite where the
 /// axes of the machines differ.
@@ -143,13 +143,13 @@ impl Model {
             }
         }
         let space = Space::of(self, other);
-        if space.node_states() * sets.len() > NODES {
+        if space.node_states() * sets.len() > MAX_NODE_STATES {
             return LargestMove {
                 linear: Mm(f64::INFINITY),
                 rotary: Rad(f64::INFINITY),
             };
         }
-        let left = STATES / sets.len() + space.node_states();
+        let left = MAX_STATES / sets.len() + space.node_states();
         sets.into_iter()
             .fold(LargestMove::NONE, |worst, correctors| {
                 let mut pair = Pair::new([self, other], correctors, worst, left);
@@ -286,7 +286,7 @@ impl Space {
             .filter(|(axis, sign)| pair.most[*axis][*sign].0 > 0.0)
             .collect();
         let round = goals.len() * self.places.iter().map(Vec::len).sum::<usize>();
-        pair.left = CLIMB.max(round.min(NODES));
+        pair.left = MAX_CLIMB_STATES.max(round.min(MAX_NODE_STATES));
         for (goal, sign) in &goals {
             let mut together = State::default();
             for (axis, most) in along.iter().enumerate() {
@@ -306,7 +306,7 @@ impl Space {
             pair.look(&together);
             pair.look_from(&together.q, &self.directions);
         }
-        for _ in 0..ROUNDS {
+        for _ in 0..MAX_PASSES {
             let before = pair.most;
             for (goal, sign) in &goals {
                 for axis in 0..axes {
@@ -347,7 +347,7 @@ impl Space {
             .map(|point| (pair.look_from(&at(self.middle, &point), self.both()), point))
             .collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (_, point) in found.into_iter().take(BEST) {
+        for (_, point) in found.into_iter().take(MAX_BEST_NODES) {
             for ends in self.diagonals() {
                 pair.look_from(&at(ends, &point), self.both());
             }
@@ -560,7 +560,7 @@ mod tests {
         );
         let (old, new) = (model(SMALL, "EYX = 0.0\n"), model(SMALL, &table));
         let correctors = [&old, &new].map(|model| model.correctors_among(&model.axes));
-        let left = STATES + Space::of(&old, &new).node_states();
+        let left = MAX_STATES + Space::of(&old, &new).node_states();
         let mut pair = Pair::new([&old, &new], correctors, LargestMove::NONE, left);
         Space::of(&old, &new).look(&mut pair);
         assert!(pair.left > 0, "every part had room");
