@@ -6,10 +6,8 @@ mod ends_of_travel;
 mod exact;
 mod held;
 mod lag;
-mod lags;
 mod largest_move;
 mod limited;
-mod only_thermal;
 mod outside_travel;
 mod paths;
 mod plan;
@@ -20,6 +18,7 @@ mod rig;
 mod silence;
 mod slow_ways;
 mod standby;
+mod thermal;
 mod thread;
 mod ways;
 

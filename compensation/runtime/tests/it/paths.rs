@@ -299,9 +299,11 @@ fn after_a_restart(
     acknowledged: bool,
     was_faulted: bool,
 ) -> (State, Reasons, f64) {
-    let mut control = Control::default();
-    control.away = Some("words");
-    control.words.insert(AxisName::X, x);
+    let control = Control {
+        away: Some("words"),
+        words: [(AxisName::X, x)].into(),
+        ..Control::default()
+    };
     let ways = Ways::to(control, Clock::manual());
     let mut cycle = words_and_lines(&ways);
     if let Some(x) = remembered {
