@@ -72,7 +72,7 @@ impl Allowed {
         }
     }
 
-    /// A person has looked: what stands there is expected.
+    /// The operator has acknowledged: what is there is expected.
     pub(crate) fn accept(&mut self, stands: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             self.largest[i] = axis.limit.max(self.may_be_applied(i, stands));

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY};
 
-use crate::{AxisLimits, turn::shortest_way};
+use crate::{AxisLimits, step::shortest_way};
 
 /// The travel (mm or rad) after which an axis counts as turned: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps
 /// of its position plus the lag of its position at standstill.
@@ -24,18 +24,18 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     } else {
         0.0
     };
-    // A step that is no number is none.
+    // A step that is NaN counts as 0.
     let steps = 2.0 * position_step.max(0.0);
     least.max(steps + lag)
 }
 
-/// Readings of which this many are looked at, and the number of them that must agree: so two wrong ones in any five show
+/// The number of readings that are compared, and of those that must agree: so two wrong ones in any five show
 /// nothing, since one of three that agree is right.
 const READINGS: usize = 5;
 const AGREE: u32 = 3;
-/// After so many turns in one direction positions are counted from a place nearby again.
+/// The number of turns in one direction after which positions are counted from a place nearby again.
 const MANY_TURNS: f64 = 1000.0;
-/// The bits of so many readings.
+/// The bits of all these readings.
 const ALL: u8 = (1 << READINGS) - 1;
 
 /// The direction of the last motion of an axis, kept while it stands: it changes only after travel over a
@@ -59,7 +59,7 @@ pub struct DirectionMemory {
 
 impl DirectionMemory {
     /// The axis was at `position` without correction, mm or rad, when a reading was `taken`; `None` until it went further
-    /// than the threshold. What is told again with the same time is no other reading. `turn`: the position begins anew after
+    /// than the threshold. A reading repeated with the same time counts once. `turn`: the position begins anew after
     /// so much travel (a rotary axis that rolls over: 2π), and in four readings the axis goes less than a quarter of that.
     pub fn at(
         &mut self,
@@ -161,7 +161,7 @@ impl DirectionMemory {
         }
     }
 
-    /// The axis is at `position`, and the control tells in which direction it is commanded: that counts at once,
+    /// The axis is at `position`, and the control reports in which direction it is commanded: that counts at once,
     /// without a threshold. What was read before does not count.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {

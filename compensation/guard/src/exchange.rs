@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Known, Reasons, Request, State, Wanted};
 
-/// The positions that the path which corrects told in this cycle.
+/// The positions of this cycle, from the path that corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// When the oldest of them held, on the clock of [`Inputs::now`].

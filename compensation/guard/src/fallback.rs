@@ -5,12 +5,12 @@ use core::time::Duration;
 /// The largest number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
-/// The condition of one controller path in a cycle; paths stand in the order of preference.
+/// The condition of one controller path in a cycle; paths are in the order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
     /// Its positions are fresh, and every position that its correction depends on is to be had.
     pub usable: bool,
-    /// What the axes get is known as soon as it writes: it tells it itself, or nothing is left of the path before.
+    /// What the axes get is known as soon as it writes: it reports it, or nothing is left of the path before.
     pub ready: bool,
 }
 
@@ -23,7 +23,7 @@ pub struct Choice {
     pub wanted: usize,
     /// Whether it is another one than in the cycle before.
     pub switched: bool,
-    /// The next one may not take over, since nobody knows what the path before has left.
+    /// The next one may not take over, since it is unknown what the path before has left.
     pub blocked: bool,
 }
 

@@ -1,8 +1,5 @@
 //! The guard of a machine: inputs of a cycle in, the correction to send out.
 
-mod facts;
-mod motion;
-
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
@@ -16,14 +13,39 @@ use crate::{
     proof::{Moves, Proof, Verdict},
     read_back::are_equal,
     state::{Cause, Facts, Hold, Phase, State},
-    step::{is_same_step, one_step},
+    step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
 };
 
-/// A cycle counts as so many periods at the most.
+/// The maximum length of a cycle, in periods: longer ones count as this.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
+/// The number of confirmed corrections of an axis in a row that were not sent, without one between that was, which is a fault.
+const MOST_ADOPTED: u32 = 3;
+
+/// The reasons for which what is applied is left alone, until it was written here.
+const FOREIGN: [Reasons; 3] = [
+    Reasons::WATCHING,
+    Reasons::OTHER_GATEWAY,
+    Reasons::LEFT_UNKNOWN,
+];
+
+/// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
+const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
+
 /// The guard of a machine: it decides which correction may reach the axes (rules of the crate's front page). One path
-/// writes at a time. State: where the correction stands and moves, and the proof at arming.
+/// writes at a time.
+///
+/// Invariants between two cycles:
+/// - `vector` is what was decided last, and `before` what it was one motion earlier: [`not_sent`](Guard::not_sent) goes back
+///   there, so an output that was not sent never counts as moved.
+/// - Whatever may be sent next lies within `corridor`, which only time widens, at the slew, and each word that is sent narrows.
+/// - `allowed` is at least the limit of each axis. It is above it only by what was sent here, was known before, or was accepted
+///   by a person.
+/// - While `took_over`, nothing was confirmed on the path that writes: `confirmed` is another path's, and nothing is compared
+///   with it.
+/// - `held` is there only while an interlock lasts, and so is `stopped_since`.
+/// - `proof` counts only while the state is `Arming(Proving)`; `verdict` is that of the last one, and of this path.
+/// - `good` is never later than the last cycle: no reading is from the future.
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
@@ -43,7 +65,7 @@ pub struct Guard {
     sent_to_barrier: Option<Duration>,
     /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
     stood: bool,
-    /// Where the control stands by itself while an interlock lasts: what is sent on to its barrier goes there.
+    /// Where the control holds on its own while an interlock lasts: what is sent on to its barrier goes there.
     held: Option<PerChannel<f64>>,
     /// Since when an interlock lasts.
     stopped_since: Option<Duration>,
@@ -59,7 +81,7 @@ pub struct Guard {
     last_cycle: Option<Duration>,
     /// When positions and correction were good last.
     good: Option<Duration>,
-    /// When the control may act by itself.
+    /// When the control may act on its own.
     until: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
@@ -165,7 +187,7 @@ impl Guard {
     }
 
     /// For how long from `now` on the output of this cycle may still be sent, since positions and correction grow old, and
-    /// a control that gets nothing may act by itself; `None`: not any more. To be asked immediately before a write.
+    /// a control that receives nothing may act on its own; `None`: not any more. To be called immediately before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
         // An output that is on its way out, or stands, depends on no position. But nothing is sent that was decided
@@ -197,7 +219,7 @@ impl Guard {
         self.vector.output()
     }
 
-    /// How long it takes to let go of the correction once nothing new is to be had.
+    /// How long it takes to ramp the correction out once nothing new is available.
     #[must_use]
     pub fn time_to_zero(&self) -> Duration {
         self.vector.time_to_zero(&self.limits)
@@ -286,9 +308,9 @@ impl Guard {
             .map_or(Duration::MAX, |good| now.saturating_sub(good))
     }
 
-    /// In an interlock the last word is sent on to a barrier, so that it does not time out: the axis stands there already, or
+    /// In an interlock the last word is sent on to a barrier, so that it does not time out: the axis is there already, or
     /// what is on its way brings it there. What is confirmed lags that word, and led back to it an axis would go to and fro.
-    /// Only where the control took the word and stands elsewhere for long, since it holds by itself, the word goes there, so
+    /// Only where the control took the word and stays elsewhere for long, since it holds on its own, the word goes there, so
     /// that nothing moves when the control is free again. A control that stood before the stop may have been free since: it
     /// holds where it is still seen to stand after it would have been seen to move.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
@@ -311,7 +333,7 @@ impl Guard {
         self.held = self.held.filter(stands);
     }
 
-    /// Takes what is confirmed as the output where that is not what was sent, and tells whether this is an event.
+    /// Takes what is confirmed as the output where that is not what was sent, and returns whether this is an event.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
         let known = &inputs.known;
         let Some(Confirmed { values, at }) = known.confirmed else {
@@ -439,5 +461,261 @@ impl Guard {
     /// Whether anything is sent: where it is, the output moves, or is sent on.
     fn sends(&self, inputs: &Inputs) -> bool {
         !self.is_idle(inputs) && inputs.known.writable
+    }
+
+    fn facts(
+        &mut self,
+        inputs: &Inputs,
+        reading: Option<&Reading>,
+        changed: bool,
+        is_number: bool,
+    ) -> Facts {
+        let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
+        if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
+            // No reading is from the future, whatever a device says.
+            self.good = self.good.max(Some(reading.taken.min(now)));
+        }
+        let age = self.age(now);
+        let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
+        let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
+        let unlanded = since(known.unlanded_since).unwrap_or_default();
+        let interlocked = !inputs.interlocks.is_empty();
+        let hold = self.hold_unconfirmed(known);
+        let unconfirmed = confirmed.is_none_or(|age| age > hold)
+            || unlanded > hold
+            || !interlocked && self.stands_elsewhere(inputs);
+        let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
+        let values = known.confirmed.map(|confirmed| confirmed.values);
+        let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
+        let beyond = |values: &PerChannel<f64>| self.allowed.is_exceeded_by(values, limits);
+        Facts {
+            request: inputs.request,
+            interlocked,
+            stale: age > self.limits.hold,
+            lost: age > self.limits.zero_after || inputs.let_go && age > self.limits.hold,
+            unconfirmed,
+            does_not_land,
+            beyond: values.as_ref().is_some_and(beyond),
+            other_gateway: known.scheme == Scheme::Barrier
+                && known.reasons.contains(Reasons::OTHER_GATEWAY),
+            changed,
+            took_over: false,
+            forbidden: !is_number
+                || reading.is_none()
+                || !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID)).is_empty(),
+            foreign: FOREIGN
+                .into_iter()
+                .any(|reason| known.reasons.contains(reason)),
+            ramped: self.vector.is_ramped(),
+            zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
+            proves: self
+                .limits
+                .places()
+                .any(|i| self.limits.test_shift[i] > 0.0),
+            proven: self.prove(
+                inputs,
+                reading,
+                changed || age > self.limits.hold || unconfirmed,
+            ),
+            does_not_stick: self.adopted.iter().any(|times| *times >= MOST_ADOPTED),
+        }
+    }
+
+    /// The control takes what is sent, and stands elsewhere for longer than `hold`.
+    fn stands_elsewhere(&self, inputs: &Inputs) -> bool {
+        let since = inputs.known.stands_since;
+        let hold = self.hold_unconfirmed(&inputs.known);
+        since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
+    }
+
+    /// For how long what was confirmed last counts: on a path that may hold positions for longer than others, not beyond the
+    /// time-out of its barrier.
+    fn hold_unconfirmed(&self, known: &Known) -> Duration {
+        let most = known.lets_go_after.map(|after| after.max(ceiling::HOLD));
+        most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
+    }
+
+    /// Goes on with the proof at arming; its result once there is one.
+    fn prove(
+        &mut self,
+        inputs: &Inputs,
+        reading: Option<&Reading>,
+        disturbed: bool,
+    ) -> Option<bool> {
+        let (now, reading) = (inputs.now, reading?);
+        let applied = inputs.known.confirmed?.values;
+        self.moves
+            .see(now, &reading.positions, &applied, &self.limits);
+        if self.state != State::Arming(Phase::Proving) || disturbed {
+            return None;
+        }
+        if let Some(wanted) = &inputs.wanted {
+            self.proof.follows(&wanted.follow);
+        }
+        let (from, limits) = (&self.from, &self.limits);
+        self.verdict = self
+            .proof
+            .read(now, reading, &applied, from, limits, &self.moves)?;
+        Some(!self.verdict.is_contradiction())
+    }
+
+    fn reasons(&self, inputs: &Inputs, facts: &Facts) -> Reasons {
+        let mut reasons = self.state.reason() | inputs.interlocks | inputs.known.reasons;
+        reasons |= Reasons::NO_CONTROLLER.when(inputs.reading.is_none());
+        reasons |= Reasons::POSITIONS_STALE.when(facts.stale);
+        reasons |= Reasons::READ_BACK.when(facts.changed);
+        reasons |= Reasons::UNCONFIRMED.when(facts.unconfirmed);
+        reasons |= Reasons::CORRECTION_LEFT
+            .when(self.state == State::Disarmed && inputs.known.holds(&self.limits));
+        reasons |= Reasons::BEYOND_LIMIT.when(facts.beyond);
+        reasons |=
+            Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));
+        let shown = |i: usize| self.verdict.proven[i] || self.limits.test_shift[i] == 0.0;
+        let after = !matches!(self.state, State::Disarmed | State::Arming(Phase::Proving));
+        reasons | Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown))
+    }
+
+    /// Moves the output for `dt_s`, as far as it stays near to everything that may be applied. Whether it is to be sent.
+    fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
+        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
+            return false;
+        };
+        let is_barrier = inputs.known.scheme == Scheme::Barrier;
+        let reach = self.reach(inputs.known.scheme);
+        let [lowest, highest] = inputs.known.between;
+        let sent = self.before.output();
+        for share in SHARES {
+            self.vector = self.before;
+            let moved = self.move_by(inputs, dt_s * share);
+            let output = self.output();
+            let is_near = |i: usize| {
+                // What is a whole number of steps but for a rounding goes to the next one.
+                let rounding = ROUNDING_STEPS * self.limits.axes[i].resolution;
+                let reach = reach[i] * ROUNDING + rounding;
+                let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
+                // What comes in from beyond a limit begins where it may stand.
+                let mut stood = lowest[i].abs().max(highest[i].abs());
+                if is_barrier {
+                    // The word that was sent last is on its way, and may be sent again, however far it is from what is confirmed.
+                    (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
+                    stood = stood.max(sent[i].abs());
+                }
+                let most = stood.max(self.limits.axes[i].reachable());
+                (least..=largest).contains(&output[i])
+                    && output[i].abs() <= most * ROUNDING
+                    && self.corridor.contains(i, output[i], &self.limits)
+            };
+            if self.all(is_near) {
+                // What is not confirmed yet holds the output back as its own slew does.
+                let moved = moved | Reasons::SLEWING.when(share < 1.0);
+                self.held_back += u64::from(moved.contains(Reasons::SLEWING));
+                *reasons |= moved;
+                self.corridor.narrow(&output, &self.limits);
+                self.allowed.send(&output, &self.limits);
+                self.sent_to_barrier = is_barrier.then_some(inputs.now);
+                return true;
+            }
+        }
+        if is_barrier {
+            // A frame whose sending failed may still have landed: from there to the word before it the rate allows
+            // nothing yet.
+            self.vector = self.before;
+            self.vector.stop();
+        } else {
+            // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
+            self.vector = Vector::at(&values);
+            self.stood = true;
+        }
+        self.held_back += 1;
+        *reasons |= Reasons::SLEWING;
+        false
+    }
+
+    /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
+    /// path with a barrier, or slewed while what is on its way was sent, else one slew or one step, whichever is larger.
+    fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
+        let period_s = self.limits.period.as_secs_f64();
+        let delay_s = self.limits.delay().as_secs_f64();
+        PerChannel::from_fn(|i| {
+            let axis = &self.limits.axes[i];
+            match scheme {
+                Scheme::Barrier => {
+                    let slew_per_s = axis.slew_per_s.max(self.allowed.slew_per_s(i));
+                    slew_per_s * (delay_s + period_s) + axis.resolution
+                }
+                Scheme::Plain | Scheme::NoReadBack => {
+                    (axis.slew_per_s * period_s).max(axis.resolution)
+                }
+            }
+        })
+    }
+
+    /// Moves the vector as the state requires. Returns the reasons to report.
+    fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
+        let limits = self.limits;
+        if !inputs.interlocks.is_empty() {
+            match self.held {
+                Some(held) => self.move_to_held(&held, dt_s),
+                None => self.vector.stop(),
+            }
+            return Reasons::NONE;
+        }
+        match self.state {
+            State::Arming(Phase::Proving) => {
+                self.move_to(&self.proof.goal(&self.from, &limits), &limits, dt_s);
+                Reasons::NONE
+            }
+            State::Arming(Phase::Ramping) | State::Compensating => {
+                let Some(wanted) = &inputs.wanted else {
+                    return Reasons::NONE;
+                };
+                let followed = self.vector.follow(wanted, &limits, dt_s);
+                Reasons::SLEWING.when(followed.slewing)
+                    | Reasons::LIMITED.when(followed.limited)
+                    | Reasons::WARN.when(followed.warned)
+            }
+            State::RampingOut(_) | State::Faulted(_) => {
+                let mut limits = limits;
+                if inputs.let_go {
+                    limits.ramp = Duration::ZERO;
+                }
+                self.vector.advance_line(&limits, dt_s);
+                Reasons::NONE
+            }
+            State::Disarmed | State::Holding(_) => {
+                self.vector.stop();
+                Reasons::NONE
+            }
+        }
+    }
+
+    /// Moves the vector to where the control holds on its own, also beyond a limit that was lowered meanwhile: it is led in after
+    /// the stop, in which nothing moves.
+    fn move_to_held(&mut self, held: &PerChannel<f64>, dt_s: f64) {
+        let (stands, mut limits) = (self.vector.smooth(), self.limits);
+        for (i, axis) in limits.axes.iter_mut().enumerate() {
+            axis.limit = axis.limit.max(held[i].abs()).max(stands[i].abs());
+        }
+        limits.ramp = Duration::ZERO;
+        self.move_on_line(held, &limits, dt_s);
+    }
+
+    /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
+    /// correction. What a lowered limit left outside comes in by a ramp.
+    fn move_to(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
+        let (smooth, mut limits) = (self.vector.smooth(), *limits);
+        let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * ROUNDING;
+        if self.all(is_within) {
+            limits.ramp = Duration::ZERO;
+        }
+        self.move_on_line(goal, &limits, dt_s);
+    }
+
+    fn move_on_line(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
+        // Also anew where a write was not sent, and the vector is as it was before.
+        if !self.vector.leads_to(goal) {
+            self.vector.begin_line(goal);
+        }
+        self.vector.advance_line(limits, dt_s);
     }
 }

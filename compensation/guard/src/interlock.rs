@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{MAX_PATHS, Reasons};
 
-/// What one path says of the machine, each in the sense that forbids.
+/// The flags of one path, each in the sense that forbids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlock {
     /// An axis was not sent to its reference.

@@ -19,7 +19,6 @@ mod reasons;
 mod state;
 mod step;
 mod temperature;
-mod turn;
 mod vector;
 
 pub use direction::{DirectionMemory, reversal_threshold};
@@ -38,11 +37,10 @@ pub use read_back::{
 };
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
-pub use step::{ROUNDING, one_step};
+pub use step::{ROUNDING, one_step, shortest_way};
 pub use temperature::{
     Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
 };
-pub use turn::shortest_way;
 pub use vector::{Followed, Vector, Wanted};
 
 /// The vocabulary of the public interface: axis letters, values by axis.

@@ -43,7 +43,7 @@ pub struct Limits {
     pub only_thermal: bool,
     /// When positions are older than this, the correction ramps to zero.
     pub zero_after: Duration,
-    /// How long a ramp is asked to take; it takes [`Limits::ramp_taken`].
+    /// The configured time of a ramp; it takes [`Limits::ramp_taken`].
     pub ramp: Duration,
     /// Shift that proves at arming whether positions contain it, mm and rad; 0: not proven. At least four steps
     /// of correction and position.
@@ -174,80 +174,54 @@ impl AxisLimits {
     }
 
     fn check(&self, axis: usize, test_shift: f64) -> Result<(), LimitsError> {
-        let finite = |what, found: f64, expected, good: bool| {
-            if good && !found.is_nan() {
-                return Ok(());
-            }
-            Err(LimitsError {
-                what,
-                axis: Some((axis, self.kind)),
-                found,
-                expected,
-            })
-        };
+        use Quantity::{Accel, Limit, Resolution, Slew, TestShift, Warn};
         // A ceiling that was converted from µm or µrad is not missed by a rounding.
         let [most, fastest] = ceiling::of(self.kind).map(|ceiling| ceiling * (1.0 + 1e-12));
-        let (expected_limit, expected_slew) = match self.kind {
-            AxisKind::Linear => (
+        let [expected_limit, expected_slew] = match self.kind {
+            AxisKind::Linear => [
                 "at most 2000 µm, the ceiling that no configuration raises",
                 "at most 5000 µm/s, the ceiling that no configuration raises",
-            ),
-            AxisKind::Rotary => (
+            ],
+            AxisKind::Rotary => [
                 "at most 2000 µrad, the ceiling that no configuration raises",
                 "at most 5000 µrad/s, the ceiling that no configuration raises",
-            ),
+            ],
         };
+        let Self {
+            limit,
+            warn,
+            slew_per_s,
+            accel_per_s2,
+            resolution,
+            ..
+        } = *self;
         let positive = |x: f64| x > 0.0 && x.is_finite();
-        let expected = "a positive number";
-        finite(
-            Quantity::Resolution,
-            self.resolution,
-            expected,
-            positive(self.resolution),
-        )?;
-        finite(
-            Quantity::Limit,
-            self.limit,
-            "at least one step of the controller",
-            self.limit.is_finite() && (self.limit >= self.resolution || self.limit == 0.0),
-        )?;
-        finite(
-            Quantity::Limit,
-            self.limit,
-            expected_limit,
-            self.limit <= most,
-        )?;
-        finite(
-            Quantity::Warn,
-            self.warn,
-            "a number from 0 to the limit",
-            (0.0..=self.limit).contains(&self.warn),
-        )?;
-        finite(
-            Quantity::Slew,
-            self.slew_per_s,
-            expected,
-            positive(self.slew_per_s),
-        )?;
-        finite(
-            Quantity::Slew,
-            self.slew_per_s,
-            expected_slew,
-            self.slew_per_s <= fastest,
-        )?;
-        finite(
-            Quantity::Accel,
-            self.accel_per_s2,
-            expected,
-            self.accel_per_s2 > 0.0,
-        )?;
-        let fits = test_shift == 0.0 || (4.0 * self.resolution..=self.limit).contains(&test_shift);
-        finite(
-            Quantity::TestShift,
-            test_shift,
-            "0, or four steps of the controller up to the limit",
-            fits,
-        )
+        let has_step = limit.is_finite() && (limit >= resolution || limit == 0.0);
+        let is_proof = test_shift == 0.0 || (4.0 * resolution..=limit).contains(&test_shift);
+        let number = "a positive number";
+        let step = "at least one step of the controller";
+        let within = "a number from 0 to the limit";
+        let shift = "0, or four steps of the controller up to the limit";
+        for (what, found, expected, is_good) in [
+            (Resolution, resolution, number, positive(resolution)),
+            (Limit, limit, step, has_step),
+            (Limit, limit, expected_limit, limit <= most),
+            (Warn, warn, within, (0.0..=limit).contains(&warn)),
+            (Slew, slew_per_s, number, positive(slew_per_s)),
+            (Slew, slew_per_s, expected_slew, slew_per_s <= fastest),
+            (Accel, accel_per_s2, number, accel_per_s2 > 0.0),
+            (TestShift, test_shift, shift, is_proof),
+        ] {
+            if !is_good || found.is_nan() {
+                return Err(LimitsError {
+                    what,
+                    axis: Some((axis, self.kind)),
+                    found,
+                    expected,
+                });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -257,31 +231,19 @@ impl Limits {
     /// # Errors
     /// The first number that is wrong.
     pub fn check(&self) -> Result<(), LimitsError> {
-        let wrong = |what, found: f64, expected| {
-            Err(LimitsError {
-                what,
-                axis: None,
-                found,
-                expected,
-            })
+        let wrong = |what, found: f64, expected| LimitsError {
+            what,
+            axis: None,
+            found,
+            expected,
         };
         if !(1..=MAX_AXES).contains(&self.count) {
-            return wrong(Quantity::Axes, self.count as f64, "1 to 9");
+            return Err(wrong(Quantity::Axes, self.count as f64, "1 to 9"));
         }
         for (axis, limits) in self.axes.iter().take(self.count).enumerate() {
             limits.check(axis, self.test_shift[axis])?;
         }
-        let period_s = self.period.as_secs_f64();
-        if !(ceiling::SHORTEST_CYCLE..=ceiling::LONGEST_CYCLE).contains(&self.period) {
-            return wrong(Quantity::Period, period_s, "0.25 ms to 100 ms");
-        }
-        if self.hold < self.period {
-            return wrong(
-                Quantity::Hold,
-                self.hold.as_secs_f64(),
-                "at least one cycle",
-            );
-        }
+        let (period, hold) = (self.period, self.hold);
         let (longest, expected) = if self.only_thermal {
             let expected = "at most 5 s, the ceiling for thermal terms alone";
             (ceiling::HOLD_THERMAL, expected)
@@ -289,18 +251,31 @@ impl Limits {
             let expected = "at most 200 ms, the ceiling that no configuration raises";
             (ceiling::HOLD, expected)
         };
-        if self.hold > longest {
-            return wrong(Quantity::Hold, self.hold.as_secs_f64(), expected);
-        }
-        if self.zero_after < self.hold {
-            return wrong(
+        let cycles = ceiling::SHORTEST_CYCLE..=ceiling::LONGEST_CYCLE;
+        let later = "at least as long as hold";
+        for (what, time, expected, is_good) in [
+            (
+                Quantity::Period,
+                period,
+                "0.25 ms to 100 ms",
+                cycles.contains(&period),
+            ),
+            (Quantity::Hold, hold, "at least one cycle", hold >= period),
+            (Quantity::Hold, hold, expected, hold <= longest),
+            (
                 Quantity::ZeroAfter,
-                self.zero_after.as_secs_f64(),
-                "at least as long as hold",
-            );
+                self.zero_after,
+                later,
+                self.zero_after >= hold,
+            ),
+        ] {
+            if !is_good {
+                return Err(wrong(what, time.as_secs_f64(), expected));
+            }
         }
         if !(1..=MOST_READ_BACK_CYCLES).contains(&self.read_back_cycles) {
-            return wrong(Quantity::ReadBack, self.read_back_cycles as f64, "1 to 32");
+            let found = self.read_back_cycles as f64;
+            return Err(wrong(Quantity::ReadBack, found, "1 to 32"));
         }
         Ok(())
     }
@@ -373,7 +348,7 @@ impl Limits {
         })
     }
 
-    /// The time that a ramp really takes: what is asked for, or 20 cycles if that is longer.
+    /// The time that a ramp takes: the configured one, or 20 cycles if that is longer.
     pub fn ramp_taken(&self) -> Duration {
         let fewest = self.period.saturating_mul(FEWEST_RAMP_CYCLES);
         self.ramp.max(fewest)

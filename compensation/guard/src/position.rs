@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::turn::shortest_way;
+use crate::step::shortest_way;
 
 /// How much older or younger than its timestamp a reported position can be.
 const TIMESTAMP_UNCERTAINTY_S: f64 = 0.025;

@@ -6,23 +6,22 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
 use crate::{
     Limits, Reading,
-    step::{ROUNDING, ROUNDING_STEPS},
-    turn::shortest_way,
+    step::{ROUNDING, ROUNDING_STEPS, shortest_way},
 };
 
 /// New readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
 /// control may take to show positions anew; where they come more slowly than that, the readings count.
 const STILL_READINGS: u32 = 5;
 const STILL_FOR: Duration = Duration::from_millis(250);
-/// So often it is tried again where a position neither follows a shift nor stays.
+/// The maximum number of attempts where a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
 /// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
 /// least, is no motion. So a position that follows by a tenth of the shift counts as one that stays.
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
 /// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// A machine that goes on: an axis still moves so many times longer after a shift than it has to stand, or it went so many
-/// shifts within that time.
+/// A machine that goes on: an axis still moves this many times longer after a shift than it has to stand still, or it went
+/// this many shifts within that time.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
 /// Only motion that is so young when an axis is shifted shows that its position is alive.
@@ -33,7 +32,7 @@ const ALIVE_FOR: Duration = Duration::from_secs(10);
 pub enum Proven {
     /// The reported position followed the shift both ways: it contains the correction.
     Contained,
-    /// The reported position stayed both times, and it is alive: the axis moved by itself a short while ago.
+    /// The reported position stayed both times, and it is alive: the machine moved the axis a short while ago.
     NotContained,
     /// Neither is shown: the axis was not shifted, its position may be frozen, or it did something between.
     #[default]
@@ -74,7 +73,7 @@ impl Verdict {
     }
 }
 
-/// When each axis moved by itself last, not by the correction: only then a position that stays where it is shows
+/// When the machine moved each axis last, not the correction: only then a position that stays where it is shows
 /// anything. To be fed in every cycle in which a reading came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moves {
@@ -112,7 +111,7 @@ impl Moves {
         }
     }
 
-    /// Whether the axis moved by itself within the last 10 s.
+    /// Whether the machine moved the axis within the last 10 s.
     #[must_use]
     pub fn lately(&self, now: Duration, axis: usize) -> bool {
         self.moved
@@ -161,7 +160,7 @@ impl Span {
         }
     }
 
-    /// Whether it is so many times as long as axes have to stand.
+    /// Whether it is `times` as long as axes have to stand still.
     fn lasts(&self, times: u32, taken: Duration) -> bool {
         let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
         self.from.is_some_and(long) && self.readings >= STILL_READINGS * times
@@ -177,7 +176,7 @@ struct Shown {
 
 /// The test shift: state of the guard. All rotary axes are shifted first, and the linear axes follow them, so that the tool
 /// tip stays where it is; then all linear axes. The correction goes one way by the shift, then the other
-/// way, and stands in between; creep or a slow position so does not look like an answer to it. Where the machine goes on
+/// way, and rests in between; creep or a slow position so does not look like an answer to it. Where the machine goes on
 /// meanwhile, the correction goes back to where the proof began, which it does anew at the next standstill: a shift that
 /// stays would be an error of the part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -348,7 +347,7 @@ impl Proof {
         }
     }
 
-    /// Where the correction stands in a leg: the axes that are shifted within their limits, both ways from where they begin,
+    /// The correction of a leg: the axes that are shifted within their limits, both ways from where they begin,
     /// the first one towards zero; near the limit inwards and back. The linear axes follow the rotary ones; where their
     /// limits leave no place for that, nothing is shifted.
     fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
@@ -465,7 +464,7 @@ fn of_kind(kind: AxisKind, limits: &Limits) -> impl Iterator<Item = usize> {
     axes.filter(move |&i| limits.axes[i].kind == kind && shift(limits, i) > 0.0)
 }
 
-/// Where the correction of an axis that began at `begin` stands in a leg.
+/// The correction of a leg for an axis that began at `begin`.
 fn at_leg(leg: Leg, axis: usize, begin: f64, limits: &Limits) -> f64 {
     let most = limits.axes[axis].reachable();
     let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, axis);

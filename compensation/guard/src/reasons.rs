@@ -26,7 +26,7 @@ macro_rules! effect {
 }
 
 /// Each reason takes the bit of its place in the list, so no two share one; a 65th would not compile. In this order they
-/// are told: what caused the stop and what a person must do comes first, what follows from it later.
+/// are reported: what caused the stop and what the operator must do comes first, what follows from it later.
 macro_rules! reasons {
     ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
         /// The places in the list.
@@ -52,18 +52,18 @@ reasons! {
     CONTROLLER_ALARM = forbids, "controller alarm";
     /// Axes are not referenced.
     NOT_REFERENCED = forbids, "axes not referenced";
-    /// An interlock was seen on a path that says nothing any more.
+    /// An interlock was seen on a path that is silent now.
     INTERLOCK_UNSEEN = forbids, "interlock not seen to clear";
-    // Faults, which a person must look at and acknowledge.
-    /// The control applies a correction beyond the limit, and nothing here has asked for it.
+    // Faults, which the operator must check and acknowledge.
+    /// The control applies a correction beyond the limit that was not sent from here.
     BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
     /// A correction that was written is not found when it is read back, several times in a row.
     DOES_NOT_STICK = forbids, "correction does not stick";
     /// Positions do not contain the correction as configured.
     CONTRADICTION = forbids, "positions contradict includes_correction";
-    /// The gateway was faulted when it ended, and nobody has acknowledged it since.
+    /// The gateway was faulted when it ended, and was not acknowledged since.
     FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";
-    /// What a control that cannot be asked was left with is not known.
+    /// It is unknown what a control without read-back was left with.
     LEFT_UNKNOWN = forbids, "what the control was left with is unknown";
     // Other causes.
     /// The program is stopping.
@@ -76,7 +76,7 @@ reasons! {
     OUTSIDE_TRAVEL = forbids, "position outside the travel";
     /// A position is where its axis cannot have come to since the last one that was believed.
     JUMPED = forbids, "position jumped";
-    /// What the control tells is no report of a barrier of this machine and these axes, in this order.
+    /// What the control sends is no report of a barrier of this machine and these axes, in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
     /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
     BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits";
@@ -88,20 +88,20 @@ reasons! {
     AUDIT = forbids, "audit log cannot be written";
     /// The limits are not configured.
     NO_LIMITS = forbids, "limits are not configured";
-    /// No other path may take over, since nobody knows what the silent one still applies.
+    /// No other path may take over, since it is unknown what the silent one still applies.
     OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction";
     /// Another path shows a correction that it should not have.
     STANDBY_HOLDS = informs, "a standby path holds a correction";
     // What a person has decided, or has to.
     /// The centre of the fleet has disabled the correction.
     DISABLED_BY_CENTRE = forbids, "disabled by the centre";
-    /// A person disarmed it: it does not arm by itself, also after a restart.
+    /// The operator disarmed it: no auto-arm, also after a restart.
     DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
     /// The machine file or the limits are not those that were confirmed last.
     MUST_CONFIRM = informs, "machine file or limits must be confirmed";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
     NOT_RELOADED = informs, "files on disk not taken over";
-    /// The machine file that the centre has put in force cannot be used: the one of the configuration corrects.
+    /// The machine file that the centre has activated cannot be used: the one of the configuration corrects.
     CENTRE_FILE = informs, "machine file of the centre damaged: the configured one holds";
     // What follows from the causes above.
     /// Positions are so old that the correction goes to zero.
@@ -114,10 +114,10 @@ reasons! {
     READ_BACK = informs, "controller's correction changed";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = informs, "a correction is applied";
-    // What ends by itself.
-    /// Whether another gateway writes, or how fast the control scans, is being looked at before the first write.
+    // What ends without intervention.
+    /// Whether another gateway writes, or how fast the control scans, is being observed before the first write.
     WATCHING = forbids, "watching the control";
-    /// Arming waits until the axes stand still.
+    /// Arming waits for standstill.
     WAITING_FOR_STANDSTILL = informs, "waiting for standstill";
     // What else is to be known.
     /// A temperature that the model uses is missing.
@@ -145,7 +145,7 @@ reasons! {
     LET_GO = informs, "positions too old for the speed: a part of the correction let go";
     /// Whether positions contain the correction is not proven for every axis.
     NOT_PROVEN = informs, "not proven what positions contain";
-    /// Another controller path stands in.
+    /// Another controller path than the first corrects.
     FALLBACK = informs, "fallback controller";
     /// Another path does not answer.
     STANDBY_SILENT = informs, "a standby path does not answer";
@@ -153,9 +153,9 @@ reasons! {
     OVERRUNS = informs, "cycle overruns";
     /// Whether a second gateway is there cannot be seen.
     CANNOT_SEE_OTHERS = informs, "cannot see other gateways";
-    /// Nobody ramps the correction out when the gateway stops.
+    /// The correction is not ramped out when the gateway stops.
     UNWATCHED = informs, "unwatched";
-    /// Nothing in the control tells a late or foreign write from one that is meant now.
+    /// Nothing in the control distinguishes a late or foreign write from one that is meant now.
     NO_BARRIER = informs, "no barrier";
 }
 
@@ -208,7 +208,7 @@ impl Reasons {
         Self(bits)
     }
 
-    /// The reason with a text, behind which `: ` and what it is about may follow; `None` where there is none.
+    /// The reason with a text, after which `: ` and what it is about may follow; `None` if there is no such reason.
     pub fn with_text(text: &str) -> Option<Self> {
         let mut all = Self::ALL.iter();
         let is = |own: &str| {
@@ -252,7 +252,7 @@ impl BitOrAssign for Reasons {
 mod tests {
     use super::Reasons;
 
-    /// Who looks at the first words only sees what caused the stop, not what follows from it.
+    /// The first words are the cause of the stop, not what follows from it.
     #[test]
     fn causes_stand_before_what_follows_from_them() {
         let causes = [

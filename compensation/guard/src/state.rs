@@ -16,7 +16,7 @@ pub enum State {
     Holding(Hold),
     /// The correction is on its way to zero.
     RampingOut(End),
-    /// Something is wrong that a person must look at; the correction ramps to zero.
+    /// Something is wrong that the operator must check; the correction ramps to zero.
     Faulted(Cause),
 }
 
@@ -75,7 +75,7 @@ pub enum Request {
     Disarm,
     /// The program ends: ramp to zero, but leave alone what was found and never written here.
     End,
-    /// The cause of a fault is mended.
+    /// The cause of a fault is fixed.
     Acknowledge,
     /// The model or what it is applied to has changed: ramp to the new one.
     Switched,
@@ -97,13 +97,13 @@ pub(crate) struct Facts {
     pub(crate) lost: bool,
     /// The barrier reports an owner, sequence or epoch that this gateway has not sent.
     pub(crate) other_gateway: bool,
-    /// The controller has changed the correction that it applies without being told to.
+    /// The controller has changed the correction that it applies without a write.
     pub(crate) changed: bool,
     /// Another path writes, and what it applies is seen for the first time, or not yet.
     pub(crate) took_over: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
-    /// What is applied may be another gateway's, or nobody knows what a control that cannot be asked was left with.
+    /// What is applied may be another gateway's, or it is unknown what a control without read-back was left with.
     pub(crate) foreign: bool,
     /// The ramp has reached its end.
     pub(crate) ramped: bool,
@@ -124,7 +124,7 @@ pub(crate) struct Facts {
 }
 
 impl State {
-    /// The name as it stands in JSON and on the dashboard.
+    /// The name in JSON and on the dashboard.
     pub fn name(self) -> &'static str {
         match self {
             Self::Disarmed => "disarmed",
@@ -136,7 +136,7 @@ impl State {
         }
     }
 
-    /// Whether it corrects or will by itself.
+    /// Whether it corrects, or will without another request.
     pub fn is_armed(self) -> bool {
         matches!(
             self,
@@ -160,7 +160,7 @@ impl State {
     /// The state that follows from the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
         if self.is_armed() {
-            // Also while it is told to disarm: a correction beyond the limit is not led out without a person.
+            // Also with a request to disarm: a correction beyond the limit is not led out without the operator.
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
             }
@@ -192,7 +192,7 @@ impl State {
                 Self::Faulted(Cause::DoesNotStick)
             }
             Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
-            // Whatever fault it is: a correction beyond the limit is looked at by a person before it is led out.
+            // Whatever fault it is: a correction beyond the limit is acknowledged by the operator before it is led out.
             Self::Faulted(cause) if facts.beyond && cause != Cause::BeyondLimit => {
                 Self::Faulted(Cause::BeyondLimit)
             }
@@ -206,7 +206,7 @@ impl State {
 
     fn disarmed(self, facts: &Facts) -> Self {
         match facts.request {
-            // Another gateway may be at work with it, or nobody knows what it is.
+            // Another gateway may be at work with it, or it is unknown.
             Some(Request::Disarm) if facts.foreign => self,
             Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
                 if facts.unconfirmed {
@@ -222,7 +222,7 @@ impl State {
         }
     }
 
-    /// The states in which it corrects, or will by itself; no interlock, no fault, no request to let go.
+    /// The states in which it corrects, or will without another request; no interlock, no fault, no request to disarm.
     fn armed(self, facts: &Facts) -> Self {
         let ramping_in = Self::Arming(Phase::Ramping);
         match self {
@@ -265,7 +265,7 @@ impl State {
 }
 
 impl Facts {
-    /// Whether it is asked to correct and nothing stands against it.
+    /// Whether arming is requested and nothing forbids it.
     fn may_arm(&self) -> bool {
         let asked = matches!(self.request, Some(Request::Arm | Request::TakeOver));
         let hindered = self.forbidden || self.interlocked || self.stale;
@@ -287,7 +287,7 @@ impl Facts {
         self.changed || self.took_over || self.request == Some(Request::Switched)
     }
 
-    /// What follows when a person has looked at a fault: what is left of the correction is led out.
+    /// What follows when the operator acknowledges a fault: what is left of the correction is led out.
     fn acknowledged(&self, fault: State) -> State {
         if self.interlocked || self.unconfirmed || self.other_gateway {
             fault

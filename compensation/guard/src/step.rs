@@ -1,4 +1,4 @@
-//! Whole steps of an axis: which values are the same one, whatever rounding they have been through.
+//! Arithmetic of coordinates: whole steps of an axis, whatever rounding they have been through, and whole turns.
 
 /// A rounding, as a part of a step.
 pub(crate) const ROUNDING_STEPS: f64 = 1e-6;
@@ -14,7 +14,7 @@ pub(crate) fn is_same_step(a: f64, b: f64, step: f64) -> bool {
     (a - b).abs() <= SAME_STEPS * step
 }
 
-/// One step of an axis, mm or rad, and a rounding: values that are no further apart differ by one step at the most.
+/// One step of an axis, mm or rad, and a rounding: values that are no further apart differ by at most one step.
 #[must_use]
 pub fn one_step(step: f64) -> f64 {
     ONE_STEP * step
@@ -38,4 +38,14 @@ pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
 /// The whole steps below a number of them, mm or rad: 150 steps of 0.001 below 0.15, not 149 for a rounding.
 pub(crate) fn whole_below(value: f64, step: f64) -> f64 {
     libm::floor(value / step + ROUNDING_STEPS) * step
+}
+
+/// How far an axis went (mm or rad) whose position changed by `way`: where it begins anew after a `turn` (a rotary axis that
+/// rolls over: 2π), by the shorter of the two ways round.
+#[must_use]
+pub fn shortest_way(way: f64, turn: Option<f64>) -> f64 {
+    match turn {
+        Some(turn) if turn > 0.0 => way - turn * libm::round(way / turn),
+        _ => way,
+    }
 }

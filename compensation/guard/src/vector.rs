@@ -2,27 +2,32 @@
 //! quantised last.
 
 mod cycle;
-mod follow;
-mod motion;
 mod wanted;
 
 use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::{
-    Limits,
-    step::{ROUNDING_STEPS, is_on_grid},
+use crate::{Limits, step::is_on_grid};
+use cycle::{
+    ARRIVED_STEPS, Advance, Cycle, braking_part, linear_word, rotary_word, span, stopping_part,
+    stopping_rate, within,
 };
-use cycle::Cycle;
-use motion::{linear_word, rotary_word, span, within};
 use wanted::reach;
 pub use wanted::{Followed, Wanted};
 
-/// Nearer than so many steps an axis is where it is to be.
-const ARRIVED_STEPS: f64 = ROUNDING_STEPS;
 /// A part of a ramp that is smaller than this is gone in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
+
+/// The position share of a cycle.
+struct Share {
+    /// What is wanted of it and what is left of the ramp, mm.
+    position: PerChannel<f64>,
+    /// The part of it that the axes can carry.
+    part: f64,
+    /// The rotary shares as they stand, rad; zero at all other places.
+    rotary: PerChannel<f64>,
+}
 
 /// What moves the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -74,7 +79,7 @@ pub struct Vector {
 }
 
 impl Vector {
-    /// A correction that stands at confirmed values (mm, rad). What is wanted is then reached by a ramp.
+    /// A correction at confirmed values (mm, rad). What is wanted is then reached by a ramp.
     pub fn at(applied: &PerChannel<f64>) -> Self {
         Self {
             output: *applied,
@@ -212,7 +217,7 @@ impl Vector {
             ramp: Duration::ZERO,
             ..*limits
         };
-        // All axes go the whole way by one factor: at its rate it takes so long, and this is one over its acceleration, s².
+        // All axes go to zero by one factor: the time that it takes at its rate, and one over its acceleration, s².
         let (mut at_rate_s, mut eased) = (shortest.ramp_taken().as_secs_f64(), 0.0_f64);
         let axes = limits.axes.iter().zip(&self.smooth);
         for (axis, at) in axes.take(limits.count) {
@@ -311,5 +316,289 @@ impl Vector {
             };
             self.output[i] = word(self.output[i], self.smooth[i], axis);
         }
+    }
+
+    /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
+    /// is not finite or no time has passed.
+    pub fn follow(&mut self, wanted: &Wanted, limits: &Limits, dt_s: f64) -> Followed {
+        let sound = wanted.is_finite();
+        if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
+            self.stop();
+            return Followed {
+                slewing: !sound,
+                behind: !sound,
+                ..Followed::default()
+            };
+        }
+        let cycle = self.cycle(limits, dt_s);
+        let begins = matches!(self.motion, Motion::Begins | Motion::Line { .. });
+        if begins && self.brakes(&cycle) {
+            self.motion = Motion::Begins;
+            return Followed {
+                slewing: true,
+                behind: true,
+                ..wanted.judged(1.0, limits)
+            };
+        }
+        if begins {
+            self.goal = self.output;
+        }
+        let (left, rate) = self.ramp(wanted, &cycle);
+        let offset = self.reach_offset(wanted, &cycle);
+        let share = self.share(wanted, &cycle);
+        // What a lowered limit left outside comes in with the ramp, and takes no room from the rotary axes.
+        let position = if self.excess == PerChannel::ZERO {
+            &share.position
+        } else {
+            &wanted.position
+        };
+        self.goal = wanted.rotary_goal(position, &self.goal, limits);
+
+        let ways = self.rotary_ways(&cycle);
+        let (ramp_accel, accel) = self.accels(wanted, &ways, &cycle);
+        let (ramp, braking) = if left > 0.0 {
+            let ramp = (limits.ramp_share(dt_s) / left).min(1.0);
+            (ramp, braking_part(rate / left, ramp_accel, dt_s))
+        } else {
+            (1.0, 0.0)
+        };
+        let eased = ramp.min(stopping_part(ramp_accel, dt_s)).max(braking);
+        let turning = cycle.part(&ways, &self.rate, ramp, accel);
+        let mut most = cycle.advance(&ways, turning, eased);
+        let mut factor = self.factor(wanted, &share, &most, &cycle);
+        if factor.is_none() {
+            // Not faster than in the cycle before: what moved then can be braked, or go on.
+            let turns = cycle.going(&ways, &self.rate).max(0.0);
+            let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
+            most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
+            factor = self.factor(wanted, &share, &most, &cycle);
+        }
+        let mut turned = PerChannel::ZERO;
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            let [least, most] = [most.least[i], most.most[i]];
+            self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
+            turned[i] = self.rate[i];
+        }
+        let following = wanted.following(&turned);
+        for i in cycle.of_kind(AxisKind::Linear) {
+            // No faster than the axis may go: levers that are absurd would never be braked.
+            let slew = limits.axes[i].slew_per_s;
+            self.following[i] = within([-slew, slew], following[i]);
+        }
+        // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
+        let passed = factor.map_or(eased, |factor| factor * most.ramp);
+        self.pass_ramp(left, passed, dt_s);
+        let (behind, part) = self.slide(wanted, &cycle);
+        self.write(&cycle);
+        if let Motion::Ramps { .. } = self.motion {
+            self.offset = offset.map(|offset| offset * (1.0 - passed));
+        }
+
+        let waits = factor.is_none_or(|factor| factor < 1.0 - 1e-9);
+        let far = cycle
+            .of_kind(AxisKind::Rotary)
+            .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
+        Followed {
+            slewing: behind || waits && (far || left > 0.0) || turning < ramp && far,
+            behind,
+            ..wanted.judged(part, limits)
+        }
+    }
+
+    /// What is left of the ramp, which begins here if it has not, and how much of it passes in a second.
+    fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
+        if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
+            let following = wanted.following(&self.rotary(cycle));
+            let reach = reach(cycle.limits);
+            (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
+            for i in cycle.of_kind(AxisKind::Linear) {
+                self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
+                self.excess[i] = (self.smooth[i].abs() - reach[i]).max(0.0);
+            }
+            self.target = self.smooth;
+            self.reachable = self.reachable.map(|_| 1.0);
+            self.motion = Motion::Ramps {
+                left: 1.0,
+                rate: 0.0,
+            };
+        }
+        match self.motion {
+            Motion::Ramps { left, rate } => (left, rate),
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// The position share with what is left of the ramp, and the part of it that the axes can carry.
+    fn share(&self, wanted: &Wanted, cycle: &Cycle) -> Share {
+        let position = PerChannel::from_fn(|i| wanted.position[i] + self.offset[i]);
+        let rotary = self.rotary(cycle);
+        Share {
+            part: self.part(1.0, wanted, &position, &rotary, cycle),
+            position,
+            rotary,
+        }
+    }
+
+    /// The part of a position share that the axes can carry when this is left of what now is left of the ramp: a limit
+    /// that was lowered comes in with the ramp.
+    fn part(
+        &self,
+        left: f64,
+        wanted: &Wanted,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        cycle: &Cycle,
+    ) -> f64 {
+        let mut reach = reach(cycle.limits);
+        for (reach, excess) in reach.iter_mut().zip(&self.excess) {
+            *reach += left * excess;
+        }
+        wanted.position_part(position, rotary, &reach)
+    }
+
+    /// Keeps for this cycle what can be reached of the offset. Gives what stays of it: what could be reached in this cycle
+    /// or in the one before, since a single cycle in which something absurd is wanted must not end the ramp.
+    fn reach_offset(&mut self, wanted: &Wanted, cycle: &Cycle) -> PerChannel<f64> {
+        let mut offset = self.offset;
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let part = self.reachable_offset(i, wanted, cycle);
+            let stays = part.max(self.reachable[i]);
+            offset[i] = stays * self.offset[i];
+            self.offset[i] *= part;
+            self.reachable[i] = if stays > 0.0 { part / stays } else { 1.0 };
+        }
+        offset
+    }
+
+    /// The part of the offset of a linear axis with which its position share is no more than the axis can carry, wherever the
+    /// rotary axes are: the whole one but where more was wanted as the ramp began, or is wanted now. Beyond that the offset leads
+    /// nowhere, so the ramp of the other axes goes on; what is left of it only shrinks, and the tool is no further off for it.
+    fn reachable_offset(&self, axis: usize, wanted: &Wanted, cycle: &Cycle) -> f64 {
+        let following = cycle.of_kind(AxisKind::Rotary);
+        let following: f64 = following
+            .map(|r| wanted.follow[r][axis].abs() * cycle.reach[r])
+            .sum();
+        let (offset, reach) = (self.offset[axis], cycle.reach[axis] + following);
+        if offset == 0.0 {
+            return 1.0;
+        }
+        ((reach.copysign(offset) - wanted.position[axis]) / offset).clamp(0.0, 1.0)
+    }
+
+    fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {
+        let left = before * (1.0 - passed);
+        if left > SMALLEST_PART {
+            self.offset = self.offset.map(|offset| offset * (1.0 - passed));
+            self.excess = self.excess.map(|excess| excess * (1.0 - passed));
+            self.motion = Motion::Ramps {
+                left,
+                rate: (before - left) / dt_s,
+            };
+        } else {
+            (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
+            self.motion = Motion::Follows;
+        }
+    }
+
+    /// The rotary shares as they stand, zero at all other places.
+    fn rotary(&self, cycle: &Cycle) -> PerChannel<f64> {
+        let mut rotary = PerChannel::ZERO;
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            rotary[i] = self.smooth[i];
+        }
+        rotary
+    }
+
+    /// The ways of the rotary axes to their goal, zero at all other places.
+    fn rotary_ways(&self, cycle: &Cycle) -> PerChannel<f64> {
+        let mut ways = PerChannel::ZERO;
+        for i in cycle.of_kind(AxisKind::Rotary) {
+            ways[i] = self.goal[i] - self.smooth[i];
+        }
+        ways
+    }
+
+    /// The accelerations (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass. The
+    /// linear axes follow both: where there are rotary axes, each may take half of what a linear axis is allowed.
+    fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
+        let rotary = cycle.accel_over(ways, AxisKind::Rotary);
+        let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
+        let passing = PerChannel::from_fn(|i| self.offset[i].abs() + self.excess[i]);
+        let ramp = cycle.accel_over(&passing, AxisKind::Linear);
+        if cycle.of_kind(AxisKind::Rotary).next().is_some() {
+            (0.5 * ramp, rotary.min(0.5 * following))
+        } else {
+            (ramp, rotary)
+        }
+    }
+
+    /// The largest factor between the least and the most of an advance with which every linear axis can be where it
+    /// belongs at the end of the cycle. `None` where there is none.
+    fn factor(
+        &self,
+        wanted: &Wanted,
+        share: &Share,
+        advance: &Advance,
+        cycle: &Cycle,
+    ) -> Option<f64> {
+        let at = |ways: &PerChannel<f64>| {
+            wanted.following(&PerChannel::from_fn(|i| share.rotary[i] + ways[i]))
+        };
+        let left = 1.0 - advance.ramp;
+        let later = PerChannel::from_fn(|i| share.position[i] - advance.ramp * self.offset[i]);
+        let part = self.part(left, wanted, &later, &share.rotary, cycle);
+        let (least, most) = (at(&advance.least), at(&advance.most));
+        let (mut low, mut high) = (0.0_f64, 1.0_f64);
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let limit = cycle.limits.axes[i].reachable().max(self.smooth[i].abs());
+            let rounding = 1e-9 * cycle.step(i);
+            let [lowest, highest] = cycle.spans[i].map(|way| self.smooth[i] + way);
+            let base = share.part * share.position[i] + least[i];
+            let passed = share.part * share.position[i] - part * later[i];
+            let along = most[i] - least[i] - passed;
+            // What is beyond a limit that can be reached is cut there.
+            let highest = if highest >= limit - rounding {
+                f64::INFINITY
+            } else {
+                highest + rounding
+            };
+            let lowest = if lowest <= -limit + rounding {
+                f64::NEG_INFINITY
+            } else {
+                lowest - rounding
+            };
+            if along == 0.0 {
+                if base > highest || base < lowest {
+                    return None;
+                }
+                continue;
+            }
+            let ends = [(lowest - base) / along, (highest - base) / along];
+            low = low.max(ends[0].min(ends[1]));
+            high = high.min(ends[0].max(ends[1]));
+        }
+        (low <= high).then_some(high)
+    }
+
+    /// The linear axes go where they belong for the rotary shares as they are now, as far as they can. Whether one of
+    /// them is not there at the end, and the part of the position share that the limits leave.
+    fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
+        let share = self.share(wanted, cycle);
+        let following = wanted.following(&share.rotary);
+        let mut behind = false;
+        for i in cycle.of_kind(AxisKind::Linear) {
+            let axis = &cycle.limits.axes[i];
+            let limit = axis.reachable().max(self.smooth[i].abs());
+            let whole = share.part * share.position[i] + following[i];
+            let target = within([-limit, limit], whole);
+            // On the way with the target, and back to it as fast as can be stopped there.
+            let gap = self.target[i] - self.smooth[i];
+            let back = stopping_rate(gap.abs(), cycle.accel[i], cycle.dt_s) * cycle.dt_s;
+            let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);
+            self.advance(i, way, cycle);
+            self.target[i] = target;
+            behind |= (whole - self.smooth[i]).abs() > 2.0 * ARRIVED_STEPS * axis.resolution;
+        }
+        (behind, share.part)
     }
 }

@@ -14,7 +14,7 @@ use std::{
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 use volcomp_port::{Controller, Fault, Snapshot};
 
-/// How often a path that stands by is asked.
+/// The interval at which a standby path is read.
 pub(crate) const STANDBY_EVERY: Duration = Duration::from_millis(100);
 /// Answers that wait for the cycle; further ones are lost.
 const ANSWERS: usize = 8;
@@ -78,7 +78,7 @@ impl Device {
             heard: heard_in,
             every,
         };
-        // The operating system shows so many letters.
+        // The operating system shows 15 letters.
         let name = name.chars().take(15).collect();
         let thread = thread::Builder::new()
             .name(name)
@@ -108,7 +108,7 @@ impl Device {
         self.controller.as_deref_mut()
     }
 
-    /// The next answer that the cycle has not heard yet. Takes no lock.
+    /// The next answer that the cycle has not received yet. Takes no lock.
     pub(crate) fn heard(&mut self) -> Option<Heard> {
         self.attendant.as_mut()?.heard.pop().ok()
     }

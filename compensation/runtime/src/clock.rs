@@ -53,7 +53,7 @@ impl Deadlines {
     }
 }
 
-/// Wakes at the same deadlines as a control thread and does nothing but tell the time, how late it woke and how many
+/// Wakes at the same deadlines as a control thread and does nothing but report the time, how late it woke and how many
 /// periods were missed: what the computer itself adds to every cycle.
 pub fn tick(period: Duration, during: Duration, told: &mut dyn FnMut(Duration, Duration, u32)) {
     let begun = monotonic();

@@ -3,33 +3,30 @@
 //! State: the paths with what is known of them, which path writes, the guard, the interlocks, the directions of travel,
 //! the thermal lags of the model.
 
-mod choice;
 mod lag;
-mod standby;
-mod told;
-mod wanted;
 
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    DirectionMemory, Guard, Interlocks, Limits, Output, PositionCheck, Reasons, Request, Selector,
-    State as GuardState,
+    Confirmed, DirectionMemory, End, Guard, Inputs, Interlocks, Limits, MAX_PATHS, Output,
+    PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request, Scheme, Selector,
+    State as GuardState, Wanted, one_step,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
-use volcomp_vocabulary::PerAxis;
+use volcomp_vocabulary::{PerAxis, PerChannel};
 
-use self::{lag::Lag, standby::Standby};
+use self::lag::Lag;
 use crate::{
-    asked::Asked,
     attendant::STANDBY_EVERY,
     error::{OrderRefusal, PlanError, StartError},
-    model::Model,
+    model::{Model, ModelWanted},
     path::ControlPath,
+    place::Place,
     plan::check_together,
     reader::PositionReader,
     replacement::Replacement,
-    report::Report,
+    report::{Asked, Report},
     sensors::Sensors,
     settings::Rapid,
 };
@@ -41,6 +38,57 @@ pub struct Spent {
     pub exchange: Duration,
     /// The rest, by the CPU clock of the thread.
     pub own: Duration,
+}
+
+/// The time without an answer after which a standby path is reported.
+const STANDBY_SILENT: Duration = Duration::from_secs(2);
+
+/// The output is remembered for this time, and up to twice as long: longer than three readings of a standby path
+/// and a write on its way.
+const WINDOW: Duration = Duration::from_millis(500);
+
+/// What the paths that stand by are compared with.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standby {
+    /// When the younger of two windows began; the smallest and the largest output of each machine axis in both.
+    begun: Duration,
+    ranges: [[PerAxis<f64>; 2]; 2],
+    /// The paths that reported another correction when theirs was confirmed last.
+    holds: [bool; MAX_PATHS],
+    /// The path that takes over once the cycle has its controller.
+    wanted: Option<usize>,
+}
+
+impl Standby {
+    /// The output of a machine axis.
+    fn see(&mut self, axis: usize, output: f64) {
+        let [low, high] = &mut self.ranges[0];
+        (low[axis], high[axis]) = (low[axis].min(output), high[axis].max(output));
+    }
+
+    /// Begins another window when the present one is full.
+    fn turn(&mut self, now: Duration, outputs: &PerAxis<f64>) {
+        if now.saturating_sub(self.begun) >= WINDOW {
+            self.begun = now;
+            self.ranges = [[*outputs; 2], self.ranges[0]];
+        }
+    }
+
+    /// Whether the output of a machine axis went over this value lately.
+    fn went_over(&self, axis: usize, value: f64, step: f64) -> bool {
+        let low = self.ranges[0][0][axis].min(self.ranges[1][0][axis]);
+        let high = self.ranges[0][1][axis].max(self.ranges[1][1][axis]);
+        (low - step..=high + step).contains(&value)
+    }
+
+    /// Whether a path applies what the output never was: all of them lead to the same axes.
+    fn tells_another(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
+        let limits = path.limits();
+        (0..limits.count).any(|i| {
+            let step = one_step(limits.axes[i].resolution);
+            !self.went_over(path.seen.machine_axis[i], confirmed.values[i], step)
+        })
+    }
 }
 
 /// Everything that a cycle works on.
@@ -94,7 +142,7 @@ impl Cycle {
             return Err(PlanError::Paths { found: paths.len() });
         };
         for path in &paths {
-            // A plan has checked the period, so none that makes no sense comes through.
+            // A plan has checked the period, so no invalid one comes through.
             let planned = path.limits().period;
             if planned != period {
                 return Err(PlanError::Period {
@@ -176,9 +224,9 @@ impl Cycle {
         self
     }
 
-    /// Tells which correction (mm, rad) was sent last before the program ended, `age` ago, for controllers that cannot be
-    /// asked for the correction they hold. Controllers that can be asked are asked.
-    /// Numbers that are none say that it is not known; without this call it is not known for paths that do not answer.
+    /// Restores the correction (mm, rad) that was sent last before the program ended, `age` ago, for controllers without
+    /// read-back.
+    /// NaN means that it is not known; without this call it is not known for paths that do not answer.
     pub fn restore(&mut self, correction: &PerAxis<f64>, age: Duration) {
         self.left_nothing = correction.iter().all(|value| *value == 0.0);
         for path in &mut self.paths {
@@ -190,7 +238,7 @@ impl Cycle {
     }
 
     /// Lets threads of their own ask the paths that stand by and the controllers that are only read, so that one that answers slowly, or hangs, costs the cycle
-    /// nothing. Without it they are asked in the cycle, after the write and for half a period at the most: for clocks that
+    /// nothing. Without it they are asked in the cycle, after the write and for at most half a period: for clocks that
     /// a test counts. [`start`](crate::start) calls it.
     ///
     /// # Errors
@@ -206,7 +254,7 @@ impl Cycle {
             path.device
                 .attend(&path.description.device, STANDBY_EVERY)?;
         }
-        self.leave_standbys(Duration::ZERO);
+        self.release_standbys(Duration::ZERO);
         Ok(())
     }
 
@@ -301,7 +349,7 @@ impl Cycle {
         self.report.overruns += missed;
     }
 
-    /// A person has looked. Where there was a stop or a fault, that is what they have looked at, and what the path that
+    /// The operator acknowledges. Where there was a stop or a fault, that is acknowledged, and what the path that
     /// writes was left with, which a fault waits for: a sensor that jumped, and what others were left with, ask again.
     fn acknowledge(&mut self, since_start: Duration, asked: &Asked) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
@@ -333,7 +381,7 @@ impl Cycle {
         let passed = since_start.saturating_sub(last);
         let patience = self.paths[self.selector.active()].patience();
         self.read(self.selector.active(), now + patience, since_start);
-        self.hear_standbys(since_start);
+        self.take_standby_answers(since_start);
         if asked.request == Some(Request::Acknowledge) {
             self.acknowledge(since_start, asked);
         }
@@ -354,9 +402,9 @@ impl Cycle {
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
         self.read_readers(since_start);
-        self.leave_standbys(since_start);
+        self.release_standbys(since_start);
         let (tells, written) = (own_clock(), Instant::now());
-        self.tell(since_start, asked, &output);
+        self.fill_report(since_start, asked, &output);
         Spent {
             exchange: read.saturating_duration_since(now) + (written - writes),
             own: own + computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
@@ -396,14 +444,14 @@ impl Cycle {
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        // A sensor that was not asked since the program stood is not missing.
+        // A sensor that was not read since the program stood is not missing.
         let dt = passed.min(self.period * 5);
         self.degraded = self
             .model
             .warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
 
-    /// Sends the output on the path that corrects. The age of what it depends on is looked at once more.
+    /// Sends the output on the path that corrects. The age of what it depends on is checked once more.
     fn write(&mut self, output: &Output, begun: Instant, since_start: Duration) {
         if !output.write {
             return;
@@ -433,5 +481,417 @@ impl Cycle {
             self.guard.not_sent();
             self.report.faults += 1;
         }
+    }
+
+    /// Where the machine is as the path at `index` may take it: by its own positions, else those of a controller that is
+    /// only read, else those of another path that are fresh, else what is stated as fixed.
+    fn place_for(&self, index: usize, now: Duration) -> Place {
+        let path = &self.paths[index];
+        let mut place = Place::default();
+        for axis in 0..self.model.axes.len() {
+            let fresh = || self.paths.iter().filter(|other| other.is_fresh(now));
+            let others = || fresh().find_map(|other| other.seen.position_of(axis));
+            let mut readers = self.readers.iter();
+            let read = || readers.find_map(|reader| reader.seen.position_of(axis));
+            let own = path.seen.position_of(axis);
+            if let Some((seen, taken)) = own.or_else(read).or_else(others) {
+                place.positions[axis] = seen;
+                place.taken[axis] = taken;
+                let older = |than: Option<Duration>| Some(than.map_or(taken, |it| it.min(taken)));
+                place.oldest = older(place.oldest);
+                if own.is_none() {
+                    place.oldest_of_others = older(place.oldest_of_others);
+                }
+            } else if let Some(fixed) = path.fixed[axis] {
+                place.positions[axis] = fixed;
+            } else {
+                continue;
+            }
+            place.known |= 1 << axis;
+        }
+        place
+    }
+
+    /// Whether a path could correct now.
+    fn health(&self, index: usize, now: Duration) -> PathHealth {
+        let path = &self.paths[index];
+        let place = self.place_for(index, now);
+        let complete = place.is_complete(self.model.axes.len());
+        // A standby path is read less often than positions grow old: its own count as of when it reported them. A path
+        // that would find positions as old as the active one does is no better.
+        let is_young = if index == self.selector.active() {
+            path.is_young(place.oldest, now)
+        } else {
+            let others = place.oldest_of_others;
+            let is_fresh = others.is_none() || path.is_young(others, now);
+            path.answers(now) && path.was_fresh() && is_fresh
+        };
+        PathHealth {
+            usable: complete && is_young,
+            ready: path.device.is_in_hand() && self.is_ready(index, now),
+        }
+    }
+
+    /// Whether what the axes get is known once this path writes: it reports it, for all axes that the path before
+    /// wrote, or nothing can be left of that.
+    fn is_ready(&self, index: usize, now: Duration) -> bool {
+        let (path, active) = (&self.paths[index], self.selector.active());
+        if index == active {
+            return true;
+        }
+        let (known, before) = (path.known(), &self.paths[active]);
+        if known.scheme != Scheme::NoReadBack {
+            let other = known.reasons.contains(Reasons::OTHER_GATEWAY);
+            let tells = known.confirmed.is_some() && !other;
+            if !tells || !before.leaves_axes_to(path) {
+                return tells;
+            }
+        }
+        let Some(sent) = before.sent_at() else {
+            // Nothing was sent since the start: what it reports, or what was stored before.
+            return match before.known().confirmed {
+                Some(_) => !before.report(now).holds,
+                None => self.left_nothing,
+            };
+        };
+        let by_itself = before.read_back.zero_by_itself(&before.limits());
+        // In a stop a control holds what it applies.
+        let since = sent.max(self.stopped);
+        by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
+    }
+
+    /// Chooses the path that corrects from now on. Gives why another one that should correct may not, and whether it is
+    /// another one than before.
+    fn select(&mut self, now: Duration) -> (Reasons, bool) {
+        let state = self.guard.state();
+        if !self.interlocks.reasons().is_empty() {
+            self.stopped = now;
+        }
+        // A fault is for the operator to check; a stop is held, not fled from; and to disarm, a path needs no positions.
+        let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
+        let stays = matches!(state, GuardState::Faulted(_))
+            || !self.interlocks.reasons().is_empty()
+            || disarms && self.paths[self.selector.active()].answers(now);
+        if self.paths.len() < 2 || stays {
+            self.standby.wanted = None;
+            return (Reasons::NONE, false);
+        }
+        let mut health = [PathHealth::default(); MAX_PATHS];
+        for (index, health) in health.iter_mut().enumerate().take(self.paths.len()) {
+            *health = self.health(index, now);
+        }
+        let before = self.selector.active();
+        let choice = self.selector.choose(now, &health[..self.paths.len()]);
+        let is_left = choice.blocked && !self.is_ready(choice.wanted, now);
+        if choice.blocked && !is_left {
+            // It takes over once the thread that asks it has given it back.
+            self.paths[choice.wanted].device.recall();
+        }
+        self.standby.wanted = (choice.blocked && !is_left).then_some(choice.wanted);
+        if choice.switched {
+            // A barrier that is at zero has let go of what came on lines, too.
+            let let_go = self.paths[before].known().scheme == Scheme::Barrier;
+            self.paths[choice.active].read_back.take_over(now, let_go);
+            let (path, left) = (&self.paths[choice.active], &self.paths[before]);
+            // The plan has checked the limits.
+            let _ = self.guard.take_path(path.limits(), &path.places_on(left));
+        }
+        let blocked = Reasons::OTHER_CHANNEL_UNKNOWN.when(is_left);
+        (blocked, choice.switched)
+    }
+
+    /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known. `applied`: the
+    /// correction that the axes have, in machine order.
+    fn wanted(&mut self, place: &Place, applied: &PerAxis<f64>) -> (Option<ModelWanted>, Reasons) {
+        let mut state = State::default();
+        for (q, position) in state.q.iter_mut().zip(&place.positions) {
+            *q = *position;
+        }
+        (self.report.positions, self.report.known) = (place.positions, place.known);
+        let refused = self.judge(place);
+        if !refused.is_empty() {
+            self.commanded = None;
+            return (None, refused);
+        }
+        self.approach(&mut state, place);
+        self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
+        if self.commanded.is_none() {
+            let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());
+            return (None, unknown);
+        }
+        let path = &self.paths[self.selector.active()];
+        let of = |correctors| {
+            let model = &self.model;
+            model.wanted_by(path.only_thermal, &state, correctors, applied)
+        };
+        let mut wanted = of(&path.correctors);
+        if let Some(followers) = &path.followers {
+            // What is left over on rotary axes goes to zero, and the tool tip stays where it is.
+            wanted.follow = of(followers).follow;
+        }
+        let outside = self.model.is_outside_range(&state);
+        let notes = Reasons::SINGULAR.when(wanted.singular)
+            | Reasons::NEAR_SINGULAR.when(wanted.near_singular && !wanted.singular)
+            | Reasons::LINEAR_NEAR_SINGULAR.when(wanted.linear_near_singular)
+            | Reasons::OUTSIDE_RANGE.when(outside);
+        (Some(wanted), notes)
+    }
+
+    /// Why positions cannot be true. While no correction is armed the next one is taken as it stands.
+    fn judge(&mut self, place: &Place) -> Reasons {
+        (self.report.outside_travel, self.report.jumped) = (0, 0);
+        let begins = !self.guard.state().is_armed();
+        let axes = self.model.axes.len();
+        for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
+            if place.known >> index & 1 == 1 {
+                let limits = self.model.position_limits(index, &self.rapid);
+                let (position, taken) = (place.positions[index], place.taken[index]);
+                match check.judge(&limits, position, taken) {
+                    Ok(()) => {}
+                    Err(PositionFlaw::OutsideTravel) => self.report.outside_travel |= 1 << index,
+                    Err(PositionFlaw::Jumped) => self.report.jumped |= 1 << index,
+                }
+            }
+            if begins {
+                check.forget();
+            }
+        }
+        Reasons::OUTSIDE_TRAVEL.when(self.report.outside_travel != 0)
+            | Reasons::JUMPED.when(self.report.jumped != 0)
+    }
+
+    /// What the model asks for, what the guard makes of it.
+    fn decide(&mut self, now: Duration, asked: &Asked, mut notes: Reasons) -> Output {
+        let active = self.selector.active();
+        let place = self.place_for(active, now);
+        let applied = self.paths[active].in_machine(&self.guard.output());
+        let (wanted, of_model) = self.wanted(&place, &applied);
+        notes |= of_model | Reasons::FALLBACK.when(active != 0);
+        notes |= self.standby_notes(now, &applied);
+        let kept = wanted.map(|wanted| self.kept(&place, &wanted, &applied, now));
+        let path = &self.paths[active];
+        let wanted = wanted.map(|wanted| in_channel(path, &wanted));
+        self.report.wanted = wanted.map_or(PerAxis::ZERO, |wanted| path.in_machine(&wanted.full()));
+        let wanted = wanted.zip(kept).map(|(wanted, kept)| Wanted {
+            position: wanted.position.map(|share| kept.part * share),
+            rotary: wanted.rotary.map(|share| kept.part * share),
+            ..wanted
+        });
+        notes |= kept.map_or(Reasons::NONE, |kept| kept.notes);
+        let reading = path.reading.as_ref().map(|snapshot| Reading {
+            taken: place.oldest.or(path.seen.taken).unwrap_or_default(),
+            positions: snapshot.positions,
+        });
+        let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
+        if place.oldest.is_some_and(lost) {
+            // What held that long ago is not reported as current.
+            self.report.known = 0;
+            self.report.wanted = PerAxis::ZERO;
+            self.commanded = None;
+        }
+        let mut output = self.guard.cycle(&Inputs {
+            now,
+            reading,
+            known: *path.known(),
+            interlocks: self.interlocks.reasons(),
+            wanted,
+            let_go: kept.is_some_and(|kept| kept.let_go),
+            request: asked.request,
+            forbids: asked.forbids,
+        });
+        let unproven =
+            |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
+        let unproven = (0..path.count()).any(unproven);
+        if !self.guard.state().is_armed() || place.oldest.is_none_or(lost) {
+            // There is no correction that could be reduced.
+            notes = notes.without(Reasons::LET_GO);
+        }
+        output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
+        output
+    }
+
+    /// What the age of the positions leaves of what is wanted.
+    fn kept(
+        &mut self,
+        place: &Place,
+        wanted: &ModelWanted,
+        applied: &PerAxis<f64>,
+        now: Duration,
+    ) -> lag::Kept {
+        self.lag.see(place, &self.model);
+        let path = &self.paths[self.selector.active()];
+        let limits = self.guard.limits();
+        let asked = lag::Asked {
+            model: &self.model,
+            correctors: &path.correctors,
+            only_thermal: path.only_thermal,
+            limits,
+            state: &self.commanded.unwrap_or_default(),
+            wanted,
+            applied,
+            way_out: self.guard.time_to_zero(),
+        };
+        let age = place
+            .oldest
+            .map_or(Duration::MAX, |taken| now.saturating_sub(taken));
+        self.lag.kept(&asked, age, now)
+    }
+
+    /// From which direction each axis came, from positions without correction.
+    fn approach(&mut self, state: &mut State, place: &Place) {
+        let axes = self.model.axes.len();
+        for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
+            if place.known >> index & 1 == 0 {
+                continue;
+            }
+            // The coarsest controller that shows it; an axis at a stated position does not turn.
+            let paths = self.paths.iter().map(|path| &path.seen);
+            let readers = self.readers.iter().map(|reader| &reader.seen);
+            let thresholds = paths
+                .chain(readers)
+                .filter_map(|seen| seen.reversal_of(index));
+            let threshold = thresholds.fold(0.0, f64::max);
+            let (taken, turn) = (place.taken[index], self.model.turn_of(index));
+            state.approach[index] = memory.at(taken, state.q[index], threshold, turn);
+        }
+    }
+
+    /// Takes what the paths that stand by have answered to the threads that ask them.
+    fn take_standby_answers(&mut self, now: Duration) {
+        let active = self.selector.active();
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            let mut answered = None;
+            while let Some(heard) = path.device.heard() {
+                // An answer to a reading from before the path became the active one is dropped.
+                let told = (index != active).then(|| path.listen(&heard, self.start));
+                if let Some(is_good) = told.flatten() {
+                    self.report.faults += u64::from(!is_good);
+                    answered = Some(is_good);
+                }
+            }
+            path.device.take_back();
+            if index != active && (answered.is_some() || path.falls_silent(now)) {
+                self.interlocks.see(index, path.interlock());
+            }
+        }
+    }
+
+    /// Leaves the standby paths to the threads that read them; without threads, reads one of them here, after
+    /// the path that corrects has been written: they must not hold it up.
+    fn release_standbys(&mut self, now: Duration) {
+        let (active, wanted) = (self.selector.active(), self.standby.wanted);
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            if index != active && wanted != Some(index) {
+                path.device.hand_over(path.patience());
+            }
+        }
+        let here = self.paths.iter().enumerate();
+        let here = here.filter(|(index, path)| *index != active && !path.device.is_attended());
+        let next = here.min_by_key(|(_, path)| path.asked_at());
+        let Some((next, asked)) = next.map(|(index, path)| (index, path.asked_at())) else {
+            return;
+        };
+        if asked.is_none_or(|at| now.saturating_sub(at) >= STANDBY_EVERY) {
+            let deadline = self.instant() + self.period.mul_f64(0.5);
+            self.read(next, deadline, now);
+        }
+    }
+
+    /// What is to be known of the paths that stand by. `outputs`: the correction that the axes have, in machine order.
+    fn standby_notes(&mut self, now: Duration, outputs: &PerAxis<f64>) -> Reasons {
+        let active = self.selector.active();
+        self.standby.turn(now, outputs);
+        for (axis, output) in outputs.iter().enumerate() {
+            self.standby.see(axis, *output);
+        }
+        let mut notes = Reasons::NONE;
+        for (index, path) in self.paths.iter().enumerate() {
+            if index == active {
+                continue;
+            }
+            // What it reported long ago is compared with the output of then, not with that of now.
+            if let Some(confirmed) = &path.known().confirmed
+                && now.saturating_sub(confirmed.at) <= STANDBY_EVERY * 2
+            {
+                self.standby.holds[index] = self.standby.tells_another(path, confirmed);
+            }
+            let report = path.report(now);
+            // What lines were left with the control keeps beside what another path writes, unless it goes to zero on its own.
+            let keeps = report.scheme == Scheme::NoReadBack
+                && path.read_back.zero_by_itself(&path.limits()).is_none();
+            let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
+            notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
+                | Reasons::STANDBY_HOLDS.when(report.holds && (keeps || self.standby.holds[index]));
+        }
+        notes
+    }
+
+    fn fill_report(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
+        let active = self.selector.active();
+        let path = &self.paths[active];
+        let report = &mut self.report;
+        let confirmed = path.known().confirmed;
+        let applied = confirmed.map_or(PerChannel::ZERO, |confirmed| confirmed.values);
+        report.correction = path.in_machine(&applied);
+        report.written = path.written().fold(0, |bits, axis| bits | 1 << axis);
+        report.proven = PerAxis::default();
+        let shown = &self.guard.verdict().axes;
+        for (i, axis) in path.written().enumerate() {
+            report.proven[axis] = path.corrects(i).then_some(shown[i]);
+        }
+        let hold = self.guard.limits().hold;
+        report.correction_known =
+            confirmed.is_some_and(|confirmed| since_start.saturating_sub(confirmed.at) <= hold);
+        let errors = self
+            .commanded
+            .map(|state| self.model.errors(&state, &report.correction));
+        report.error = errors.map(|[without, _]| without);
+        report.residual = errors.map(|[_, with]| with);
+        report.cycle += 1;
+        report.now = since_start;
+        report.state = output.state;
+        report.active = active;
+        report.held_back = output.held_back;
+        report.reasons = output.reasons
+            | asked.forbids
+            | asked.notes
+            | Reasons::DEGRADED.when(self.degraded)
+            | Reasons::BEYOND_SEEN.when(self.model.is_beyond_seen());
+        let paths = self.paths.iter().map(|path| path.report(since_start));
+        let readers = self.readers.iter();
+        let readers = readers.map(|reader| reader.report(since_start));
+        for (place, told) in paths.chain(readers).enumerate().take(report.paths.len()) {
+            report.paths[place] = told;
+            report.paths[place].reasons |= self.interlocks.said_by(place);
+        }
+    }
+}
+
+/// What the model asks for, in the order of a path's axes; zero for axes that do not correct. A rotary axis that does not
+/// correct but still holds a share goes to zero, and the linear axes follow it, whether they correct or not.
+fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
+    let of = |values: &PerAxis<f64>, i: usize| {
+        if path.corrects(i) {
+            values[path.seen.machine_axis[i]]
+        } else {
+            0.0
+        }
+    };
+    Wanted {
+        position: PerChannel::from_fn(|i| of(&wanted.position, i)),
+        rotary: PerChannel::from_fn(|i| of(&wanted.rotary, i)),
+        follow: PerChannel::from_fn(|rotary| {
+            if rotary >= path.count() {
+                return PerChannel::ZERO;
+            }
+            let row = &wanted.follow[path.seen.machine_axis[rotary]];
+            PerChannel::from_fn(|i| {
+                if i < path.count() {
+                    row[path.seen.machine_axis[i]]
+                } else {
+                    0.0
+                }
+            })
+        }),
     }
 }

@@ -8,49 +8,32 @@ use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 /// Why controllers, machine and settings do not fit together. Found before any device is opened.
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
     /// A controller has an axis that the machine lacks.
     #[error("{device}: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchAxis {
-        /// The device as the driver names it.
         device: String,
-        /// The axis of the controller.
         axis: AxisName,
-        /// The name of the machine.
         machine: String,
-        /// The axes of the machine.
         axes: Vec<AxisName>,
     },
     /// The position of an axis is stated that the machine lacks.
     #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
-        /// The device as the driver names it.
         device: String,
-        /// The axis whose position is stated.
         axis: AxisName,
-        /// The name of the machine.
         machine: String,
-        /// The axes of the machine.
         axes: Vec<AxisName>,
     },
     /// The axes of the controller make no sense.
     #[error("{device}: {source}")]
-    Axes {
-        /// The device as the driver names it.
-        device: String,
-        /// Which axis, and what is wrong with it.
-        source: UnfitAxes,
-    },
+    Axes { device: String, source: UnfitAxes },
     /// The stated position of an axis is no finite coordinate of its kind.
     #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
-    FixedPosition {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis whose position is stated.
-        axis: AxisName,
-    },
+    FixedPosition { device: String, axis: AxisName },
     /// The stated position of an axis is beyond its travel.
     #[error(
         "{device}: fixed: axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
@@ -58,11 +41,8 @@ pub enum PlanError {
         unit = axis.kind().coordinate_unit()
     )]
     FixedBeyond {
-        /// The device as the driver names it.
         device: String,
-        /// The axis whose position is stated.
         axis: AxisName,
-        /// The stated position.
         found: Displacement,
         /// The lower and the upper end of its travel.
         travel: [Displacement; 2],
@@ -71,32 +51,17 @@ pub enum PlanError {
     #[error(
         "{device}: fixed: axis {axis} turns, and its position is unknown: name it in reads = [\"{axis}\"] of a controller that shows its position, or, if no drive turns it, in not_driven = [\"{axis}\"] beside fixed"
     )]
-    FixedRotary {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis whose position is stated.
-        axis: AxisName,
-    },
+    FixedRotary { device: String, axis: AxisName },
     /// An axis is stated to have no drive whose position is not stated, or that is linear.
     #[error(
         "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
     )]
-    NotDriven {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis.
-        axis: AxisName,
-    },
+    NotDriven { device: String, axis: AxisName },
     /// The position of an axis is stated although the controller shows where it is.
     #[error(
         "{device}: fixed: axis {axis} is one of the controller's axes, which shows its position"
     )]
-    FixedIsShown {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis whose position is stated.
-        axis: AxisName,
-    },
+    FixedIsShown { device: String, axis: AxisName },
     /// None of the axes that the controller writes may move.
     #[error("{device}: axes {}: {}", letters(.axes), match .left_out {
         false => format!("the machine {machine} lets none of them correct (key `correct` of the machine file)"),
@@ -105,28 +70,21 @@ pub enum PlanError {
     NothingToCorrect {
         /// Whether rotary axes among them may move, and would leave the tool further off than without correction.
         left_out: bool,
-        /// The device as the driver names it.
         device: String,
-        /// The axes of the controller.
         axes: Vec<AxisName>,
-        /// The name of the machine.
         machine: String,
     },
     /// Nothing on the control's side notices when the program stops.
     #[error(
         "{device}: no fail-safe in the control when the gateway stops: configure a barrier (preferred) or a heartbeat that the control watches, or accept the risk with unwatched = true"
     )]
-    Unwatched {
-        /// The device as the driver names it.
-        device: String,
-    },
+    Unwatched { device: String },
     /// Driver and settings do not agree whether the control has a barrier.
     #[error("{device}: {}", match .has {
         true => "the control has a barrier: expected the number of the machine and the time of a scan in the setting `barrier`",
         false => "the setting `barrier` is stated: this device carries no frames to a barrier, expected none",
     })]
     Barrier {
-        /// The device as the driver names it.
         device: String,
         /// Whether the driver says that it has one.
         has: bool,
@@ -136,11 +94,8 @@ pub enum PlanError {
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
     )]
     Channels {
-        /// The device as the driver names it.
         device: String,
-        /// Its channel.
         found: String,
-        /// The channel of the first controller.
         expected: String,
     },
     /// Two controllers of which one writes an axis that the other does not, and would leave its correction there.
@@ -148,69 +103,42 @@ pub enum PlanError {
         "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
     )]
     LeavesAxis {
-        /// The device as the driver names it.
         device: String,
-        /// An axis that it writes.
         axis: AxisName,
-        /// A device that does not.
         other: String,
     },
     /// A path for thermal terms alone on a machine that has none.
     #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
-    NoThermalTerms {
-        /// The device as the driver names it.
-        device: String,
-        /// The name of the machine.
-        machine: String,
-    },
+    NoThermalTerms { device: String, machine: String },
     /// The device cannot keep up with the cycle.
     #[error(
         "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
     CycleTooShort {
-        /// The device as the driver names it.
         device: String,
-        /// The configured time of a cycle, ms.
         found_ms: f64,
-        /// The shortest time of a cycle of the device, ms.
         shortest_ms: f64,
     },
     /// A rotary axis is to be corrected, and nothing is allowed to rotary axes.
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
-    NoRotaryLimits {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis without limits.
-        axis: AxisName,
-    },
+    NoRotaryLimits { device: String, axis: AxisName },
     /// A limit is not allowed.
     #[error("{}", limits_text(.device, *.axis, .source))]
     Limits {
-        /// The device as the driver names it.
         device: String,
-        /// The axis, where the limit is that of an axis.
         axis: Option<AxisName>,
-        /// Which limit, and what is wrong with it.
         source: LimitsError,
     },
     /// The smallest step of the position of an axis is negative, no number, or of the wrong kind.
     #[error("{device}: position step of axis {axis}: expected {}", step_of(*.axis))]
-    PositionStep {
-        /// The device as the driver names it.
-        device: String,
-        /// The axis whose step is stated.
-        axis: AxisName,
-    },
+    PositionStep { device: String, axis: AxisName },
     /// A cycle of another period than that for which a path was planned.
     #[error(
         "{device}: period of the cycle: found {found:?}, expected {planned:?}, for which this path was planned"
     )]
     Period {
-        /// The device as the driver names it.
         device: String,
-        /// The period of the cycle.
         found: Duration,
-        /// The period of the plan.
         planned: Duration,
     },
     /// A limit is larger than the largest correction that the device can be told.
@@ -218,13 +146,9 @@ pub enum PlanError {
         "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device carries", axis.kind().micro_unit()
     )]
     BeyondDevice {
-        /// The device as the driver names it.
         device: String,
-        /// The axis with the limit.
         axis: AxisName,
-        /// The limit of the axis that the plan states, mm or rad.
         found: Displacement,
-        /// The largest correction that the device can be told.
         largest: Displacement,
     },
     /// More temperatures than a cycle can carry.
@@ -232,19 +156,13 @@ pub enum PlanError {
         "found {found} temperatures, expected {} at the most",
         crate::MAX_SENSORS
     )]
-    TooManySensors {
-        /// How many were found.
-        found: usize,
-    },
+    TooManySensors { found: usize },
     /// No controller, or more than a cycle can have.
     #[error(
         "found {found} controllers, expected 1 to {}",
         volcomp_guard::MAX_PATHS
     )]
-    Paths {
-        /// How many were found.
-        found: usize,
-    },
+    Paths { found: usize },
 }
 
 /// Why the control thread does not start.
@@ -309,6 +227,7 @@ fn step_key(unit: &str, default: &str) -> String {
 }
 
 /// Why a running cycle does not take another model, or other limits.
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrderRefusal {
@@ -319,12 +238,7 @@ pub enum OrderRefusal {
     OtherAxes,
     /// The cycle has no path at this place.
     #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
-    NoSuchPath {
-        /// The place that was named.
-        path: usize,
-        /// How many paths the cycle has.
-        paths: usize,
-    },
+    NoSuchPath { path: usize, paths: usize },
     /// Limits for another period.
     #[error(
         "limits of path {path}: found a period of {found:?}, expected {expected:?}, that of the cycle"
@@ -332,9 +246,7 @@ pub enum OrderRefusal {
     Period {
         /// The path, from 0.
         path: usize,
-        /// The period of the limits.
         found: Duration,
-        /// The period of the cycle.
         expected: Duration,
     },
     /// A number of the limits is not allowed; lengths in mm, angles in rad.
@@ -342,7 +254,6 @@ pub enum OrderRefusal {
     Limits {
         /// The path, from 0.
         path: usize,
-        /// Which number, and what is wrong with it.
         source: LimitsError,
     },
 }

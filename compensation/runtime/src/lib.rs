@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod asked;
 mod attendant;
 mod clock;
 mod cycle;
@@ -11,15 +10,11 @@ mod place;
 mod plan;
 mod reader;
 mod realtime;
-mod reference;
 mod replacement;
 mod report;
-mod schedule;
-mod seen;
 mod sensors;
 mod settings;
 
-pub use asked::Asked;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
 pub use error::{OrderRefusal, PlanError, StartError};
@@ -27,17 +22,17 @@ pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_er
 pub use path::{ControlPath, next_owner};
 pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};
 pub use reader::{PositionReader, ReaderPlan};
-pub use realtime::{ByHand, DisarmSwitch, Handle, Order, Pulse, start, start_by_hand};
-pub use reference::reference_work;
+pub use realtime::{
+    ByHand, DisarmSwitch, Handle, Order, Pulse, reference_work, schedule, start, start_by_hand,
+};
 pub use replacement::Replacement;
-pub use report::{Change, PathReport, Report, Timing, ToolError};
-pub use schedule::schedule;
+pub use report::{Asked, Change, PathReport, Report, Timing, ToolError};
 pub use sensors::Sensors;
 pub use settings::{
     AxisSettings, BarrierSettings, GuardSettings, PathSettings, Rapid, Realtime, WithoutBarrier,
 };
 
-/// How temperatures are told in a report.
+/// How temperatures are reported.
 pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
 
 /// The guard, whose requests, states and reasons a caller handles.

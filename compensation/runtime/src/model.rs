@@ -13,12 +13,12 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
-/// How far outside its travel an axis may be told to stand, mm or °: end switches and reference points lie there.
+/// How far outside its travel a reported position may be, mm or °: end switches and reference points lie there.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
-/// At so many places over its travel a rotary axis is tried, the ends included.
+/// The number of places over its travel at which a rotary axis is tried, the ends included.
 const PLACES: u32 = 25;
 
-/// Where an axis can be told to stand, mm or rad; `None`: anywhere.
+/// The range of valid positions of an axis, mm or rad; `None`: any.
 fn believed(axis: &Axis) -> Option<[f64; 2]> {
     let [low, high] = axis.travel;
     let ends = [low - OVERTRAVEL_MM_OR_DEG, high + OVERTRAVEL_MM_OR_DEG];
@@ -75,11 +75,11 @@ pub struct Model {
     pub travel: Vec<[Displacement; 2]>,
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
-    /// Where an axis can be told to stand, mm and rad, in machine order; `None`: it has no ends.
+    /// The range of valid positions of each axis, mm and rad, in machine order; `None`: it has no ends.
     ranges: PerAxis<Option<[f64; 2]>>,
     /// Where something of the model may change abruptly: the nodes of its curves along each axis, mm and rad, rising.
     nodes: Vec<Vec<f64>>,
-    /// The same and the places between them at which the curves have to be looked at to see their largest value.
+    /// The same and the places between them at which the curves have to be sampled to find their largest value.
     places: Vec<Vec<f64>>,
     /// The nodes of its grids over two axes.
     grids: Vec<nodes::GridNodes>,
@@ -336,7 +336,7 @@ impl Model {
     }
 
     /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the linear axes that
-    /// correct nearly into one direction; `None` where there is none. Looked for at 25 places of each rotary axis.
+    /// correct nearly into one direction; `None` if there is no such pose. Searched at 25 places of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
         let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, PLACES)).collect();
@@ -381,7 +381,7 @@ impl Model {
         })
     }
 
-    /// Tries axes at so many places each over their travels, all others at 0, until something is found.
+    /// Tries axes at this number of places each over their travels, all others at 0, until something is found.
     fn over_places<T>(
         &self,
         axes: &[(usize, u32)],

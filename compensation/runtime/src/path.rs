@@ -17,19 +17,29 @@ use crate::{
     clock::monotonic,
     error::PlanError,
     model::Model,
+    place::Seen,
     plan::{PathPlan, left_to, names, reversals, steps_in_machine},
     report::PathReport,
-    seen::Seen,
 };
 
 /// One controller and its read-back.
+///
+/// Invariants:
+/// - `device` may be in the hands of the thread that asks it while the path stands by; all else is here, so a cycle never waits
+///   for it.
+/// - `reading` is there only if the last answer was a good one, not too old, and the path has not fallen silent since; then
+///   `answered` is there, too. `asked` never goes back: an answer to an earlier question is left.
+/// - `seen` has positions without the correction. A reading that contains a correction which is not known never gets there.
+/// - `correctors` and `followers` are those of the model that runs: [`fit_to`](ControlPath::fit_to) is called with every other
+///   one. `limits` has the test shifts as they were planned, `limits()` those of the axes that correct.
+/// - What `read_back` has as sent was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
     pub(crate) device: Device,
     /// What the driver says of the controller, which may be in other hands.
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// Whether the control goes to zero by itself when nothing is sent any more.
+    /// Whether the control goes to zero on its own when nothing is sent any more.
     pub(crate) goes_to_zero: bool,
     pub(crate) seen: Seen,
     /// The steps of the positions, on which it depends when a direction counts as turned, mm or rad.
@@ -39,11 +49,11 @@ pub struct ControlPath {
     pub(crate) correctors: Correctors,
     /// The axes whose linear ones follow what is left over on rotary axes, where those that correct cannot.
     pub(crate) followers: Option<Correctors>,
-    /// A rotary axis corrects where half its step moves the tip by this at the most.
+    /// A rotary axis corrects where half its step moves the tip by at most this.
     rotary_step: Mm,
     /// Whether it carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
-    /// Machine axes that stand at a stated position, mm and rad.
+    /// Machine axes at a stated position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
     /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
     pub(crate) notes: Reasons,
@@ -205,8 +215,8 @@ impl ControlPath {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// Whether its positions were young enough when it told them.
-    pub(crate) fn told_fresh(&self) -> bool {
+    /// Whether its positions were young enough when it reported them.
+    pub(crate) fn was_fresh(&self) -> bool {
         self.answered
             .is_some_and(|answered| self.is_young(self.seen.taken, answered))
     }
@@ -216,7 +226,7 @@ impl ControlPath {
         self.sent
     }
 
-    /// When it was asked last.
+    /// When it was read last.
     pub(crate) fn asked_at(&self) -> Option<Duration> {
         self.asked
     }
@@ -237,7 +247,7 @@ impl ControlPath {
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
-    /// Whether it answered when it was asked last, not longer ago than a path that stands by may be silent.
+    /// Whether it answered the last reading, not longer ago than a standby path may be silent.
     pub(crate) fn answers(&self, now: Duration) -> bool {
         let silent = STANDBY_EVERY * 3 + self.patience();
         let asked = self.asked.filter(|_| self.reading.is_some());
@@ -353,7 +363,7 @@ impl ControlPath {
         sent.is_ok()
     }
 
-    /// How the path is, to be told.
+    /// The state of the path, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         let known = self.known();
         PathReport {
@@ -369,7 +379,7 @@ impl ControlPath {
     }
 }
 
-/// The way to the barrier of a plan; `None` where it has none.
+/// The link to the barrier of a plan; `None` without a barrier.
 fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     let Some(barrier) = plan.barrier else {
         return Ok(None);
@@ -386,7 +396,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// What a reading says of the machine whose flags are so old, where flags older than `hold` say nothing.
+/// The interlocks of a reading whose flags have this age, where flags older than `hold` count as unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,
@@ -407,7 +417,7 @@ pub(crate) fn interlock_of(
 }
 
 /// An owner number for the next machine of this process ([`ControlPath::with_owner`]): another one with every call, and not
-/// those of other runs of the program, so that a barrier tells two machines of one process apart, should both reach it.
+/// those of other runs of the program, so that a barrier distinguishes two machines of one process, should both reach it.
 pub fn next_owner() -> u16 {
     use std::sync::atomic::{AtomicU16, Ordering};
     static NEXT: AtomicU16 = AtomicU16::new(1);
@@ -417,7 +427,7 @@ pub fn next_owner() -> u16 {
     u16::try_from(moved % numbers).map_or(1, |number| number + 1)
 }
 
-/// A number that tells this run of the program from others: drawn once at the start, never 0.
+/// A number that distinguishes this run of the program from others: drawn once at the start, never 0.
 fn owner() -> u16 {
     use std::sync::OnceLock;
     static OWNER: OnceLock<u16> = OnceLock::new();

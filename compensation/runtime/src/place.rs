@@ -1,10 +1,59 @@
-//! Where the machine stands, from what the controllers show.
+//! Where the axes of each controller were last, and where the machine is by all of them.
 
 use std::time::Duration;
 
-use volcomp_vocabulary::{MAX_AXES, PerAxis};
+use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 
-use crate::{path::ControlPath, reader::PositionReader};
+/// The axes that a controller shows, in its order, and where they were last.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    /// The place of each axis in the machine: those that the controller writes come first.
+    pub(crate) machine_axis: PerChannel<usize>,
+    count: usize,
+    /// Travel after which a direction counts as turned, mm or rad.
+    pub(crate) reversal: PerChannel<f64>,
+    /// Positions without correction, mm or rad, as they held at `taken`.
+    positions: PerChannel<f64>,
+    pub(crate) taken: Option<Duration>,
+}
+
+impl Seen {
+    /// Axes that were not seen yet.
+    pub(crate) fn none_of(
+        machine_axis: PerChannel<usize>,
+        count: usize,
+        reversal: PerChannel<f64>,
+    ) -> Self {
+        Self {
+            machine_axis,
+            count,
+            reversal,
+            positions: PerChannel::ZERO,
+            taken: None,
+        }
+    }
+
+    /// Takes positions that held at `taken`. What is no number is no position: then all stays as it was.
+    pub(crate) fn take(&mut self, positions: &PerChannel<f64>, taken: Duration) {
+        if positions.iter().take(self.count).all(|q| q.is_finite()) {
+            (self.positions, self.taken) = (*positions, Some(taken));
+        }
+    }
+
+    /// Where a machine axis was last, and when.
+    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
+        Some((self.positions[self.place_of(machine_axis)?], self.taken?))
+    }
+
+    /// The travel after which a machine axis counts as turned, mm or rad.
+    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
+        Some(self.reversal[self.place_of(machine_axis)?])
+    }
+
+    fn place_of(&self, machine_axis: usize) -> Option<usize> {
+        (0..self.count).find(|&place| self.machine_axis[place] == machine_axis)
+    }
+}
 
 /// Positions of the machine as one path may use them.
 #[derive(Default)]
@@ -22,45 +71,6 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The positions of so many machine axes as the path at `index` may use them: its own, else those of a controller that
-    /// is only read, else those of another path that are fresh, else what is stated as fixed.
-    pub(crate) fn seen_by(
-        paths: &[ControlPath],
-        readers: &[PositionReader],
-        index: usize,
-        axes: usize,
-        now: Duration,
-    ) -> Self {
-        let path = &paths[index];
-        let mut place = Self::default();
-        let positions = place.positions.iter_mut().zip(path.fixed).enumerate();
-        for (axis, (position, fixed)) in positions.take(axes) {
-            let fresh = || paths.iter().filter(|other| other.is_fresh(now));
-            let others = || fresh().find_map(|other| other.seen.position_of(axis));
-            let read = || {
-                readers
-                    .iter()
-                    .find_map(|reader| reader.seen.position_of(axis))
-            };
-            let own = path.seen.position_of(axis);
-            if let Some((seen, taken)) = own.or_else(read).or_else(others) {
-                *position = seen;
-                place.taken[axis] = taken;
-                let older = |than: Option<Duration>| Some(than.map_or(taken, |it| it.min(taken)));
-                place.oldest = older(place.oldest);
-                if own.is_none() {
-                    place.oldest_of_others = older(place.oldest_of_others);
-                }
-            } else if let Some(fixed) = fixed {
-                *position = fixed;
-            } else {
-                continue;
-            }
-            place.known |= 1 << axis;
-        }
-        place
-    }
-
     /// Whether the position of each of so many axes is known.
     pub(crate) fn is_complete(&self, axes: usize) -> bool {
         self.known == u16::MAX >> (16 - axes.min(MAX_AXES))

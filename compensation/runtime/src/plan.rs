@@ -1,23 +1,28 @@
 //! The meaning of the settings for one controller of one machine: every check that needs no device.
 
-mod limits;
-
 use std::time::Duration;
 
-use volcomp_guard::{ControlTimeOut, Limits, Reasons};
+use volcomp_guard::{
+    AxisLimits, ControlTimeOut, Limits, ROUNDING, Reasons, ceiling, reversal_threshold,
+};
 use volcomp_kinematics::Correctors;
-use volcomp_port::{Description, Heartbeat};
-use volcomp_vocabulary::{AxisName, MAX_AXES, Mm, PerAxis, PerChannel, Rad};
-
-pub use limits::SHIFT_STEPS;
-use limits::limits;
-pub(crate) use limits::{position_steps, reversals};
+use volcomp_port::{Axis, Description, Heartbeat};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Displacement, MAX_AXES, Mm, PerAxis, PerChannel, Rad, Urad,
+};
 
 use crate::{
     error::PlanError,
     model::Model,
-    settings::{BarrierSettings, GuardSettings, PathSettings},
+    settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
+
+/// The minimum test shift in steps of the position and of the correction: a smaller one proves nothing.
+pub const SHIFT_STEPS: f64 = 4.0;
+
+/// How fast a correction that is left over on an axis that does not correct, and for which no limits are stated, goes
+/// back to zero: a tenth of a milliradian in a second.
+const HELD_SLEW_PER_S: Urad = Urad(100.0);
 
 /// One controller of a plan: checked against machine and settings, not opened.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +31,7 @@ pub struct PathPlan {
     pub description: Description,
     /// The limits that the guard enforces, mm and rad.
     pub limits: Limits,
-    /// The place in the machine of each axis whose position the controller tells: those that it writes come first.
+    /// The place in the machine of each axis whose position the controller reports: those that it writes come first.
     pub machine_axis: PerChannel<usize>,
     /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
     pub reversal: PerChannel<f64>,
@@ -34,11 +39,11 @@ pub struct PathPlan {
     pub position_steps: PerChannel<f64>,
     /// The axes of the controller that correct; the machine's others are held where they are.
     pub correctors: Correctors,
-    /// A rotary axis corrects where half its step moves the tip by this at the most.
+    /// A rotary axis corrects where half its step moves the tip by at most this.
     pub rotary_step: Mm,
     /// The rotary axes that may correct and do not, since the tool would be further off than without.
     pub left_out: Vec<LeftOut>,
-    /// Machine axes that stand at a stated position, mm and rad.
+    /// Machine axes at a stated position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons that this path reports in every cycle.
     pub notes: Reasons,
@@ -46,11 +51,11 @@ pub struct PathPlan {
     pub barrier: Option<BarrierSettings>,
     /// Whether it carries the correction of thermal terms alone.
     pub only_thermal: bool,
-    /// Whether the control cannot be asked what it applies.
+    /// Whether the control has no read-back.
     pub no_read_back: bool,
     /// For how long nothing on a control without a barrier may move before the first write.
     pub watch: Duration,
-    /// What a control that cannot be asked does by itself when nothing is written any more.
+    /// What a control without read-back does on its own when nothing is written any more.
     pub time_out: Option<ControlTimeOut>,
 }
 
@@ -73,7 +78,7 @@ pub enum WhyLeftOut {
 }
 
 impl PathPlan {
-    /// Checks what a driver says of a controller against machine and settings.
+    /// Checks the description of a controller against machine and settings.
     ///
     /// # Errors
     /// What does not fit.
@@ -113,7 +118,7 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            // Who states that nobody watches knows more than a driver that sees a counter.
+            // The statement in the configuration counts more than a counter that the driver sees.
             (_, true) => notes |= Reasons::UNWATCHED,
             (Heartbeat::Watched, false) => {}
         }
@@ -163,7 +168,7 @@ impl PathPlan {
     }
 
     /// Checks that the paths to one machine may take each other's place: their corrections go to one place, and none of them
-    /// leaves a correction on an axis that another does not write, unless its control takes it to zero by itself.
+    /// leaves a correction on an axis that another does not write, unless its control takes it to zero on its own.
     ///
     /// # Errors
     /// The first two that do not go together.
@@ -174,7 +179,7 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control takes a correction to zero by itself when nothing is sent any more.
+    /// Whether the control takes a correction to zero on its own when nothing is sent any more.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
@@ -185,7 +190,7 @@ impl PathPlan {
     }
 }
 
-/// The rules of [`PathPlan::check_together`] for paths, each with whether its control goes to zero by itself.
+/// The rules of [`PathPlan::check_together`] for paths, each with whether its control goes to zero on its own.
 pub(crate) fn check_together<'a, I>(paths: impl Fn() -> I) -> Result<(), PlanError>
 where
     I: Iterator<Item = (&'a Description, bool)>,
@@ -341,4 +346,191 @@ fn barrier(
             has,
         }),
     }
+}
+
+/// The limits of an axis that does not correct where none are stated: its goal is zero, and what is left over there
+/// goes back slowly.
+fn held_limits(axis: &Axis) -> AxisLimits {
+    AxisLimits {
+        kind: axis.kind(),
+        limit: axis.step(),
+        warn: axis.step(),
+        slew_per_s: HELD_SLEW_PER_S.to_rad().0,
+        accel_per_s2: f64::INFINITY,
+        resolution: axis.step(),
+        includes_correction: axis.includes_correction,
+    }
+}
+
+/// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no test shift, and
+/// need no limits; where some are stated, those of the device and of a path without a barrier bound them, too.
+///
+/// # Errors
+/// Rotary axes that correct and have no limits, limits that a guard refuses, or that are larger than what the device
+/// can be told.
+fn limits(
+    description: &Description,
+    position_steps: &PerChannel<f64>,
+    machine_axis: &PerChannel<usize>,
+    correctors: &Correctors,
+    guard: &GuardSettings,
+    settings: &PathSettings,
+    period: Duration,
+) -> Result<Limits, PlanError> {
+    let mut axes = [AxisLimits::NONE; MAX_AXES];
+    let mut test_shift = PerChannel::ZERO;
+    let places = axes.iter_mut().zip(&mut test_shift).zip(machine_axis);
+    let places = places.zip(position_steps);
+    for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
+        let of_kind = guard.of(axis.name);
+        if !correctors.contains(*place) {
+            // Another model may correct it: the bounds of the device and of a path without a barrier still hold.
+            *into =
+                of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
+            if let Some(largest) = axis.largest {
+                lower_to(into, largest.mm_or_rad());
+            }
+            if !description.barrier {
+                without_barrier(into, guard);
+            }
+            let most = match into.kind {
+                AxisKind::Linear => ceiling::LIMIT.0,
+                AxisKind::Rotary => ceiling::LIMIT_ROTARY.0,
+            };
+            if into.resolution > into.limit.min(most * ROUNDING) {
+                // Not even one step of it may be written.
+                *into = into.held_at_zero();
+            }
+            continue;
+        }
+        let of_kind = of_kind.ok_or_else(|| PlanError::NoRotaryLimits {
+            device: description.device.clone(),
+            axis: axis.name,
+        })?;
+        *into = axis_limits(axis, &of_kind);
+        if let Some(largest) = axis.largest
+            && into.limit > largest.mm_or_rad() * ROUNDING
+        {
+            return Err(PlanError::BeyondDevice {
+                device: description.device.clone(),
+                axis: axis.name,
+                found: of_kind.limit,
+                largest,
+            });
+        }
+        if !description.barrier {
+            without_barrier(into, guard);
+        }
+        let asked = of_kind.test_shift.mm_or_rad();
+        let wanted = asked.max(SHIFT_STEPS * axis.step().max(*position_step));
+        if settings.proves && asked > 0.0 && wanted <= into.limit {
+            *shift = wanted;
+        }
+    }
+    let hold = settings.hold.unwrap_or(guard.hold);
+    let limits = Limits {
+        axes,
+        count: description.axes.len(),
+        period,
+        hold,
+        only_thermal: settings.only_thermal,
+        zero_after: guard.zero_after.max(hold),
+        ramp: guard.ramp,
+        test_shift,
+        read_back_cycles: settings.read_back_cycles,
+    };
+    limits.check().map_err(|source| PlanError::Limits {
+        device: description.device.clone(),
+        axis: source
+            .axis
+            .and_then(|(place, _)| axis_of(description, place)),
+        source,
+    })?;
+    Ok(limits)
+}
+
+/// The smallest step of the position of each axis that a controller shows, mm or rad; 0 where none is stated.
+pub(crate) fn position_steps(
+    description: &Description,
+    settings: &PathSettings,
+) -> Result<PerChannel<f64>, PlanError> {
+    let mut steps = PerChannel::ZERO;
+    for (into, name) in steps.iter_mut().zip(description.shown_axes()) {
+        *into = match settings.position_steps.get(&name) {
+            None => 0.0,
+            Some(step) if step.kind() == name.kind() && step.mm_or_rad() >= 0.0 => step.mm_or_rad(),
+            Some(_) => {
+                return Err(PlanError::PositionStep {
+                    device: description.device.clone(),
+                    axis: name,
+                });
+            }
+        };
+    }
+    Ok(steps)
+}
+
+/// Travel after which the direction of each axis that a controller shows counts as turned, mm or rad. On one that is
+/// only read no correction is taken for travel.
+pub(crate) fn reversals(
+    description: &Description,
+    position_steps: &PerChannel<f64>,
+    limits: Option<&Limits>,
+) -> PerChannel<f64> {
+    let mut reversal = PerChannel::ZERO;
+    let delay = limits.map_or(Duration::ZERO, Limits::delay);
+    let written = |place: usize| {
+        let limits = limits.filter(|limits| place < limits.count)?;
+        Some(limits.axes[place])
+    };
+    let shown = description.shown_axes().zip(position_steps);
+    for (place, (into, (name, step))) in reversal.iter_mut().zip(shown).enumerate() {
+        let axis = written(place).unwrap_or(AxisLimits {
+            kind: name.kind(),
+            ..AxisLimits::NONE
+        });
+        *into = reversal_threshold(&axis, *step, delay);
+    }
+    reversal
+}
+
+/// The limit of an axis on a path without a barrier, and its warning, which lies within.
+fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
+    let most = match limits.kind {
+        AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
+        AxisKind::Rotary => guard.without_barrier.rotary.to_rad().0,
+    };
+    lower_to(limits, most);
+}
+
+/// A limit of at most `most` (mm or rad), and its warning, which lies within.
+fn lower_to(limits: &mut AxisLimits, most: f64) {
+    if limits.warn <= limits.limit {
+        limits.warn = limits.warn.min(most);
+    }
+    limits.limit = limits.limit.min(most);
+}
+
+fn axis_of(description: &Description, place: usize) -> Option<AxisName> {
+    Some(description.axes.get(place)?.name)
+}
+
+fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
+    let guard = guard.map(Displacement::mm_or_rad);
+    let mut limits = AxisLimits {
+        kind: axis.kind(),
+        limit: guard.limit,
+        warn: guard.warn,
+        slew_per_s: guard.slew_per_s,
+        accel_per_s2: guard.accel_per_s2,
+        resolution: axis.step(),
+        includes_correction: axis.includes_correction,
+    };
+    // A correction that is cut to the largest one that can be written is reported. A limit below one step, and a
+    // warning above the limit, are for the check to refuse.
+    let reachable = limits.reachable();
+    if reachable > 0.0 && limits.warn <= limits.limit {
+        limits.warn = limits.warn.min(reachable);
+    }
+    limits
 }

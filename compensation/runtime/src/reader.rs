@@ -1,4 +1,4 @@
-//! A controller that only tells where axes stand, and is never written to. State: what it said last.
+//! A controller that only reports positions, and is never written to. State: its last answer.
 
 use std::{
     io,
@@ -14,13 +14,13 @@ use crate::{
     error::PlanError,
     model::Model,
     path::interlock_of,
+    place::Seen,
     plan::{place_in, position_steps, reversals},
     report::PathReport,
-    seen::Seen,
     settings::PathSettings,
 };
 
-/// A controller that has not answered for so long says nothing of the machine any more.
+/// The time without an answer after which the state of the machine by this controller is unknown.
 const SILENT: Duration = Duration::from_millis(500);
 
 /// A controller of a plan that is only read: checked against the machine, not opened.
@@ -28,14 +28,14 @@ const SILENT: Duration = Duration::from_millis(500);
 pub struct ReaderPlan {
     /// The description of the controller by its driver.
     pub description: Description,
-    /// The place in the machine of each axis whose position it tells.
+    /// The place in the machine of each axis whose position it reports.
     pub machine_axis: PerChannel<usize>,
     /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
     pub reversal: PerChannel<f64>,
 }
 
 impl ReaderPlan {
-    /// Checks what a driver says of a controller against machine and settings. Of the settings only the steps of positions
+    /// Checks the description of a controller against machine and settings. Of the settings only the steps of positions
     /// count.
     ///
     /// # Errors
@@ -118,7 +118,7 @@ impl PositionReader {
             let answered = heard.answered.saturating_duration_since(start);
             failures += u64::from(!self.hear(&heard.read, (start, answered, hold)));
         }
-        // An exchange that hangs says nothing of the machine any more.
+        // During an exchange that hangs the state of the machine is unknown.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
         if !self.device.is_in_hand() && self.answered.is_none_or(is_silent) {
             self.said = None;
@@ -150,7 +150,7 @@ impl PositionReader {
         self.said
     }
 
-    /// How it is, to be told.
+    /// Its state, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),

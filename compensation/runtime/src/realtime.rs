@@ -10,27 +10,35 @@ use std::{
 };
 
 use rtrb::{Consumer, Producer, RingBuffer};
+use rustix::thread::{CpuSet, sched_setaffinity};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
 use volcomp_guard::{Limits, Reasons, Request, State};
 use volcomp_port::Clock;
 
 use crate::{
-    asked::Asked,
     clock::{Deadlines, monotonic, thread_time},
     cycle::{Cycle, Spent},
     error::{OrderRefusal, StartError},
-    reference::reference_work,
     replacement::Replacement,
-    report::{Change, Report, Timing},
-    schedule::{STACK, schedule, touch_stack},
+    report::{Asked, Change, Report, Timing},
     settings::Realtime,
 };
 
 /// The largest number of cycles whose times wait to be taken; the times of further cycles are lost.
 const TIMINGS: usize = 8192;
-/// Overruns are reported for so long after the last one.
-const OVERRUN_TOLD: Duration = Duration::from_secs(2);
-/// A request that the thread has not taken after so long is not carried out any more.
-const REQUEST_LASTS: Duration = Duration::from_secs(1);
+/// How long overruns are reported after the last one.
+const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
+/// The timeout of a request that the thread has not taken.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Stack that is touched before the loop begins, bytes.
+const STACK: usize = 256 * 1024;
+
+/// The degree of the polynomial.
+const DEGREE: usize = 511;
 
 /// An order from the rest of a program to the control thread.
 pub enum Order {
@@ -85,7 +93,7 @@ struct Shared {
     /// Disarming is ordered because the program ends.
     ends: AtomicBool,
     /// When the last cycle was done, ns of the clock of the cycle; before the first one when the thread was started.
-    told_ns: AtomicU64,
+    cycle_done_ns: AtomicU64,
 }
 
 /// The order to disarm, which waits for nothing: no ring, no lock, and no thread but the control thread itself. Every
@@ -121,13 +129,13 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// A silence up to this is a late cycle, and no reason to doubt what the thread told last, however short the
-    /// period is: schedulers and exchanges with controllers take so long now and then.
+    /// A silence up to this is a late cycle, and no reason to doubt the last report of the thread, however short the
+    /// period is: schedulers and exchanges with controllers take that long now and then.
     pub const JITTER: Duration = Duration::from_millis(100);
 
     /// How long ago the last cycle was done; before the first one, how long ago the thread was started.
     pub fn age(&self) -> Duration {
-        let told = Duration::from_nanos(self.shared.told_ns.load(Ordering::Relaxed));
+        let told = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
         self.clock.elapsed().saturating_sub(told)
     }
 
@@ -149,12 +157,12 @@ impl Pulse {
 }
 
 impl Handle {
-    /// Sends an order. A request is carried out within a second or not at all, and one to arm only where nobody orders
+    /// Sends an order. A request is carried out within a second or not at all, and one to arm only unless someone orders
     /// to disarm meanwhile. `false`: too many wait, or the thread has ended; the order is dropped.
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
-        self.send_by(order, self.clock().now() + REQUEST_LASTS, disarms)
+        self.send_by(order, self.clock().now() + REQUEST_TIMEOUT, disarms)
     }
 
     /// Sends an order. A request that the thread takes after `until` is not carried out, nor one to arm after
@@ -329,7 +337,7 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let shared = Arc::new(Shared::default());
     let clock = cycle.clock();
     shared
-        .told_ns
+        .cycle_done_ns
         .store(nanos(clock.elapsed()), Ordering::Relaxed);
     let pulse = Pulse {
         shared: Arc::clone(&shared),
@@ -398,7 +406,8 @@ impl Control {
         while !self.shared.stop.load(Ordering::Relaxed) {
             let deadline = deadlines.wait();
             let woke = monotonic();
-            let overruns = overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_TOLD);
+            let overruns =
+                overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_REPORTED_FOR);
             let spent = self.once(overruns);
             let done = monotonic();
             let missed = deadlines.done(done);
@@ -423,18 +432,18 @@ impl Control {
     fn once(&mut self, overruns: bool) -> Spent {
         let asked = self.asked(overruns);
         let spent = self.cycle.run(self.clock.now(), &asked, &mut thread_time);
-        self.tell_change();
+        self.push_change();
         self.reports
             .input_buffer_mut()
             .clone_from(self.cycle.report());
         self.reports.publish();
         self.shared.cycles.fetch_add(1, Ordering::Relaxed);
         let told = nanos(self.clock.elapsed());
-        self.shared.told_ns.store(told, Ordering::Relaxed);
+        self.shared.cycle_done_ns.store(told, Ordering::Relaxed);
         spent
     }
 
-    fn tell_change(&mut self) {
+    fn push_change(&mut self) {
         let report = self.cycle.report();
         let now = (report.state, report.active);
         if now != self.last {
@@ -445,7 +454,7 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // Where the ring is full nobody has written down a thousand changes: this one is lost, too.
+            // Where the ring is full a thousand changes were not read: this one is lost, too.
             let _ = self.changes.push(change);
         }
     }
@@ -479,7 +488,7 @@ impl Control {
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
                         Ok(()) => asked.request = Some(Request::Switched),
-                        // Where the ring is full, sixty-three others tell the same.
+                        // Where the ring is full, sixty-three others report the same.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     // There is room: the loop looked for it.
@@ -513,4 +522,86 @@ impl Sent {
 
 fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Asks for SCHED_FIFO and a processor for this thread. Gives in words what was refused.
+pub fn schedule(wanted: Realtime) -> Vec<String> {
+    let mut lacking = Vec::new();
+    if let Some(cpu) = wanted.cpu {
+        let mut set = CpuSet::new();
+        if cpu < CpuSet::MAX_CPU {
+            set.set(cpu);
+        }
+        if let Err(e) = sched_setaffinity(None, &set) {
+            lacking.push(format!("control thread is not on processor {cpu}: {e}"));
+        }
+    }
+    if wanted.priority > 0 {
+        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        let priority =
+            ThreadPriorityValue::try_from(wanted.priority).map(ThreadPriority::Crossplatform);
+        let set = priority.and_then(|priority| {
+            set_thread_priority_and_policy(thread_native_id(), priority, policy)
+                .map_err(|e| format!("{e:?}"))
+        });
+        if let Err(e) = set {
+            lacking.push(format!(
+                "control thread has no real-time priority: {e} (LimitRTPRIO)"
+            ));
+        }
+    }
+    lacking
+}
+
+/// Touches the pages of the stack, so that none is fetched in a cycle.
+#[inline(never)]
+#[expect(
+    clippy::large_stack_arrays,
+    reason = "the array is there to touch the stack"
+)]
+fn touch_stack() {
+    let mut stack = [0_u8; STACK];
+    for page in stack.chunks_mut(4096) {
+        page[0] = 1;
+    }
+    std::hint::black_box(&mut stack);
+}
+
+/// The coefficients 1 / (k + 1), 4 KB: so that what is read comes from memory as the model's tables do.
+static COEFFICIENTS: [f64; DEGREE + 1] = {
+    let mut coefficients = [0.0; DEGREE + 1];
+    let mut power = 0;
+    while power <= DEGREE {
+        // Below 512, so exact.
+        coefficients[power] = 1.0 / (power + 1) as f64;
+        power += 1;
+    }
+    coefficients
+};
+
+/// A fixed computation whose time shows how fast a computer is at the moment: the times of the cycle's own work are stated
+/// beside it, so that those of two computers can be compared. It is the polynomial of degree 511 with the coefficients
+/// 1 / (k + 1) by Horner's rule: 511 multiplications and additions, each of which needs the result of the one before. It
+/// never changes, so that results stay comparable.
+#[must_use]
+pub fn reference_work(x: f64) -> f64 {
+    let powers = COEFFICIENTS.iter().rev();
+    powers.fold(0.0, |sum, coefficient| sum * x + coefficient)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The series is -ln(1 - x) / x.
+    #[test]
+    fn it_is_the_series_of_the_logarithm() {
+        for x in [-0.9_f64, -0.5, 0.25, 0.5, 0.9] {
+            let expected = -(1.0 - x).ln() / x;
+            assert!(
+                (reference_work(x) - expected).abs() < 1e-14 * expected,
+                "{x}"
+            );
+        }
+    }
 }

@@ -1,9 +1,22 @@
-//! The report of a cycle: plain data of fixed size, copied out without a lock.
+//! What goes into a cycle and comes out of it: plain data of fixed size, copied without a lock.
 
 use std::time::Duration;
 
-use volcomp_guard::{MAX_PATHS, MAX_SENSORS, Proven, Reasons, Scheme, SensorReport, State};
+use volcomp_guard::{
+    MAX_PATHS, MAX_SENSORS, Proven, Reasons, Request, Scheme, SensorReport, State,
+};
 use volcomp_vocabulary::PerAxis;
+
+/// The requests that a cycle receives from outside. The default asks for nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Asked {
+    /// A request to the guard, such as arming.
+    pub request: Option<Request>,
+    /// Why arming is forbidden; empty where it is allowed.
+    pub forbids: Reasons,
+    /// Further reasons to report, which forbid nothing.
+    pub notes: Reasons,
+}
 
 /// The error of the tool at one position, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,7 +34,7 @@ pub struct ToolError {
 pub struct PathReport {
     /// How long ago it answered last; `None`: never.
     pub answered: Option<Duration>,
-    /// How old its positions are; `None`: it told none.
+    /// The age of its positions; `None`: it has not reported any.
     pub positions: Option<Duration>,
     /// How long ago the correction that it applies was confirmed last; `None`: never.
     pub confirmed: Option<Duration>,
@@ -33,7 +46,7 @@ pub struct PathReport {
     pub reasons: Reasons,
 }
 
-/// The report of one cycle. Values by axis stand in machine order: mm for linear axes, rad for rotary ones.
+/// The report of one cycle. Values by axis are in machine order: mm for linear axes, rad for rotary ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
     /// The number of the cycle, from 1.
@@ -56,7 +69,7 @@ pub struct Report {
     pub jumped: u16,
     /// The correction that the model asks for, mm and rad.
     pub wanted: PerAxis<f64>,
-    /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is told of the axes in
+    /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is reported for the axes in
     /// `written`, and zero for all others.
     pub correction: PerAxis<f64>,
     /// The axes that the path which corrects writes: bit 0 is the first axis of the machine.

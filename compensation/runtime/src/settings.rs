@@ -36,7 +36,7 @@ pub struct GuardSettings {
     pub rotary: Option<AxisSettings<Urad>>,
     /// The largest corrections on a path without a barrier.
     pub without_barrier: WithoutBarrier,
-    /// A rotary axis is corrected where half its smallest step moves the tool tip by this at the most, anywhere in the work
+    /// A rotary axis is corrected where half its smallest step moves the tool tip by at most this, anywhere in the work
     /// space: while such a step is under way, the tool may be off by as much.
     pub rotary_step: Um,
     /// Positions that are older are held.
@@ -49,7 +49,7 @@ pub struct GuardSettings {
     pub stop: Duration,
     /// How long a better controller must be usable before it takes over again.
     pub hand_back: Duration,
-    /// How fast axes move at the most: positions that say otherwise are not believed.
+    /// The maximum speed of axes: positions that contradict it are not believed.
     pub rapid: Rapid,
     /// Which temperatures are believed.
     pub temperatures: SensorLimits,
@@ -137,7 +137,7 @@ impl<U> AxisSettings<U> {
     }
 }
 
-/// How fast axes move at the most.
+/// The maximum speed of axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rapid {
     /// Linear axes, m/min.
@@ -200,7 +200,7 @@ impl Default for WithoutBarrier {
 /// The settings of one controller path besides those of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Machine axes that the controller does not show and that stand at this position; rotary axes only those of
+    /// Machine axes that the controller does not show and that are at this position; rotary axes only those of
     /// `not_driven`.
     pub fixed: BTreeMap<AxisName, Displacement>,
     /// Rotary axes that no drive turns: they are set by hand, or not at all. Only of these is a stated position believed;
@@ -251,11 +251,11 @@ impl Default for PathSettings {
 /// How the control thread is scheduled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Realtime {
-    /// The priority of SCHED_FIFO, 1 to 99; 0: none is asked for.
+    /// The priority of SCHED_FIFO, 1 to 99; 0: not requested.
     pub priority: u8,
     /// The processor on which the thread stays; `None`: any.
     pub cpu: Option<usize>,
-    /// Whether the thread makes the computation of [`reference_work`](crate::reference_work) after each cycle and tells how
+    /// Whether the thread makes the computation of [`reference_work`](crate::reference_work) after each cycle and reports how
     /// long that took: a measure of the computer, to compare times that were taken on different ones.
     pub reference: bool,
 }

@@ -1,11 +1,62 @@
-//! Device URLs, taken apart.
+//! Device URLs, taken apart, and the devices that they reach.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, ToSocketAddrs, UdpSocket},
+};
 
 use url::Url;
 use volcomp_port::DeviceError;
 
-use crate::driver::{Driver, SCHEMES, Scheme};
+/// The scheme of a device URL.
+#[derive(Clone, Copy)]
+pub(crate) struct Scheme {
+    /// The word before `://`.
+    pub(crate) name: &'static str,
+    /// The form of its URLs in messages.
+    pub(crate) form: &'static str,
+    /// The feature of this crate that has its driver.
+    pub(crate) feature: &'static str,
+    /// The keys behind the question mark, blanks between.
+    pub(crate) keys: &'static str,
+}
+
+const fn scheme([name, form, feature, keys]: [&'static str; 4]) -> Scheme {
+    Scheme {
+        name,
+        form,
+        feature,
+        keys,
+    }
+}
+
+/// Every scheme, also those whose drivers this build does not have.
+pub(crate) const SCHEMES: [Scheme; 7] = [
+    scheme(["focas", "focas://HOST", "focas", "path"]),
+    scheme(["can", "can://INTERFACE", "can", "dbc"]),
+    scheme(["gpio", "gpio://?position=…", "gpio", "position correction"]),
+    scheme([
+        "modbus",
+        "modbus://HOST?profile=…",
+        "modbus",
+        "unit profile names byte_order answer_ms",
+    ]),
+    scheme([
+        "modbus-rtu",
+        "modbus-rtu:///dev/…?profile=…",
+        "modbus",
+        "unit profile names byte_order answer_ms baud parity stop",
+    ]),
+    scheme(["opc.tcp", "opc.tcp://HOST", "sinumerik", ""]),
+    scheme(["linuxcnc", "linuxcnc://HOST", "linuxcnc", "remote key_file"]),
+];
+
+impl Scheme {
+    /// The scheme of this name.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        SCHEMES.into_iter().find(|scheme| scheme.name == name)
+    }
+}
 
 /// The URL of a device, taken apart into scheme, host, port, path and keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,21 +125,6 @@ impl Address {
             return Err(wrong("the serial device is missing".to_owned(), remedy));
         }
         Ok(address)
-    }
-
-    /// The driver of its bus.
-    ///
-    /// # Errors
-    /// A bus that this build does not have.
-    pub fn driver(&self) -> Result<&'static Driver, DeviceError> {
-        let scheme = Scheme::named(self.scheme);
-        scheme.and_then(Scheme::driver).ok_or_else(|| {
-            let feature = scheme.map_or(self.scheme, |scheme| scheme.feature);
-            self.unsupported(
-                format!("this program was built without the feature `{feature}`"),
-                format!("a program built with `--features {feature}`"),
-            )
-        })
     }
 
     /// An error in what the URL or the configuration states about this device.
@@ -161,4 +197,54 @@ impl Address {
             .map(str::to_owned)
             .collect()
     }
+}
+
+/// The host and port of a URL by the addresses to which the name leads, names that do not depend on the spelling: `localhost`,
+/// `127.0.0.1` and a second name in the DNS are one device. `usual`: the port of a URL that names none.
+pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
+    let (host, port) = (&*address.host, address.port.unwrap_or(usual));
+    // URLs put IPv6 addresses into brackets.
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    let found: Vec<IpAddr> = match (host, port).to_socket_addrs() {
+        Ok(found) => found.map(|address| address.ip()).collect(),
+        Err(e) => {
+            tracing::warn!("{host}: {e}: a gateway that calls it by another name is not noticed");
+            Vec::new()
+        }
+    };
+    if found.is_empty() {
+        return [format!("{} port {port}", host.to_lowercase())].into();
+    }
+    let of = |ip| format!("{} port {port}", canonical(ip));
+    found.into_iter().map(of).collect()
+}
+
+/// One address for all by which this computer reaches itself; IPv4 in IPv6 is IPv4.
+fn canonical(ip: IpAddr) -> IpAddr {
+    let ip = ip.to_canonical();
+    let is_this_computer = match ip {
+        // The others of 127.0.0.0/8 are addresses of their own, as tests use them.
+        IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
+        // The unspecified address reaches this computer.
+        ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
+    };
+    if is_this_computer {
+        Ipv4Addr::LOCALHOST.into()
+    } else {
+        ip
+    }
+}
+
+/// Whether an address is one of this computer: packets to it would come from itself. Nothing is sent.
+fn is_own(ip: IpAddr) -> bool {
+    let any: IpAddr = match ip {
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let from = || -> std::io::Result<IpAddr> {
+        let socket = UdpSocket::bind((any, 0))?;
+        socket.connect((ip, 9))?;
+        Ok(socket.local_addr()?.ip())
+    };
+    from().is_ok_and(|from| from == ip)
 }

@@ -14,10 +14,9 @@ use volcomp_port::{Controller, Description, DeviceError, Temperature};
 
 use crate::{
     address::Address,
-    config::{ControllerConfig, ThermometerConfig},
-    driver::{ControllerDevice, Driver, Settings, TOLD_WITHIN, ThermometerDevice, USUAL},
-    facts::{BusFacts, Facts, SeenFrames},
-    probed::Probe,
+    driver::{ControllerDevice, Driver, REPORTED_WITHIN, Settings, ThermometerDevice, USUAL},
+    keys::{ControllerConfig, ThermometerConfig},
+    probe::{BusFacts, Facts, Probe, SeenFrames},
 };
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -99,7 +98,7 @@ impl ControllerDevice for Bridge {
 
     fn settings(&self) -> Settings {
         Settings {
-            shown_within: Some(TOLD_WITHIN),
+            shown_within: Some(REPORTED_WITHIN),
             position_steps: self.config.position_steps(),
             ..Settings::default()
         }

@@ -1,4 +1,4 @@
-//! The buses: one list of schemes, one list of drivers, and the traits of what a driver makes of a configuration.
+//! What a bus has to have: its driver as data, and the traits of what that makes of a configuration.
 
 use std::{
     any::Any,
@@ -13,81 +13,10 @@ use volcomp_port::{Controller, Description, DeviceError, Thermometer, Words};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
-    address::Address,
-    config::{ControllerConfig, ThermometerConfig},
-    map::{MapDevice, MapKeys},
-    places,
-    probed::Probe,
+    address::{Address, hosts},
+    keys::{ControllerConfig, MapKeys, ThermometerConfig},
+    probe::Probe,
 };
-
-/// The scheme of a device URL.
-#[derive(Clone, Copy)]
-pub(crate) struct Scheme {
-    /// The word before `://`.
-    pub(crate) name: &'static str,
-    /// The form of its URLs in messages.
-    pub(crate) form: &'static str,
-    /// The feature of this crate that has its driver.
-    pub(crate) feature: &'static str,
-    /// The keys behind the question mark, blanks between.
-    pub(crate) keys: &'static str,
-}
-
-const fn scheme([name, form, feature, keys]: [&'static str; 4]) -> Scheme {
-    Scheme {
-        name,
-        form,
-        feature,
-        keys,
-    }
-}
-
-/// Every scheme, also those whose drivers this build does not have.
-pub(crate) const SCHEMES: [Scheme; 7] = [
-    scheme(["focas", "focas://HOST", "focas", "path"]),
-    scheme(["can", "can://INTERFACE", "can", "dbc"]),
-    scheme(["gpio", "gpio://?position=…", "gpio", "position correction"]),
-    scheme([
-        "modbus",
-        "modbus://HOST?profile=…",
-        "modbus",
-        "unit profile names byte_order answer_ms",
-    ]),
-    scheme([
-        "modbus-rtu",
-        "modbus-rtu:///dev/…?profile=…",
-        "modbus",
-        "unit profile names byte_order answer_ms baud parity stop",
-    ]),
-    scheme(["opc.tcp", "opc.tcp://HOST", "sinumerik", ""]),
-    scheme(["linuxcnc", "linuxcnc://HOST", "linuxcnc", "remote key_file"]),
-];
-
-impl Scheme {
-    /// The scheme of this name.
-    pub(crate) fn named(name: &str) -> Option<Self> {
-        SCHEMES.into_iter().find(|scheme| scheme.name == name)
-    }
-
-    /// The driver; `None` where this build does not have it.
-    pub(crate) fn driver(self) -> Option<&'static Driver> {
-        match self.feature {
-            #[cfg(feature = "focas")]
-            "focas" => Some(&crate::focas::DRIVER),
-            #[cfg(feature = "can")]
-            "can" => Some(&crate::can::DRIVER),
-            #[cfg(feature = "gpio")]
-            "gpio" => Some(&crate::gpio::DRIVER),
-            #[cfg(feature = "modbus")]
-            "modbus" => Some(&crate::modbus::DRIVER),
-            #[cfg(feature = "sinumerik")]
-            "sinumerik" => Some(&crate::sinumerik::DRIVER),
-            #[cfg(feature = "linuxcnc")]
-            "linuxcnc" => Some(&crate::linuxcnc::DRIVER),
-            _ => None,
-        }
-    }
-}
 
 /// The driver of a bus as data: what its URLs and its keys of a configuration mean, and how its devices are made of them.
 pub struct Driver {
@@ -132,7 +61,7 @@ pub(crate) const USUAL: Driver = Driver {
     writer_keys: &[],
     map_tables: &[],
     port: 0,
-    devices: places::hosts,
+    devices: |address| hosts(address, 0),
     is_exclusive: |_| false,
     validate: |_, _, _| {},
     complete: |_, _| {},
@@ -211,7 +140,7 @@ pub trait ControllerDevice: Any + Send + Sync {
 /// A bridge tells what is applied in messages of its own, which it sends when it likes: so late at the most a correction
 /// shows in them. How old such a message may be is for the guard to judge.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
-pub(crate) const TOLD_WITHIN: Duration = Duration::from_millis(100);
+pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
 /// What the readings of a controller mean to whoever judges them.
 #[derive(Clone, Debug, Default)]
@@ -322,23 +251,6 @@ pub struct ThermometerDevice {
 }
 
 impl ThermometerDevice {
-    /// Whether both are the same module, however their URLs are written: the same unit at the same host or serial
-    /// device, or the same signals of the same CAN interface.
-    pub fn is_same(&self, other: &Self) -> bool {
-        let module = |Self { address, .. }: &Self| {
-            let port = address.driver().map_or(0, |driver| driver.port);
-            (
-                address.scheme,
-                address.host.to_lowercase(),
-                address.port.unwrap_or(port),
-                address.path.clone(),
-                address.number("unit", [1, 247], 1_u8).unwrap_or(1),
-                address.get("dbc").map(str::to_owned),
-            )
-        };
-        module(self) == module(other)
-    }
-
     /// Opens it. Connections are made in the background; a CAN interface must be there.
     ///
     /// # Errors
@@ -348,37 +260,42 @@ impl ThermometerDevice {
     }
 }
 
-/// The controller of a `[[controller]]`, not opened.
-///
-/// # Errors
-/// A URL or keys that make no sense, a bus that this build does not have.
-pub fn controller(own: &ControllerConfig) -> Configured {
-    let address = Address::parse(&own.url)?;
-    (address.driver()?.controller)(address, own)
+/// Connects to a control that takes a map.
+pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
+
+/// A control that takes a map, not connected.
+pub struct MapDevice {
+    /// How long to wait between two frames that keep a map.
+    pub period: Duration,
+    /// Connects.
+    pub open: OpenMap,
 }
 
-/// The thermometer of a `[[thermometer]]`, not opened.
-///
-/// # Errors
-/// A URL or names that make no sense, a device without temperatures, a bus that this build does not have.
-pub fn thermometer(own: &ThermometerConfig) -> Result<ThermometerDevice, DeviceError> {
-    let address = Address::parse(&own.url)?;
-    (address.driver()?.thermometer)(address, own)
+/// The words of a map in a control, over an open session. Every exchange ends within its time, and fails where words cannot
+/// be read, were refused, or nobody knows whether they arrived.
+#[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
+pub trait MapWords {
+    /// Reads the first `count` words of the report, or more.
+    fn report(&mut self, count: usize) -> Result<Vec<u16>, MapError>;
+
+    /// Writes the words of the mailbox in one piece.
+    fn write(&mut self, frame: &[u16]) -> Result<(), MapError>;
+
+    /// Reads the first `count` words of a buffer, 0 or 1.
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError>;
+
+    /// Ends the session in good order.
+    fn close(self: Box<Self>) {}
 }
 
-/// The control of a map sender, not connected.
-///
-/// # Errors
-/// A file that cannot be read, a control that takes no map, a bus that this build does not have.
-pub fn map_device(keys: &MapKeys) -> Result<MapDevice, DeviceError> {
-    let address = Address::parse(&keys.url)?;
-    (address.driver()?.map)(&address, keys)
-}
+/// Why words of a map do not get through, as the driver says it.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct MapError(String);
 
-/// Reads a device once. Nothing is written but what opening needs; GPIO outputs are taken as they are.
-///
-/// # Errors
-/// A device that is not there or does not answer, a bus that this build does not have.
-pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
-    (address.driver()?.probe)(address, at_most)
+impl MapError {
+    #[expect(clippy::needless_pass_by_value, reason = "for map_err")]
+    pub(crate) fn of(error: impl ToString) -> Self {
+        Self(error.to_string())
+    }
 }

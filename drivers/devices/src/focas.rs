@@ -2,14 +2,9 @@
 
 use std::{
     any::Any,
-    fmt,
     time::{Duration, Instant},
 };
 
-use serde::{
-    Deserialize, Deserializer, Serialize,
-    de::{MapAccess, Visitor, value::MapAccessDeserializer},
-};
 use volcomp_document::Mistakes;
 use volcomp_focas::{
     BarrierArea, Client, FocasConfig, FocasController, FocasError, MapPlaces, PORT, PmcAddress,
@@ -19,15 +14,13 @@ use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::{
-    address::Address,
-    config::{ControllerConfig, of_ms},
+    address::{Address, hosts},
     driver::{
-        Block, ControlMemory, ControllerDevice, Driver, Inspected, Needs, PmcPlan, Rules, Settings,
-        USUAL,
+        Block, ControlMemory, ControllerDevice, Driver, Inspected, MapDevice, MapError, MapWords,
+        Needs, PmcPlan, Rules, Settings, USUAL,
     },
-    facts::{ControlFacts, Facts},
-    map::{MapDevice, MapError, MapKeys, MapWords},
-    probed::Probe,
+    keys::{ControllerConfig, MapKeys, PmcByte, PmcLetter, PmcTable, Referenced, of_ms},
+    probe::{ControlFacts, Facts, Probe},
 };
 
 /// Exchanges whose times are told.
@@ -35,75 +28,6 @@ const TIMED: usize = 100;
 
 /// Between two frames to a PMC: far within every time-out, and little beside the scans of its ladder.
 const MAP_PERIOD: Duration = Duration::from_millis(50);
-
-/// The areas of the PMC that a configuration can name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "letters")]
-pub enum PmcLetter {
-    G,
-    F,
-    #[default]
-    R,
-    D,
-}
-
-/// A byte of the PMC, `{ pmc = "R", at = 120 }`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub struct PmcByte {
-    pub pmc: PmcLetter,
-    pub at: u16,
-}
-
-/// The words of the shifts in the PMC, `{ pmc = "R", first = 100, width = 2 }`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub struct AreaConfig {
-    pub pmc: PmcLetter,
-    pub first: u16,
-    #[serde(default = "word")]
-    pub width: u16,
-    #[serde(default)]
-    pub copied: bool,
-}
-
-fn word() -> u16 {
-    2
-}
-
-/// `false`, or the byte of the PMC whose bits say which axes are referenced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(untagged)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub enum Referenced {
-    Not(bool),
-    Byte(PmcByte),
-}
-
-impl<'de> Deserialize<'de> for Referenced {
-    // What serde derives for `untagged` loses the place of a mistake in the byte.
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Either;
-        impl<'de> Visitor<'de> for Either {
-            type Value = Referenced;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("false or a byte such as { pmc = \"F\", at = 94 }")
-            }
-
-            fn visit_bool<E>(self, value: bool) -> Result<Referenced, E> {
-                Ok(Referenced::Not(value))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Referenced, A::Error> {
-                PmcByte::deserialize(MapAccessDeserializer::new(map)).map(Referenced::Byte)
-            }
-        }
-        deserializer.deserialize_any(Either)
-    }
-}
 
 impl From<PmcByte> for PmcAddress {
     fn from(PmcByte { pmc, at }: PmcByte) -> Self {
@@ -114,31 +38,6 @@ impl From<PmcByte> for PmcAddress {
             PmcLetter::D => PmcArea::D,
         };
         Self { area, at }
-    }
-}
-
-/// The table `pmc` of a map sender's file: the places of its words.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PmcTable {
-    pub time_out_ms: f64,
-    pub mailbox: PmcByte,
-    pub report: PmcByte,
-    pub buffers: PmcByte,
-}
-
-impl Default for PmcTable {
-    fn default() -> Self {
-        let byte = |at| PmcByte {
-            pmc: PmcLetter::D,
-            at,
-        };
-        Self {
-            time_out_ms: 500.0,
-            mailbox: byte(0),
-            report: byte(144),
-            buffers: byte(200),
-        }
     }
 }
 
@@ -167,6 +66,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ],
     map_tables: &["pmc"],
     port: PORT,
+    devices: |address| hosts(address, PORT),
     validate,
     controller: |address, own| Ok(Box::new(configured(&address, own)?)),
     validate_map,

@@ -6,7 +6,7 @@ use volcomp_digital_io::{GpioPort, LineSet, PositionWord, Wiring};
 use volcomp_port::{DeviceError, DigitalIo, UnopenedLines};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
-use crate::{address::Address, driver::Driver, lines, probed::Probe};
+use crate::{address::Address, driver::Driver, lines, probe::Probe};
 
 pub(crate) const DRIVER: Driver = Driver {
     devices: |address| {

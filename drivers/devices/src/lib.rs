@@ -1,41 +1,58 @@
 #![doc = include_str!("../README.md")]
 
 mod address;
+mod buses;
 #[cfg(feature = "can")]
 mod can;
-pub mod config;
 mod driver;
-mod facts;
 #[cfg(feature = "focas")]
 mod focas;
 #[cfg(feature = "gpio")]
 mod gpio;
+mod keys;
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 mod lines;
 #[cfg(feature = "linuxcnc")]
 mod linuxcnc;
 mod list;
-pub mod map;
 #[cfg(feature = "modbus")]
 mod modbus;
-mod places;
-mod probed;
+mod probe;
 #[cfg(feature = "sinumerik")]
 mod sinumerik;
 
 pub use address::Address;
+pub use buses::{controller, map_device, probe, thermometer};
 pub use driver::{
     Block, Configured, ControlMemory, ControllerDevice, Driver, Inspected, Needs, PmcPlan, Rules,
-    Settings, ThermometerDevice, Travels, controller, map_device, probe, thermometer,
+    Settings, ThermometerDevice, Travels,
 };
-pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames};
-#[cfg(feature = "focas")]
-pub use focas::{AreaConfig, PmcByte, PmcLetter, Referenced};
 #[cfg(any(feature = "gpio", feature = "modbus"))]
-pub use lines::DigitalConfig;
+pub use keys::DigitalConfig;
 #[cfg(feature = "linuxcnc")]
-pub use linuxcnc::LinuxCncTable;
-pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
-pub use probed::{Probe, ProbedTemperature};
+pub use keys::LinuxCncTable;
 #[cfg(feature = "sinumerik")]
-pub use sinumerik::SinumerikTable;
+pub use keys::SinumerikTable;
+#[cfg(feature = "focas")]
+pub use keys::{AreaConfig, PmcByte, PmcLetter, Referenced};
+pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
+pub use probe::{BusFacts, ControlFacts, Facts, ModuleFacts, Probe, ProbedTemperature, SeenFrames};
+
+/// The tables `[[controller]]` and `[[thermometer]]` of a gateway, and the checks of their keys.
+pub mod config {
+    pub use crate::{
+        buses::{check_keys, uses},
+        keys::{
+            BarrierConfig, CONTROLLER_ONLY, ControllerConfig, StateKey, ThermometerConfig, both,
+            has_axis, join, ms, of_ms, path,
+        },
+    };
+}
+
+/// The file of a map sender, and the words of a map in a control.
+pub mod map {
+    pub use crate::{
+        driver::{MapDevice, MapError, MapWords},
+        keys::{AuditConfig, MapKeys},
+    };
+}

@@ -2,10 +2,8 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use volcomp_digital_io::{
-    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, PositionCode,
-    PositionWord, Wiring,
+    Coherence, CorrectionWord, DigitalAxis, DigitalController, PositionWord, Wiring,
 };
 use volcomp_document::Mistakes;
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, UnopenedLines};
@@ -13,8 +11,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement};
 
 use crate::{
     address::Address,
-    config::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
     driver::{Configured, ControllerDevice, Driver, Rules, Settings, Travels, USUAL},
+    keys::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
 /// What every driver of lines has.
@@ -29,55 +27,6 @@ pub(crate) const LINES: Driver = Driver {
 
 /// The step of a correction of a rotary axis where the configuration states none.
 const LINE_STEP: Deg = Deg(1e-3);
-
-/// The table `[controller.digital]`: the words on digital lines.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub struct DigitalConfig {
-    pub position_bits: u32,
-    pub position_mm_per_count: Option<f64>,
-    pub position_deg_per_count: Option<f64>,
-    pub position_zero_mm: Option<f64>,
-    pub position_zero_deg: Option<f64>,
-    pub position_code: PositionCode,
-    pub correction_bits: u32,
-    pub correction_code: CorrectionCode,
-    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
-    pub latch: Option<u32>,
-    /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
-    pub time_out_ms: Option<f64>,
-    #[serde(with = "CoherenceKey")]
-    pub coherence: Coherence,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "Coherence", rename_all = "kebab-case")]
-enum CoherenceKey {
-    TwoAgree,
-    #[serde(skip)]
-    Strobe,
-    Latched,
-}
-
-impl Default for DigitalConfig {
-    /// The published scheme: 15 lines of 1/32 mm, 8 lines of correction.
-    fn default() -> Self {
-        Self {
-            position_bits: 15,
-            position_mm_per_count: None,
-            position_deg_per_count: None,
-            position_zero_mm: None,
-            position_zero_deg: None,
-            position_code: PositionCode::Binary,
-            correction_bits: 8,
-            correction_code: CorrectionCode::TwosComplement,
-            latch: None,
-            time_out_ms: None,
-            coherence: Coherence::TwoAgree,
-        }
-    }
-}
 
 /// Checks the table `digital`, and that there is a latch where the control needs its edges.
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {

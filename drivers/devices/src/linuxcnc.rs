@@ -5,7 +5,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde::{Deserialize, Serialize};
 use volcomp_linuxcnc::{
     Expected, Ini, Key, Least, LinuxCncConfig, LinuxCncController, PORT, VERSION, look,
 };
@@ -13,10 +12,10 @@ use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
-    address::Address,
-    config::{BarrierConfig, ControllerConfig, join},
-    driver::{ControllerDevice, Driver, Inspected, Needs, Settings, TOLD_WITHIN, USUAL},
-    probed::Probe,
+    address::{Address, hosts},
+    driver::{ControllerDevice, Driver, Inspected, Needs, REPORTED_WITHIN, Settings, USUAL},
+    keys::{BarrierConfig, ControllerConfig, join},
+    probe::Probe,
 };
 
 /// How long a bridge may take to answer.
@@ -25,20 +24,12 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 /// Between two reports by which the scans of a bridge are counted.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
 
-/// The table `linuxcnc` of a `[[controller]]`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub struct LinuxCncTable {
-    pub key_file: Option<PathBuf>,
-    pub ini: Option<PathBuf>,
-}
-
 pub(crate) const DRIVER: Driver = Driver {
     name: "a LinuxCNC control (linuxcnc://)",
     keys: &["linuxcnc"],
     writer_keys: &["resolution_um", "resolution_urad", "barrier"],
     port: PORT,
+    devices: |address| hosts(address, PORT),
     complete: |own, folder| {
         let tables = own.linuxcnc.iter_mut();
         let files = tables.flat_map(|table| [&mut table.key_file, &mut table.ini]);
@@ -68,7 +59,7 @@ impl ControllerDevice for Control {
 
     fn settings(&self) -> Settings {
         Settings {
-            shown_within: Some(TOLD_WITHIN),
+            shown_within: Some(REPORTED_WITHIN),
             // Commanded positions are floating numbers.
             ..Settings::default()
         }

@@ -15,14 +15,12 @@ use volcomp_port::{
 };
 
 use crate::{
-    address::Address,
-    config::ThermometerConfig as ThermometerTable,
+    address::{Address, hosts},
     driver::{Driver, ThermometerDevice},
-    facts::{Facts, ModuleFacts},
+    keys::ThermometerConfig as ThermometerTable,
     lines,
     list::serial_ports,
-    places,
-    probed::Probe,
+    probe::{Facts, ModuleFacts, Probe},
 };
 
 /// The scheme of a serial line.
@@ -35,7 +33,7 @@ pub(crate) const DRIVER: Driver = Driver {
     port: PORT,
     devices: |address| {
         if address.scheme != RTU {
-            return places::hosts(address);
+            return hosts(address, PORT);
         }
         let path = std::fs::canonicalize(&address.path);
         let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());

@@ -1,81 +1,30 @@
 //! SINUMERIK controls, reached over OPC UA.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::{collections::BTreeMap, path::Path, time::Duration};
 
-use serde::{Deserialize, Serialize};
 use volcomp_document::Mistakes;
 use volcomp_port::{Controller, Description, DeviceError};
 use volcomp_sinumerik::{
-    Nodes, SHORTEST_PERIOD, Security, Sensor, Server, Sign, SinumerikConfig, SinumerikController,
+    Nodes, SHORTEST_PERIOD, Security, Sensor, Server, SinumerikConfig, SinumerikController,
     SinumerikThermometer, User, inspect, lag, look,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::{
-    address::Address,
-    config::{
-        CONTROLLER_ONLY, ControllerConfig, PLAIN_KEYS, ThermometerConfig, both, join, ms, of_ms,
-        path,
-    },
+    address::{Address, hosts},
     driver::{
-        ControllerDevice, Driver, Inspected, Needs, Rules, Settings, ThermometerDevice, USUAL,
+        ControllerDevice, Driver, Inspected, MapDevice, MapError, MapWords, Needs, Rules, Settings,
+        ThermometerDevice, USUAL,
     },
-    map::{MapDevice, MapError, MapKeys, MapWords},
-    probed::Probe,
+    keys::{
+        CONTROLLER_ONLY, ControllerConfig, MapKeys, PLAIN_KEYS, SinumerikTable, ThermometerConfig,
+        both, ms, of_ms, path,
+    },
+    probe::Probe,
 };
 
 /// The speed for which a message says how far a correction would lag behind, mm/s: 10 m/min.
 const LAG_SPEED_MM_PER_S: f64 = 10_000.0 / 60.0;
-
-/// The tables `sinumerik`: how the OPC UA server of a control is reached, and the nodes of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-#[expect(missing_docs, reason = "the manual describes the keys")]
-pub struct SinumerikTable {
-    pub namespace: String,
-    /// The user name; `None`: anonymous.
-    pub user: Option<String>,
-    pub password_file: Option<PathBuf>,
-    pub security: Security,
-    pub certificates: Option<PathBuf>,
-    pub period_ms: f64,
-    pub time_out_ms: f64,
-    pub source_timestamps: bool,
-    pub numbers: Vec<u16>,
-    pub sign: Sign,
-    pub nodes: Nodes,
-}
-
-impl Default for SinumerikTable {
-    fn default() -> Self {
-        let server = Server::new("");
-        Self {
-            namespace: server.namespace,
-            user: None,
-            password_file: None,
-            security: server.security,
-            certificates: None,
-            period_ms: ms(server.period),
-            time_out_ms: ms(server.time_out),
-            source_timestamps: server.source_timestamps,
-            numbers: Vec::new(),
-            sign: Sign::Adds,
-            nodes: Nodes::default(),
-        }
-    }
-}
-
-impl SinumerikTable {
-    /// Makes every path relative to the folder of the file.
-    pub(crate) fn join(&mut self, folder: &Path) {
-        let paths = [&mut self.password_file, &mut self.certificates];
-        join(folder, paths.into_iter().flatten());
-    }
-}
 
 pub(crate) const DRIVER: Driver = Driver {
     name: "a SINUMERIK control (opc.tcp://)",
@@ -83,6 +32,7 @@ pub(crate) const DRIVER: Driver = Driver {
     writer_keys: PLAIN_KEYS,
     map_tables: &["sinumerik", "nodes"],
     port: volcomp_sinumerik::PORT,
+    devices: |address| hosts(address, volcomp_sinumerik::PORT),
     validate: |own, rules, found| {
         if let Some(table) = &own.sinumerik {
             validate_server(table, &format!("{}.sinumerik", rules.at), found);

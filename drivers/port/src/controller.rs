@@ -16,7 +16,7 @@ pub struct Axis {
     pub includes_correction: bool,
     /// The smallest step of a correction: a length for a linear, an angle for a rotary axis.
     pub resolution: Displacement,
-    /// The largest correction, in either direction, that the device can be told; `None` where there is no such bound.
+    /// The largest correction, in either direction, that the device can carry; `None` if there is no such bound.
     pub largest: Option<Displacement>,
 }
 
@@ -38,7 +38,7 @@ impl Axis {
 pub enum Heartbeat {
     /// The controller's side watches a word that [`Controller::apply`] moves on.
     Watched,
-    /// Nobody: the configuration must say so.
+    /// Nothing: the configuration must accept it.
     Unwatched,
 }
 
@@ -79,14 +79,14 @@ pub struct Description {
     /// The name of the way by which corrections reach the axes. Controllers with the same name replace one another; those
     /// with different names would add up, and are not used together.
     pub channel: String,
-    /// The axes in channel order: those that it writes, at most [`MAX_AXES`]. None where it only tells positions.
+    /// The axes in channel order: those that it writes, at most [`MAX_AXES`]. None where it only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes of which it tells the positions, after those of `axes`, and which it never writes.
+    /// Axes whose positions it reports, after those of `axes`, and which it never writes.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     /// Whether the controller's side ramps the correction out when the cycle stops.
     pub heartbeat: Heartbeat,
-    /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which tells in reports what
+    /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which reports what
     /// it applies; otherwise they are written as plain values ([`Controller::apply`]).
     pub barrier: bool,
     /// Whether the correction that is applied can be read back, in values or reports.
@@ -105,13 +105,13 @@ impl Description {
         self.axes.iter().position(|axis| axis.name == name)
     }
 
-    /// All axes whose positions it tells, in the order of the positions: first those that it writes.
+    /// All axes whose positions it reports, in the order of the positions: first those that it writes.
     pub fn shown_axes(&self) -> impl Iterator<Item = AxisName> {
         let written = self.axes.iter().map(|axis| axis.name);
         written.chain(self.reads.iter().copied())
     }
 
-    /// Whether it tells the position of an axis.
+    /// Whether it reports the position of an axis.
     pub fn shows(&self, name: AxisName) -> bool {
         self.shown_axes().any(|shown| shown == name)
     }
@@ -152,6 +152,7 @@ impl Description {
 }
 
 /// Why a [`Description`] cannot be one of a controller.
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnfitAxes {
@@ -167,17 +168,13 @@ pub enum UnfitAxes {
         AxisKind::Rotary => "an angle, since the axis is rotary",
     })]
     Kind {
-        /// The name of the axis.
         name: AxisName,
-        /// The resolution that was found.
         resolution: Displacement,
     },
     /// The resolution is zero, negative or no finite number.
     #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
     Resolution {
-        /// The name of the axis.
         name: AxisName,
-        /// The resolution that was found.
         resolution: Displacement,
     },
     /// The largest correction is less than one step, or of the other kind.
@@ -185,9 +182,7 @@ pub enum UnfitAxes {
         "axis {name}: found a largest correction of {largest}, expected at least one step in either direction"
     )]
     Largest {
-        /// The name of the axis.
         name: AxisName,
-        /// The largest correction that was found.
         largest: Displacement,
     },
 }
@@ -205,14 +200,14 @@ pub struct ControllerState {
     pub emergency_stop: bool,
 }
 
-/// The positions, the state and the applied correction of a controller, each with the time at which it held: what was heard
+/// The positions, the state and the applied correction of a controller, each with the time at which it held: what was received
 /// last, however long ago. Whether that is young enough is not judged by drivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
     pub positions: PerChannel<f64>,
     /// When the oldest of them held, on the monotonic clock: the middle of the exchange, or when its frame arrived,
-    /// unless the device tells better.
+    /// unless the device reports a better time.
     pub taken: Instant,
     /// How far from `taken` that may have been.
     pub uncertainty: Duration,
@@ -220,10 +215,10 @@ pub struct Snapshot {
     pub state: ControllerState,
     /// When the oldest part of that state held, as `taken`.
     pub state_taken: Instant,
-    /// The correction that is applied, mm and rad, where the device can be asked and has no barrier. Where the control
-    /// cannot be asked (see [`Description::tells_applied`]): what the outputs to it carry, as far as the device knows it.
+    /// The correction that is applied, mm and rad, where the device has a read-back and no barrier. Where the control
+    /// has none (see [`Description::tells_applied`]): what the outputs to it carry, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
-    /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them tells.
+    /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them shows.
     /// `None` where there is no barrier, or nothing came yet.
     pub report: Option<Words>,
     /// When the oldest part of `applied` or `report` held, as `taken`.
@@ -242,7 +237,7 @@ impl Snapshot {
         }
     }
 
-    /// When the youngest part held: since then nothing was heard of the controller.
+    /// When the youngest part held: since then nothing was received from the controller.
     pub fn youngest(&self) -> Instant {
         self.taken.max(self.state_taken).max(self.correction_taken)
     }
@@ -258,8 +253,8 @@ pub trait Controller: Send {
     /// The properties of the controller that its configuration fixes.
     fn description(&self) -> &Description;
 
-    /// Positions, state and what is applied, as they were heard last and with the times at which they held. A device that
-    /// sends by itself, or is asked in the background, is not waited for again where it has become silent: what it said
+    /// Positions, state and what is applied, as they were received last and with the times at which they held. A device that
+    /// sends on its own, or is read in the background, is not waited for again where it has become silent: what it sent
     /// last grows old.
     ///
     /// # Errors
@@ -267,7 +262,7 @@ pub trait Controller: Send {
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault>;
 
     /// Hands over a frame for the barrier of the control, all of its words in one exchange where the bus allows it. For a
-    /// controller whose description says that it has a `barrier`; what is applied, the next reports tell. A frame whose
+    /// controller whose description says that it has a `barrier`; what is applied is in the next reports. A frame whose
     /// deadline has passed is not sent.
     ///
     /// # Errors

@@ -23,7 +23,7 @@ impl InputLevels {
     }
 }
 
-/// Digital inputs and outputs, 64 of each at the most: bit 0 is the first line.
+/// Digital inputs and outputs, at most 64 of each: bit 0 is the first line.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait DigitalIo: Send {
     /// The device as the configuration names it.
@@ -38,14 +38,14 @@ pub trait DigitalIo: Send {
     /// The shortest time that an exchange takes: how fast anything built on it can be.
     fn shortest_cycle(&self) -> Duration;
 
-    /// All inputs at one instant, as far as the device can: those that were heard last, with the time at which they came,
+    /// All inputs at one instant, as far as the device can: those that were received last, with the time at which they came,
     /// however long ago.
     ///
     /// # Errors
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault>;
 
-    /// Sets all outputs. A device that is written in the background takes the levels here and tells with the next call
+    /// Sets all outputs. A device that is written in the background takes the levels here and reports with the next call
     /// when they did not arrive.
     ///
     /// # Errors
@@ -56,7 +56,7 @@ pub trait DigitalIo: Send {
     /// one those that it was found with. `None` where they are not known.
     fn confirmed(&self) -> Option<u64>;
 
-    /// Whether the device can tell the levels of its outputs. Where it cannot, or has said that it has no such function,
+    /// Whether the device can report the levels of its outputs. Where it cannot, or has reported that it has no such function,
     /// outputs that carry nothing are written as off; otherwise nothing is written until their levels are known.
     fn tells_outputs(&self) -> bool {
         true
@@ -94,5 +94,50 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
 
     fn tells_outputs(&self) -> bool {
         (**self).tells_outputs()
+    }
+}
+
+/// A digital port that is described and not opened: what is built on it can be checked, and every exchange fails with
+/// [`Fault::NotConnected`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct UnopenedLines {
+    /// The device as the configuration names it.
+    pub device: String,
+    /// The number of inputs.
+    pub inputs: u32,
+    /// The number of outputs.
+    pub outputs: u32,
+    /// The shortest time that an exchange takes.
+    pub shortest_cycle: Duration,
+}
+
+impl DigitalIo for UnopenedLines {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn inputs(&self) -> u32 {
+        self.inputs
+    }
+
+    fn outputs(&self) -> u32 {
+        self.outputs
+    }
+
+    fn shortest_cycle(&self) -> Duration {
+        self.shortest_cycle
+    }
+
+    fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
+        Err(Fault::NotConnected)
+    }
+
+    fn write(&mut self, _levels: u64, _deadline: Instant) -> Result<(), Fault> {
+        Err(Fault::NotConnected)
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        None
     }
 }

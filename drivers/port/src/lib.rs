@@ -12,7 +12,6 @@ pub mod inject;
 pub mod simulated;
 mod supply;
 mod thermometer;
-mod unopened;
 mod words;
 
 pub use clock::Clock;
@@ -21,13 +20,12 @@ pub use controller::{
     Axis, Controller, ControllerState, Description, Heartbeat, ShownStates, Snapshot, UnfitAxes,
 };
 pub use device_error::{DeviceError, DeviceProblem};
-pub use digital::{DigitalIo, InputLevels};
+pub use digital::{DigitalIo, InputLevels, UnopenedLines};
 pub use fault::Fault;
 pub use supply::{Backoff, Supply};
 pub use thermometer::{
     Published, Publisher, Quality, Reason, Temperature, Thermometer, exception_name, published,
 };
-pub use unopened::UnopenedLines;
 pub use words::{MOST_WORDS, Words};
 
 /// The vocabulary of the public interface: axis letters, values by axis, units.

@@ -108,7 +108,7 @@ impl Protection {
     }
 }
 
-/// The whole counts in a number, a rounding forgiven; NaN is none.
+/// The whole counts in a number, but for a rounding; 0 for NaN.
 #[expect(clippy::cast_possible_truncation, reason = "held within the range")]
 fn counts(number: f64) -> i16 {
     libm::floor(number + 1e-9).clamp(0.0, f64::from(i16::MAX)) as i16

@@ -1,19 +1,16 @@
 //! A control with a barrier: one whole reading that moved on is confirmed, and a frame has landed when its sequence is
 //! echoed.
 
-use core::time::Duration;
+use core::{ops::RangeInclusive, time::Duration};
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{
-    Confirmed, Known,
-    landing::Landed,
-    misfit::{barrier_misfits, longest_scan, scans_fit},
-};
+use super::known::{Confirmed, Known, Landed};
 use crate::{
     Limits, Reasons,
     barrier::{FRAME_WORDS, Report, Settings},
     protocol::{Counts, Layout, Seen, Session},
+    step::ROUNDING,
 };
 
 /// The stretch over which the control's scans are counted against the clock.
@@ -22,7 +19,7 @@ const COUNTED: Duration = Duration::from_secs(1);
 /// round.
 const GAP: Duration = Duration::from_secs(5);
 
-/// The way to a barrier. State: the session, and how fast the control scans.
+/// The path to a barrier. State: the session, and how fast the control scans.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
     session: Session,
@@ -126,7 +123,7 @@ impl BarrierLink {
     }
 
     /// How long after the control can move it is seen to: what was sent has to go there, to be taken, to move it by a step, and
-    /// to be told.
+    /// to be reported.
     fn shown_after(&self, limits: &Limits) -> Duration {
         let step_scans = self.settings.map_or(0, |settings| settings.step_scans);
         limits.longest_delay() + self.time_of(step_scans)
@@ -247,4 +244,78 @@ fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
         counts[i] = count as i16;
     }
     Some(counts)
+}
+
+/// How far the time of a scan may be from the configured one.
+const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
+/// The minimum ratio of the rate of the barrier to the slew of the guard, so that it follows.
+pub const RATE_OVER_SLEW: f64 = 2.0;
+
+/// A setting of a barrier that does not fit the limits of the guard: what was found, and the least or the most that fits. Axes
+/// are counted from 0, in channel order.
+#[expect(missing_docs, reason = "found and expected")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BarrierMisfit {
+    /// The barrier lets less through than the guard may send, mm or rad.
+    Limit {
+        axis: usize,
+        found: f64,
+        expected: f64,
+    },
+    /// The barrier moves less than twice as fast as the guard, mm or rad in a second.
+    Rate {
+        axis: usize,
+        found: f64,
+        expected: f64,
+    },
+    /// The barrier waits longer for a frame than the guard waits until it ramps out (`zero_after`).
+    TimeOut { found: Duration, expected: Duration },
+}
+
+/// Every setting of a barrier, whose control scans once in `scan`, that does not fit the limits: it has to let through what
+/// the guard may send, to follow it, and to time out early enough.
+pub fn barrier_misfits(
+    settings: &Settings,
+    scan: Duration,
+    limits: &Limits,
+) -> impl Iterator<Item = BarrierMisfit> {
+    let step_s = scan
+        .saturating_mul(u32::from(settings.step_scans))
+        .as_secs_f64();
+    let time_out = scan.saturating_mul(u32::from(settings.time_out_scans));
+    let zero_after = limits.zero_after;
+    let late = (time_out > zero_after).then_some(BarrierMisfit::TimeOut {
+        found: time_out,
+        expected: zero_after,
+    });
+    let axes = limits.places().flat_map(move |axis| {
+        let of_axis = &limits.axes[axis];
+        let largest = f64::from(settings.limit[axis]) * of_axis.resolution;
+        let rate = f64::from(settings.rate[axis]) * of_axis.resolution / step_s;
+        let (most, least_rate) = (of_axis.reachable(), RATE_OVER_SLEW * of_axis.slew_per_s);
+        let limit = (most > largest * ROUNDING).then_some(BarrierMisfit::Limit {
+            axis,
+            found: largest,
+            expected: most,
+        });
+        let rate = (rate * ROUNDING < least_rate).then_some(BarrierMisfit::Rate {
+            axis,
+            found: rate,
+            expected: least_rate,
+        });
+        limit.into_iter().chain(rate)
+    });
+    late.into_iter().chain(axes)
+}
+
+/// The longest time of a scan that counts as the configured one.
+fn longest_scan(scan: Duration) -> Duration {
+    Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
+}
+
+/// Whether this number of scans in this time is that of a control that scans once in `scan`.
+#[must_use]
+pub fn scans_fit(scans: u32, passed: Duration, scan: Duration) -> bool {
+    let expected = scan.as_secs_f64() * f64::from(scans);
+    SCAN_WITHIN.contains(&(expected / passed.as_secs_f64()))
 }

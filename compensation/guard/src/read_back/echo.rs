@@ -4,19 +4,19 @@
 //! what was confirmed last, and what was sent since. A reading that is one of these on all axes confirms it, and rules out
 //! what was sent before it; anything else may be an old reading, and nothing is sent on it. Another value is believed when
 //! nothing was sent for so long that no reading can be from before, and it was then read three times without another one
-//! between, the path's delay apart: a message that a driver tells again with each new position is one reading.
+//! between, the path's delay apart: a message that a driver repeats with each new position is one reading.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known, are_equal, landing::Landed};
+use super::known::{Confirmed, Known, Landed, are_equal};
 use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
 /// Equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
 /// For how long another gateway is reported after it was seen.
-const OTHER_TOLD: Duration = Duration::from_secs(5);
+const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
 /// What was confirmed, and a write for each cycle that a reading may be behind.
 const MOST: usize = MOST_READ_BACK_CYCLES + 4;
 
@@ -51,7 +51,7 @@ pub(super) struct Echo {
     sent: Option<Duration>,
     /// Something was sent on what is confirmed.
     has_sent: bool,
-    /// Since when nobody but this gateway moved anything.
+    /// Since when nothing but this gateway moved anything.
     alone_since: Option<Duration>,
     other: Option<Duration>,
 }
@@ -156,7 +156,7 @@ impl Echo {
         self.count = 1;
     }
 
-    /// A reading that held at `taken` and is heard now confirms these values: as of then, however late it is heard.
+    /// A reading that held at `taken` and is received now confirms these values: as of then, however late it is received.
     fn confirm(
         &mut self,
         values: &PerChannel<f64>,
@@ -172,7 +172,7 @@ impl Echo {
         known.writable = self.count < MOST;
     }
 
-    /// The oldest and the newest candidate that a reading may be; `None` where it is none of them.
+    /// The oldest and the newest candidate that a reading may be; `None` where it equals no candidate.
     ///
     /// One that something else followed longer ago than the path's delay is one only where that did not land. So it is
     /// the oldest only where no younger one has these values, too.
@@ -246,12 +246,12 @@ impl Echo {
         let still = self
             .alone_since
             .is_some_and(|since| now.saturating_sub(since) >= self.watch);
-        // Before the first write nobody else may have moved anything, and no reading may be of the run before.
+        // Before the first write nothing else may have moved anything, and no reading may be of the run before.
         let alone = still || self.has_sent;
         known.writable &= fresh && alone;
         let other = self
             .other
-            .is_some_and(|seen| now.saturating_sub(seen) < OTHER_TOLD);
+            .is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);
         known.reasons = Reasons::WATCHING.when(!alone)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;

@@ -1,4 +1,4 @@
-//! A control whose correction cannot be read back, such as one behind lines. Where the device tells which levels its
+//! A control whose correction cannot be read back, such as one behind lines. Where the device reports which levels its
 //! outputs carry, what they carry counts as applied, as a correction that is read back; where it does not, what was
 //! written without a failure does.
 
@@ -6,10 +6,13 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Confirmed, Known, Told, are_equal, echo::Echo, landing::Landed};
+use super::{
+    echo::Echo,
+    known::{Confirmed, Known, Landed, Told, are_equal},
+};
 use crate::{Limits, Reasons};
 
-/// What a control that cannot be asked does by itself when nothing is written any more.
+/// What a control without read-back does on its own when nothing is written any more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlTimeOut {
     /// Time without a write after which it goes to zero.
@@ -29,15 +32,15 @@ impl ControlTimeOut {
 #[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// From when on the control may act by itself, and from when on it is at zero, unless something is written before.
+    /// From when on the control may act on its own, and from when on it is at zero, unless something is written before.
     acts: Option<[Duration; 2]>,
-    /// When it was asked last.
+    /// When it was read last.
     heard: Option<Duration>,
-    /// Whether a correction may be left of which nobody knows.
+    /// Whether an unknown correction may be left.
     unknown: bool,
-    /// What the device tells of its outputs.
+    /// What the device reports of its outputs.
     echo: Echo,
-    /// Whether it ever told that, and whether it did in this cycle so that it counts.
+    /// Whether it ever reported that, and whether it did in this cycle so that it counts.
     tells: bool,
     sees: bool,
     /// Something was written.
@@ -61,7 +64,7 @@ impl NoReadBack {
         }
     }
 
-    /// Whether the device ever told what its outputs carry.
+    /// Whether the device ever reported what its outputs carry.
     pub(super) fn tells(&self) -> bool {
         self.tells
     }
@@ -88,7 +91,7 @@ impl NoReadBack {
         if let Some([acts, at_zero]) = self.acts
             && now >= acts
         {
-            // Nothing was written for so long that the control goes to zero, or is there: what was sent before, and may
+            // The control goes to zero since nothing was written, or is there: what was sent before, and may
             // still stand on its lines, counts no more.
             self.echo = Echo::new(Duration::ZERO);
             let was_zero = known
@@ -101,7 +104,7 @@ impl NoReadBack {
                 at: now,
             });
         }
-        // What stands on lines says something of a control that goes to zero by itself only while it is written.
+        // The levels of lines say something about a control that goes to zero on its own only while it is written.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
         let told = match told {
@@ -113,7 +116,7 @@ impl NoReadBack {
         let landed = told.map_or(Landed::Unknown, |values| {
             let landed = self.echo.hear(now, taken, values, limits, known);
             self.echo.judge(now, limits, known);
-            // A reading that confirms also says what has landed.
+            // A reading that confirms also shows what has landed.
             self.unknown &= landed == Landed::Unknown;
             landed
         });
@@ -128,7 +131,7 @@ impl NoReadBack {
     }
 
     /// Without the levels of the outputs what was written counts, since nothing but this gateway writes them. A device that
-    /// told them before may have lost them meanwhile: only another write that it takes keeps them known.
+    /// reported them before may have lost them meanwhile: only another write that it takes keeps them known.
     fn hear_nothing(&mut self, now: Duration, known: &mut Known) {
         // Nothing was ever written, or restored: it counts as zero.
         if !self.unknown {
@@ -154,7 +157,7 @@ impl NoReadBack {
     ) {
         self.echo.sent(now, values);
         if !ok {
-            // What a device that told its outputs does out of sight nobody knows.
+            // What a device that reported its outputs does unseen is unknown.
             self.unknown |= self.tells && !self.sees;
             return;
         }
@@ -181,7 +184,7 @@ impl NoReadBack {
         });
     }
 
-    /// The output of the last run: it holds while the control cannot have acted by itself, is zero once it must have, and
+    /// The output of the last run: it holds while the control cannot have acted on its own, is zero once it must have, and
     /// is unknown between.
     pub(super) fn restore(
         &mut self,
@@ -207,10 +210,10 @@ impl NoReadBack {
     }
 
     /// Nothing is left of what another path has written. What this one wrote before it stands, unless the control has let
-    /// go of that, too, as its barrier does, or acts by itself: that goes by the time since the last write.
+    /// go of that, too, as its barrier does, or acts on its own: that goes by the time since the last write.
     pub(super) fn take_over(&mut self, now: Duration, let_go: bool, known: &mut Known) {
         if self.tells {
-            // The outputs stay as they are: they are looked at before the first write.
+            // The outputs stay as they are: they are read before the first write.
             self.acts = None;
             self.echo.take_over(now, known);
         } else if let_go {

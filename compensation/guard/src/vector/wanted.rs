@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use super::motion::quantised;
+use super::cycle::quantised;
 use crate::{
     AxisLimits, Limits,
     step::{ROUNDING_STEPS, whole_below},
@@ -32,7 +32,7 @@ pub struct Wanted {
 )]
 pub struct Followed {
     /// Slew or acceleration hold the correction back: the ramp, the rotary axes on the way to their goal, or the linear
-    /// axes, which `behind` tells.
+    /// axes, which is `behind`.
     pub slewing: bool,
     /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
     /// place for it at all, may the tool be further off than without correction or than where the ramp began, but

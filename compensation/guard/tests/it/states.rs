@@ -59,20 +59,6 @@ fn what_is_beyond_the_limit_is_clamped_and_told() {
 }
 
 #[test]
-fn a_switch_ramps_to_the_new_target() {
-    let mut world = World::compensating(&limits());
-    world.target = Some(axes(0.080, 0.0));
-    assert_eq!(world.request(Request::Switched).state.name(), "arming");
-    world.run(Duration::from_millis(240));
-    assert!(
-        (0.055..0.065).contains(&world.applied[0]),
-        "{}",
-        world.applied[0]
-    );
-    assert_eq!(world.run(SECOND).state, State::Compensating);
-}
-
-#[test]
 fn arming_is_refused_with_reasons() {
     let mut world = World::new(&limits());
     world.forbids = Reasons::AUDIT;

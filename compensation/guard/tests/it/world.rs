@@ -76,7 +76,7 @@ pub(crate) struct World {
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
     /// The control scans once in this time.
-    scan_time: Duration,
+    pub(crate) scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
     /// How linear axes follow rotary ones, as in [`Wanted`].
     pub(crate) follow: PerChannel<PerChannel<f64>>,
@@ -243,7 +243,7 @@ impl World {
     }
 
     /// The scans of the control that are due.
-    fn scan(&mut self) {
+    pub(crate) fn scan(&mut self) {
         while self.scanned + self.scan_time <= self.now {
             self.scanned += self.scan_time;
             let holds = self.holds || self.is_stopped();

@@ -14,21 +14,21 @@ use crate::{
 
 /// Speeds are taken over so much time at least: a count of a position says little of the speed.
 const BASE: Duration = Duration::from_millis(20);
-/// For so long it is told that something was let go: at speed this changes with every place.
-const TOLD: Duration = Duration::from_secs(2);
-/// Further ahead nobody looks.
-const LONGEST: Duration = Duration::from_secs(10);
+/// How long a reduction is reported: at speed it changes at every position.
+const REPORTED_FOR: Duration = Duration::from_secs(2);
+/// The maximum time of a look ahead.
+const MAX_AHEAD: Duration = Duration::from_secs(10);
 
-/// What was wanted is remembered so often, and so many times.
+/// The interval at which what was wanted is remembered, and how many of these.
 const SPACING: Duration = Duration::from_millis(10);
 const REMEMBERED: usize = 3;
-/// Nothing is let go ahead where what was wanted differed from what is wanted now by this part of it at the most, on a stretch
+/// Nothing is reduced ahead where what was wanted differed from what is wanted now by at most this part of it, on a stretch
 /// that is as long as what is ahead; on a longer one, by as much more, up to `MOST_CHANGE`. What changed along the stretch as
 /// a parabola does then changes ahead by at most eleven times as much, which is less than half of it.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
-/// How fast the axes go, and what is let go because of it.
+/// How fast the axes go, and the reduction because of it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
     /// Positions, and when they held.
@@ -37,7 +37,7 @@ pub(super) struct Lag {
     wanted: [Option<(ModelWanted, Duration)>; REMEMBERED],
     /// mm/s and rad/s.
     speed: PerAxis<f64>,
-    /// When something was let go last.
+    /// When the correction was reduced last.
     last: Option<Duration>,
     /// The correction goes out, until positions are fresh again.
     goes_out: bool,
@@ -99,7 +99,7 @@ impl Lag {
             // What is held can only go out as fast as it may.
             ahead = ahead.saturating_add(asked.way_out);
         }
-        let ahead = ahead.min(LONGEST);
+        let ahead = ahead.min(MAX_AHEAD);
         let taken = now.saturating_sub(age);
         let moves = self.speed.iter().any(|speed| *speed != 0.0);
         let part = if moves && !self.is_calm(asked, taken, ahead) {
@@ -114,7 +114,7 @@ impl Lag {
         }
         let told = self
             .last
-            .is_some_and(|last| now.saturating_sub(last) <= TOLD);
+            .is_some_and(|last| now.saturating_sub(last) <= REPORTED_FOR);
         Kept {
             part,
             let_go: self.goes_out,
@@ -125,14 +125,14 @@ impl Lag {
 
 impl Lag {
     /// Whether what is wanted changed so little on the way to here, positions being those of `taken`, that a look ahead
-    /// would find nothing to let go: it costs as much as all else of a cycle.
+    /// would find nothing to reduce: it costs as much as all else of a cycle.
     fn is_calm(&self, asked: &Asked<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
             return false;
         };
         let stretch = taken.saturating_sub(begun);
         // Near a singular pose shares begin and end all at once, and at a node a curve may bend: what was wanted before it
-        // tells nothing of what will be behind it.
+        // says nothing about what comes after it.
         let may_bend = |(axis, (at, speed)): (usize, (&f64, &f64))| {
             let [from, to] = [-stretch.as_secs_f64(), ahead.as_secs_f64()].map(|s| at + speed * s);
             from != to && asked.model.may_bend_between(axis, from, to)
@@ -173,7 +173,7 @@ impl Lag {
 }
 
 impl Asked<'_> {
-    /// The part that is better than none wherever the axes are on their way with this speed for so long.
+    /// The part that is better than none wherever the axes are on their way with this speed for this time.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // Half the way as well: what comes round again is not the same on the way.
         let half = self.part_after(speed, ahead / 2);
@@ -217,7 +217,7 @@ impl Asked<'_> {
     }
 }
 
-/// A correction where another one is needed; a difference of one step is none.
+/// A correction where another one is needed; a difference of one step does not count.
 struct Against {
     size: f64,
     differs: f64,
@@ -244,7 +244,7 @@ impl Against {
         }
     }
 
-    /// Whether it differs by no more than this part, 0.5 being the one above which something is let go.
+    /// Whether it differs by no more than this part, 0.5 being the one above which it is reduced.
     fn is_within(&self, part: f64) -> bool {
         self.differs <= part * (self.size + 2.0 * self.step)
     }

@@ -1,5 +1,5 @@
 //! How far the correction moves when another model takes over: over the corners, the middles and the places at which
-//! the curves of the work space have to be looked at, from either direction of approach; and from the largest that these
+//! the curves of the work space have to be sampled, from either direction of approach; and from the largest that these
 //! find, axis after axis to where it is larger still.
 
 use volcomp_kinematics::{Correctors, State};
@@ -9,18 +9,18 @@ use super::{Model, nodes::GridNodes};
 
 /// The largest number of states besides the nodes of curves, each evaluated with both models, over which two models are
 /// compared.
-const STATES: usize = 5000;
+const MAX_STATES: usize = 5000;
 /// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
-const NODES: usize = 100_000;
-/// Places along each axis that are looked at besides those of curves: the lever of an axis without errors has none.
+const MAX_NODE_STATES: usize = 100_000;
+/// Sampled places along each axis besides those of curves: the lever of an axis without errors has no curve.
 const PLACES: usize = 25;
 /// The number of states at which the axes are moved, one after another, to where the largest move is; more where one round takes
-/// more, up to NODES.
-const CLIMB: usize = 40_000;
-/// So many times each axis is moved at the most.
-const ROUNDS: usize = 2;
-/// The nodes of an axis at which the models differ most are looked at with the other axes at their ends, too.
-const BEST: usize = 20;
+/// more, up to MAX_NODE_STATES.
+const MAX_CLIMB_STATES: usize = 40_000;
+/// Maximum number of coordinate-ascent passes.
+const MAX_PASSES: usize = 2;
+/// The number of nodes with the largest differences that are sampled with the other axes at their ends, too.
+const MAX_BEST_NODES: usize = 20;
 
 /// How far the correction at the worst point of the work space moves when another model takes over. Infinite where the
 /// axes of the machines differ.
@@ -53,7 +53,7 @@ struct Pair<'a> {
     models: [&'a Model; 2],
     correctors: [Correctors; 2],
     worst: LargestMove,
-    /// States that may still be looked at.
+    /// The number of states that may still be sampled.
     left: usize,
     /// For each axis the most that its correction moved forward and backward, mm or rad, and where.
     most: PerAxis<[(f64, State); 2]>,
@@ -143,13 +143,13 @@ impl Model {
             }
         }
         let space = Space::of(self, other);
-        if space.node_states() * sets.len() > NODES {
+        if space.node_states() * sets.len() > MAX_NODE_STATES {
             return LargestMove {
                 linear: Mm(f64::INFINITY),
                 rotary: Rad(f64::INFINITY),
             };
         }
-        let left = STATES / sets.len() + space.node_states();
+        let left = MAX_STATES / sets.len() + space.node_states();
         sets.into_iter()
             .fold(LargestMove::NONE, |worst, correctors| {
                 let mut pair = Pair::new([self, other], correctors, worst, left);
@@ -190,7 +190,7 @@ impl Space {
                 let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
                 space.middle[axis] = f64::midpoint(low, high);
                 ends.extend([low, high]);
-                // The ends of ±360° are one pose, and so is the middle: an axis that turns is looked at in between.
+                // The ends of ±360° are one pose, and so is the middle: a rotary axis is sampled in between.
                 let whole = if old.axes[axis].is_rotary() {
                     (high - low).min(std::f64::consts::TAU)
                 } else {
@@ -229,12 +229,12 @@ impl Space {
         space
     }
 
-    /// The directions in which every place is looked at.
+    /// The directions of approach in which every place is sampled.
     fn both(&self) -> &[PerAxis<Option<Direction>>] {
         &self.directions[..self.directions.len().min(2)]
     }
 
-    /// The number of states at the places along the axes and at the nodes of grids: all of them are looked at.
+    /// The number of states at the places along the axes and at the nodes of grids: all of them are sampled.
     fn node_states(&self) -> usize {
         let along: usize = self.places.iter().map(Vec::len).sum();
         let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
@@ -286,7 +286,7 @@ impl Space {
             .filter(|(axis, sign)| pair.most[*axis][*sign].0 > 0.0)
             .collect();
         let round = goals.len() * self.places.iter().map(Vec::len).sum::<usize>();
-        pair.left = CLIMB.max(round.min(NODES));
+        pair.left = MAX_CLIMB_STATES.max(round.min(MAX_NODE_STATES));
         for (goal, sign) in &goals {
             let mut together = State::default();
             for (axis, most) in along.iter().enumerate() {
@@ -306,7 +306,7 @@ impl Space {
             pair.look(&together);
             pair.look_from(&together.q, &self.directions);
         }
-        for _ in 0..ROUNDS {
+        for _ in 0..MAX_PASSES {
             let before = pair.most;
             for (goal, sign) in &goals {
                 for axis in 0..axes {
@@ -334,7 +334,7 @@ impl Space {
         }
     }
 
-    /// Looks at points, which place some of the axes, with the other axes in their middles; at the worst of them with the
+    /// Samples points, which place some of the axes, with the other axes in their middles; at the worst of them with the
     /// other axes at their ends, too.
     fn look_at(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
@@ -347,7 +347,7 @@ impl Space {
             .map(|point| (pair.look_from(&at(self.middle, &point), self.both()), point))
             .collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (_, point) in found.into_iter().take(BEST) {
+        for (_, point) in found.into_iter().take(MAX_BEST_NODES) {
             for ends in self.diagonals() {
                 pair.look_from(&at(ends, &point), self.both());
             }
@@ -425,7 +425,7 @@ fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
     directions
 }
 
-/// At most so many of the places, evenly spread.
+/// At most `at_most` of the places, evenly spread.
 fn thinned(places: &[f64], at_most: usize) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(at_most.max(1)).max(1);
     places.iter().copied().step_by(step)
@@ -560,7 +560,7 @@ mod tests {
         );
         let (old, new) = (model(SMALL, "EYX = 0.0\n"), model(SMALL, &table));
         let correctors = [&old, &new].map(|model| model.correctors_among(&model.axes));
-        let left = STATES + Space::of(&old, &new).node_states();
+        let left = MAX_STATES + Space::of(&old, &new).node_states();
         let mut pair = Pair::new([&old, &new], correctors, LargestMove::NONE, left);
         Space::of(&old, &new).look(&mut pair);
         assert!(pair.left > 0, "every part had room");

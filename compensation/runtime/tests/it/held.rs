@@ -1,13 +1,19 @@
-//! Axes of a control that may not correct: nothing is ever written to them but zero.
+//! Axes that do not correct, since they may not, or since the tool would be further off than without: nothing is ever written to
+//! them but zero. And linear axes that a rotary axis turns into one direction.
 
+use std::time::Duration;
+
+use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Fading, Machine};
+use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
-    AxisSettings, GuardSettings, Model, Replacement,
+    AxisSettings, BarrierSettings, GuardSettings, Model, PathPlan, PlanError, Replacement,
+    WhyLeftOut, WithoutBarrier,
     guard::{Reasons, Request},
 };
-use volcomp_vocabulary::{AxisName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
-use crate::rig::{NAMES, Rig, guard, machine};
+use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine};
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/five-axis.toml");
 const PLACE: [f64; 5] = [-100.0, 40.0, 200.0, 50.0, 300.0];
@@ -135,4 +141,268 @@ fn axes_without_a_test_shift_are_told_as_not_proven() {
         let reasons = report.reasons;
         assert_eq!(reasons.contains(Reasons::NOT_PROVEN), told, "{reasons:?}");
     }
+}
+
+/// The plan for a control of the five-axis machine with these axes and steps (µrad).
+fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanError> {
+    let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
+    let of = |name: &AxisName| Axis {
+        name: *name,
+        includes_correction: false,
+        resolution: Displacement::from_micro(
+            name.kind(),
+            if name.is_rotary() { step_urad } else { 1.0 },
+        ),
+        largest: None,
+    };
+    let machine = machine();
+    description.axes = axes.iter().map(of).collect();
+    let others = NAMES.iter().filter(|name| !axes.contains(name));
+    description.reads = others.copied().collect();
+    let mut guard = guard();
+    guard.rotary_step = most;
+    let model = Model::new(&machine, guard.fading).expect("compiles");
+    PathPlan::new(description, &model, &guard, &alone(), PERIOD)
+}
+
+/// The plan for all axes with rotary ones in steps of so many degrees, with these limits, as shipped otherwise.
+fn shipped(
+    step_deg: f64,
+    has_barrier: bool,
+    rotary: Option<AxisSettings<Urad>>,
+) -> Result<PathPlan, PlanError> {
+    let mut description: Description = control([0.0; 5], &Clock::manual()).description().clone();
+    for axis in description
+        .axes
+        .iter_mut()
+        .filter(|axis| axis.name.is_rotary())
+    {
+        axis.resolution = Displacement::from_micro(AxisKind::Rotary, step_deg.to_radians() * 1e6);
+    }
+    description.barrier = has_barrier;
+    let mut guard = guard();
+    (guard.rotary, guard.without_barrier) = (rotary, WithoutBarrier::default());
+    let mut settings = alone();
+    settings.barrier = has_barrier.then_some(BarrierSettings {
+        machine: 1,
+        scan: Duration::from_millis(2),
+    });
+    let model = Model::new(&machine(), guard.fading).expect("compiles");
+    PathPlan::new(description, &model, &guard, &settings, PERIOD)
+}
+
+/// An axis whose step is larger than its limit, or than any limit may be, is left out and held at zero.
+#[test]
+fn axes_that_are_too_coarse_to_correct_need_no_limits() {
+    let stated = AxisSettings::new(Urad(250.0), Urad(500.0));
+    for step_deg in [0.01, 0.2] {
+        for has_barrier in [true, false] {
+            for rotary in [Some(stated), None] {
+                let case = format!("{step_deg} deg, barrier {has_barrier}, {rotary:?}");
+                let plan = shipped(step_deg, has_barrier, rotary)
+                    .unwrap_or_else(|error| panic!("{case}: {error}"));
+                let left_out = plan.left_out.iter().map(|out| out.axis);
+                let left_out: Vec<_> = left_out.collect();
+                assert_eq!(left_out, [AxisName::C, AxisName::B], "{case}");
+                for axis in plan.limits.axes.iter().take(plan.limits.count) {
+                    let is_rotary = axis.kind == AxisKind::Rotary;
+                    assert_eq!(axis.reachable() == 0.0 && is_rotary, axis.limit == 0.0);
+                    assert!(is_rotary || axis.limit > 0.0, "{case}");
+                }
+            }
+        }
+    }
+    // One that corrects is refused with a limit below its step, as before.
+    let fine = AxisSettings::new(Urad(0.5), Urad(500.0));
+    let refused = shipped(0.0001, true, Some(fine)).expect_err("less than a step");
+    assert!(
+        refused.to_string().contains("expected at least one step"),
+        "{refused}"
+    );
+}
+
+/// Half a step times the lever against what is allowed, axis by axis.
+#[test]
+fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
+    let model = Model::new(&machine(), Fading::default()).expect("compiles");
+    let error = |name: AxisName, urad: f64| {
+        let axis = model.index_of(name).expect("an axis");
+        let step = volcomp_vocabulary::Urad(urad).to_rad();
+        model.rotary_step_error(axis, step).to_um()
+    };
+    let [b, c] = [AxisName::B, AxisName::C].map(|name| error(name, 20.0));
+    assert!(b < c && b > Um(1.0), "levers of B and C: {b} {c}");
+    let corrects = |most: f64| {
+        let plan = plan(&NAMES, 20.0, Um(most)).expect("fits");
+        let left_out = plan.left_out.iter().map(|out| (out.axis, out.why));
+        (plan.correctors.rotary().len(), left_out.collect::<Vec<_>>())
+    };
+    assert_eq!(corrects(c.0 * 1.001), (2, Vec::new()));
+    let (count, left_out) = corrects(c.0 * 0.999);
+    assert_eq!(count, 1);
+    let [(AxisName::C, WhyLeftOut::Coarse(error))] = left_out[..] else {
+        panic!("{left_out:?}")
+    };
+    assert!((error.to_um() - c).0.abs() < 1e-9);
+    assert_eq!(corrects(b.0 * 0.999).0, 0);
+}
+
+/// Without three linear directions nothing takes back what a rotary axis moves the tip: it is not corrected, and a
+/// controller of which nothing remains is refused.
+#[test]
+fn rotary_axes_correct_only_beside_three_linear_directions() {
+    let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];
+    let plan = |axes: &[AxisName]| plan(axes, 1.0, Um(1000.0));
+    let two = plan(&[x, b, y]).expect("X and Y correct");
+    assert!(two.correctors.rotary().is_empty());
+    assert_eq!(two.left_out.len(), 1);
+    assert_eq!(
+        (two.left_out[0].axis, two.left_out[0].why),
+        (b, WhyLeftOut::Uncatchable)
+    );
+    let refused = plan(&[b, c]).expect_err("nothing corrects");
+    assert!(
+        refused.to_string().contains("three linear directions"),
+        "{refused}"
+    );
+}
+
+/// A machine X Y A: the tool is no further off than without correction. A alone turned the tip by its lever, and no axis
+/// takes that back along Z.
+#[test]
+fn a_machine_with_two_linear_directions_and_a_rotary_axis_gains_no_error() {
+    let text = "structure = \"w A' b X Y t\"
+axes.X = { travel = [-500.0, 500.0] }
+axes.Y = { travel = [-500.0, 500.0] }
+axes.A = { travel = [-90.0, 90.0], point = [0.0, 0.0, -300.0] }
+errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
+";
+    let machine = Machine::parse(text, "m").expect("valid");
+    let names = [AxisName::X, AxisName::Y, AxisName::A];
+    let clock = Clock::manual();
+    // Coordinates in the order of NAMES: Z, B and C are not there; A stands at 0.
+    let mut rig = Rig::with(&machine, &guard(), &names, &[120.0, -80.0, 25.0], &clock);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let mut worst = f64::NEG_INFINITY;
+    for _ in 0..1500 {
+        let report = rig.step(None);
+        let tip = |error: [f64; 3]| Vector3::from(error).norm();
+        let without = tip(report.error.expect("known").position_mm);
+        let with = tip(report.residual.expect("known").position_mm);
+        worst = worst.max(with - without);
+    }
+    let report = rig.step(None);
+    assert_eq!(report.state.name(), "compensating");
+    let [x, y, a] = names.map(|name| machine.index_of(name).expect("an axis"));
+    assert_eq!(report.correction[a], 0.0);
+    assert!(report.correction[x].abs() > 1e-3 && report.correction[y].abs() > 1e-3);
+    assert!(worst < 1e-6, "{worst} mm further off than without");
+}
+
+/// X under a rotary table, Y on the other side: at C = 90° they lie in one direction. The shares grow without end there,
+/// are limited together, and are told.
+#[test]
+fn linear_axes_turned_into_one_direction_are_told() {
+    let text = "structure = \"w X' C' b Y Z t\"
+axes.X = { travel = [-500.0, 500.0] }
+axes.Y = { travel = [-500.0, 500.0] }
+axes.Z = { travel = [-500.0, 500.0] }
+axes.C = { travel = [-180.0, 180.0] }
+errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
+";
+    let machine = Machine::parse(text, "m").expect("valid");
+    let model = Model::new(&machine, Fading::default()).expect("compiles");
+    let pose = model.linear_near_singular(&model.correctors_among(&model.axes));
+    let c = machine.index_of(AxisName::C).expect("an axis");
+    let at = pose.expect("C = ±90°")[c].abs().to_degrees();
+    assert!((at - 90.0).abs() < 10.0, "{at}");
+    // Held apart by nothing that turns: nowhere.
+    let five = Model::new(&crate::rig::machine(), Fading::default()).expect("compiles");
+    assert_eq!(
+        five.linear_near_singular(&five.correctors_among(&five.axes)),
+        None
+    );
+    let names = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C];
+    for (c_deg, told) in [
+        (0.0, false),
+        (80.0, false),
+        (85.0, true),
+        (89.9, true),
+        (91.0, true),
+    ] {
+        let clock = Clock::manual();
+        let mut rig = Rig::with(
+            &machine,
+            &guard(),
+            &names,
+            &[20.0, 30.0, 40.0, c_deg],
+            &clock,
+        );
+        rig.run(10);
+        rig.step(Some(Request::Arm));
+        let mut worst = f64::NEG_INFINITY;
+        for _ in 0..1000 {
+            let report = rig.step(None);
+            let tip = |error: [f64; 3]| Vector3::from(error).norm();
+            let without = tip(report.error.expect("known").position_mm);
+            worst = worst.max(tip(report.residual.expect("known").position_mm) - without);
+        }
+        let report = rig.step(None);
+        assert_eq!(report.state.name(), "compensating");
+        assert_eq!(
+            report.reasons.contains(Reasons::LINEAR_NEAR_SINGULAR),
+            told,
+            "C {c_deg}"
+        );
+        assert!(
+            worst < 1e-6,
+            "C {c_deg}: {worst} mm further off than without"
+        );
+        for (output, name) in report.correction.iter().zip(&model.axes) {
+            assert!(output.abs() <= 0.25 + 1e-6, "{name}: {output}");
+        }
+    }
+}
+
+/// A tool that is 1 mm longer: half a step of B at its lever is above what is allowed now, and B is not corrected any more.
+/// Before, the change was compared with B correcting in both models, and was told as 0 µm.
+#[test]
+fn a_rotary_axis_that_falls_out_of_the_correction_is_told_as_a_move() {
+    let machine = |length: f64| {
+        let text = format!(
+            "structure = \"w C' X' b Y Z B t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\npoint = [400.0, 300.0, -120.0]\n[axes.B]\ntravel = [-110.0, 110.0]\npoint = [400.0, 300.0, 120.0]\n[axes.C]\ntravel = [0.0, 360.0]\npoint = [400.0, 300.0, 0.0]\nmodulo = 360.0\n[tool]\ngauge = [400.0, 300.0, 0.0]\nlength = {length:?}\n[errors]\nEBZ = -160.0\n"
+        );
+        Machine::parse(&text, "m").expect("valid")
+    };
+    let (old, new) = (machine(120.0), machine(121.0));
+    let mut settings = guard();
+    settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
+    // The steps of the simulated control are 1e-8 rad: half of one at 240.5 mm.
+    settings.rotary_step = Um(0.5 * 1e-8 * 240.5 * 1e3);
+    let place = [-100.0, 0.0, 200.0, 50.0, 300.0];
+    let mut rig = Rig::of(&old, &settings, place, &NAMES);
+    rig.run(10);
+    rig.step(Some(Request::Arm));
+    let before = rig.run(2000);
+    let [old, new] = [&old, &new].map(|m| Model::new(m, Fading::default()).expect("compiles"));
+    let controller = control(place, &Clock::manual()).description().clone();
+    let most = settings.rotary_step.to_mm();
+    let way = [&old, &new].map(|model| model.correctors_of(&controller, most));
+    let told = old.largest_move(&new, [way]);
+    rig.cycle
+        .swap_model(&mut Replacement::new(Box::new(new), &[]))
+        .expect("the same axes");
+    rig.step(Some(Request::Switched));
+    let after = rig.run(3000);
+    let moved = |name: AxisName| {
+        let axis = old.index_of(name).expect("an axis");
+        (after.correction[axis] - before.correction[axis]).abs()
+    };
+    let linear = [AxisName::X, AxisName::Y, AxisName::Z].map(moved);
+    let linear = linear.into_iter().fold(0.0, f64::max);
+    let rotary = moved(AxisName::B).max(moved(AxisName::C));
+    assert!(linear > 0.03 && rotary > 1e-4, "{linear} mm, {rotary} rad");
+    assert!(told.linear.0 > linear - 1e-3, "{} of {linear}", told.linear);
+    assert!(told.rotary.0 > rotary - 1e-6, "{:?}", told.rotary);
 }

@@ -4,17 +4,17 @@ use std::{collections::VecDeque, time::Duration};
 
 use volcomp_port::{Clock, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
-    AxisSettings, BarrierSettings, Cycle, GuardSettings, PathSettings,
+    BarrierSettings, Cycle, PathSettings,
     guard::{
         Request,
         barrier::{Barrier, REPORT_WORDS},
     },
 };
-use volcomp_vocabulary::{PerChannel, Um};
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
     rig::{alone, referenced, without_barrier},
-    ways::{AXES, Plant, Ways, barrier_of_three_axes, three_axes},
+    ways::{AXES, Plant, Ways, barrier_of, guard_um, three_axes},
 };
 
 /// Two ways to the barrier of one control; reports and frames are some cycles on their way.
@@ -32,7 +32,7 @@ struct Slow {
 impl Slow {
     fn new(late: usize) -> Self {
         Self {
-            barrier: barrier_of_three_axes(50, 100),
+            barrier: barrier_of(&AXES, 150, 50, 100),
             x: 0.0,
             late,
             first_is_away: false,
@@ -82,17 +82,11 @@ impl Plant for Slow {
             .push_back((self.cycle + self.late, frame.as_slice().to_vec()));
         Ok(())
     }
-
-    fn apply(&mut self, _: &Description, _: &PerChannel<f64>, _: &Clock) -> Result<(), Fault> {
-        Ok(())
-    }
 }
 
 fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     let ways = Ways::to(Slow::new(late), Clock::manual());
-    let mut guard = GuardSettings::new(AxisSettings::new(Um(150.0), Um(500.0)));
-    guard.ramp = Duration::from_millis(200);
-    guard.hand_back = Duration::from_secs(2);
+    let guard = guard_um(150.0);
     let model = three_axes("EXX = { poly = [-75, 1.5] }", &guard);
     let settings = PathSettings {
         barrier: Some(BarrierSettings {

@@ -1,6 +1,7 @@
 //! Some ways to one control, which a test models: what it says on each way, and what it does with what is written.
 
 use std::{
+    collections::BTreeMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -8,16 +9,17 @@ use std::{
 use volcomp_model::Machine;
 use volcomp_port::{Clock, Controller, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
-    ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report,
+    AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError,
+    Report,
     guard::{
         Request,
-        barrier::{Barrier, Settings},
+        barrier::{Barrier, REPORT_WORDS, Settings},
         protocol::{Counts, Layout},
     },
 };
-use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
+use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel, Um};
 
-use crate::rig::{self, PERIOD};
+use crate::rig::{self, PERIOD, referenced};
 
 pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
@@ -32,12 +34,25 @@ errors = {{ {errors} }}"
     Model::new(&machine, guard.fading).expect("compiles")
 }
 
-/// The barrier of a control of three axes: 150 counts, 2 counts a scan.
-pub(crate) fn barrier_of_three_axes(hold_scans: u16, time_out_scans: u16) -> Barrier {
+/// Settings for linear axes with a limit (µm) and 500 µm/s, and a ramp of 200 ms.
+pub(crate) fn guard_um(limit: f64) -> GuardSettings {
+    GuardSettings {
+        ramp: Duration::from_millis(200),
+        ..GuardSettings::new(AxisSettings::new(Um(limit), Um(500.0)))
+    }
+}
+
+/// The barrier of a control of these axes: 2 counts a scan.
+pub(crate) fn barrier_of(
+    axes: &[AxisName],
+    limit: i16,
+    hold_scans: u16,
+    time_out_scans: u16,
+) -> Barrier {
     let settings = Settings {
-        axes: Layout::of(AXES).expect("each once"),
+        axes: Layout::of(axes.iter().copied()).expect("each once"),
         machine: 1,
-        limit: PerChannel([150; MAX_AXES]),
+        limit: PerChannel([limit; MAX_AXES]),
         rate: PerChannel([2; MAX_AXES]),
         step_scans: 1,
         hold_scans,
@@ -57,7 +72,10 @@ pub(crate) trait Plant: Send {
         way: &Description,
         corrections: &PerChannel<f64>,
         clock: &Clock,
-    ) -> Result<(), Fault>;
+    ) -> Result<(), Fault> {
+        let _ = (way, corrections, clock);
+        Ok(())
+    }
 
     /// Takes a frame on this way.
     fn post(&mut self, _: &Description, _: &Words) -> Result<(), Fault> {
@@ -67,6 +85,130 @@ pub(crate) trait Plant: Send {
     /// For how long a reading on this way keeps whoever asks.
     fn hangs(&self, _: &Description) -> Duration {
         Duration::ZERO
+    }
+}
+
+/// A control that takes at once what is written on any of its ways, and stands where the test has put it.
+#[derive(Default)]
+pub(crate) struct Control {
+    /// Where its axes are without correction, mm and rad; 0 where it is not named.
+    pub(crate) place: BTreeMap<AxisName, f64>,
+    /// What is written, mm and rad.
+    pub(crate) words: BTreeMap<AxisName, f64>,
+    /// What is written on ways that cannot be asked, where these lead to other words.
+    pub(crate) lines: Option<BTreeMap<AxisName, f64>>,
+    /// Where ways with a barrier lead.
+    pub(crate) barrier: Option<Barrier>,
+    pub(crate) mailbox: Option<Vec<u16>>,
+    pub(crate) scanned: Duration,
+    /// The device that does not answer, and for how long it keeps whoever asks.
+    pub(crate) away: Option<&'static str>,
+    pub(crate) hangs: Duration,
+    /// An emergency stop, which ways with a barrier do not show.
+    pub(crate) stop: bool,
+    /// The largest change of a word by one write, mm or rad.
+    pub(crate) largest: f64,
+    /// When each device wrote last.
+    pub(crate) written: BTreeMap<String, Duration>,
+}
+
+impl Control {
+    pub(crate) fn at(place: &[(AxisName, f64)]) -> Self {
+        Self {
+            place: place.iter().copied().collect(),
+            ..Self::default()
+        }
+    }
+
+    /// What is written for an axis, µm.
+    pub(crate) fn um(&self, axis: AxisName) -> f64 {
+        (value(&self.words, axis) * 1e3).round()
+    }
+
+    /// Makes the scans that are due at `now`.
+    pub(crate) fn scan_until(&mut self, now: Duration, scan: Duration) {
+        while self.scanned + scan <= now {
+            self.scanned += scan;
+            let mailboxes: Vec<&[u16]> = self.mailbox.as_deref().into_iter().collect();
+            if let Some(barrier) = &mut self.barrier {
+                barrier.scan(&mailboxes, self.stop);
+            }
+        }
+    }
+
+    /// The counts that the barrier applies.
+    pub(crate) fn applied(&self) -> Counts {
+        let barrier = self.barrier.as_ref().expect("a barrier");
+        barrier.memory().applied
+    }
+
+    fn answers(&self, way: &Description) -> Result<(), Fault> {
+        let is_away = self.away == Some(way.device.as_str());
+        if is_away {
+            Err(Fault::TimedOut)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// The value of an axis, 0 where there is none.
+pub(crate) fn value(values: &BTreeMap<AxisName, f64>, axis: AxisName) -> f64 {
+    values.get(&axis).copied().unwrap_or(0.0)
+}
+
+impl Plant for Control {
+    fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        self.answers(way)?;
+        let of_way = |values: &BTreeMap<AxisName, f64>| {
+            let mut channel = PerChannel::ZERO;
+            for (into, name) in channel.iter_mut().zip(way.shown_axes()) {
+                *into = value(values, name);
+            }
+            channel
+        };
+        let tells = way.tells_applied && !way.barrier;
+        let applied = tells.then(|| of_way(&self.words));
+        let mut snapshot = referenced(of_way(&self.place), clock.now(), applied);
+        snapshot.state.emergency_stop = self.stop && !way.barrier;
+        if let Some(barrier) = self.barrier.as_ref().filter(|_| way.barrier) {
+            let mut words = [0; REPORT_WORDS];
+            let length = barrier.report().encode(&mut words);
+            snapshot.report = Words::new(&words[..length]);
+        }
+        Ok(snapshot)
+    }
+
+    fn apply(
+        &mut self,
+        way: &Description,
+        corrections: &PerChannel<f64>,
+        clock: &Clock,
+    ) -> Result<(), Fault> {
+        self.answers(way)?;
+        let words = match &mut self.lines {
+            Some(lines) if !way.tells_applied => lines,
+            _ => &mut self.words,
+        };
+        for (axis, correction) in way.axes.iter().zip(corrections) {
+            let before = words.insert(axis.name, *correction).unwrap_or(0.0);
+            self.largest = self.largest.max((correction - before).abs());
+        }
+        self.written.insert(way.device.clone(), clock.elapsed());
+        Ok(())
+    }
+
+    fn post(&mut self, way: &Description, frame: &Words) -> Result<(), Fault> {
+        self.answers(way)?;
+        self.mailbox = Some(frame.as_slice().to_vec());
+        Ok(())
+    }
+
+    fn hangs(&self, way: &Description) -> Duration {
+        match self.answers(way) {
+            Ok(()) => Duration::ZERO,
+            Err(_) => self.hangs,
+        }
     }
 }
 

@@ -1,8 +1,8 @@
-//! What may go wrong: by chance, or when it is asked for.
+//! What may go wrong: by chance, or on request.
 
 use std::time::Duration;
 
-/// How often what goes wrong: chances of a call, 0 to 1, where nothing else is said.
+/// How often what goes wrong: chances of a call, 0 to 1, unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -10,7 +10,7 @@ use std::time::Duration;
     serde(default)
 )]
 pub struct Faults {
-    /// The call takes so long besides.
+    /// Additional time of a call.
     pub delay: Duration,
     /// The delay is random up to that.
     pub jitter: bool,
@@ -26,9 +26,9 @@ pub struct Faults {
     pub calls: u32,
     /// The read-back of one reading is wrong, in one of the ways of [`Lie`].
     pub lie: f64,
-    /// The next `calls` readings tell the read-back, or the report of the barrier, of this one.
+    /// The next `calls` readings report the read-back, or the report of the barrier, of this one.
     pub constant: f64,
-    /// A write is held back, while the writer is told that it was made, and delivered after up to `calls` further
+    /// A write is held back although the call succeeds, and delivered after up to `calls` further
     /// calls, also when the connection was lost in between.
     pub late_write: f64,
     /// A write is delivered, and once more after up to `calls` further calls.
@@ -39,23 +39,23 @@ pub struct Faults {
     pub reordered_write: f64,
     /// An answer takes up to nine tenths of the time that is left before the deadline to come back.
     pub late_answer: f64,
-    /// The next `calls` readings tell the positions of this one, with fresh times.
+    /// The next `calls` readings report the positions of this one, with fresh times.
     pub frozen_positions: f64,
-    /// The whole program stands for up to `stop` after a reading.
+    /// The whole program stops for up to `stop` after a reading.
     pub stop_after_read: f64,
-    /// The whole program stands for up to `stop` when a write was handed over and is not sent yet.
+    /// The whole program stops for up to `stop` when a write was handed over and is not sent yet.
     pub stop_before_write: f64,
-    /// The longest time that the program stands.
+    /// The longest time that the program stops.
     pub stop: Duration,
     /// The next `calls` readings say: referenced, no alarm, no emergency stop.
     pub dropped_flag: f64,
     /// The position of one axis is one step of its correction further in this reading.
     pub flicker: f64,
-    /// Positions are those of so many readings before, at most 63, with fresh times. Not a chance.
+    /// Positions are those of this number of readings before, at most 63, with fresh times. Not a chance.
     pub lag: u32,
 }
 
-/// In which way a read-back is wrong. Where the control has a barrier, the words of its report are: whoever reads them has to
+/// In which way a read-back is wrong. Where the control has a barrier, the words of its report are: the reader has to
 /// find that by the checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -83,80 +83,55 @@ impl Lie {
     ];
 }
 
-/// One fault that is asked for; it begins with the next call that it concerns.
+/// One requested fault; it begins with the next call that it concerns.
+#[expect(
+    missing_docs,
+    reason = "numbers of readings or calls, and places of axes"
+)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Injection {
-    /// So many readings tell a wrong read-back.
-    Lie {
-        /// In which way.
-        lie: Lie,
-        /// The number of readings.
-        readings: u32,
-    },
-    /// So many readings tell the read-back of the next one.
-    Constant {
-        /// The number of readings.
-        readings: u32,
-    },
-    /// The next write is delivered after so many further calls on an open connection.
-    LateWrite {
-        /// The number of calls.
-        calls: u32,
-    },
-    /// The next write is delivered, and once more after so many further calls.
-    DoubleWrite {
-        /// The number of calls.
-        calls: u32,
-    },
+    /// Readings report a wrong read-back.
+    Lie { lie: Lie, readings: u32 },
+    /// Readings report the read-back of the next one.
+    Constant { readings: u32 },
+    /// The next write is delivered after further calls on an open connection.
+    LateWrite { calls: u32 },
+    /// The next write is delivered, and once more after further calls.
+    DoubleWrite { calls: u32 },
     /// Of the next write only a part is delivered; the rest comes with the next call.
     TornWrite,
     /// The next write is delivered after the one that follows.
     ReorderedWrite,
-    /// The next answer takes so long to come back, but not beyond the deadline.
+    /// The delay of the next answer, within its deadline.
     LateAnswer(Duration),
-    /// So many readings tell the positions of the next one.
-    FrozenPositions {
-        /// The number of readings.
-        readings: u32,
-    },
-    /// So many readings tell another position of an axis: it jumped, or is in another unit.
+    /// Readings report the positions of the next one.
+    FrozenPositions { readings: u32 },
+    /// Readings report another position of an axis: it jumped, or is in another unit.
     WrongPosition {
-        /// The place of the axis.
         axis: usize,
         /// By how much the position is multiplied.
         factor: f64,
         /// What is added then, mm or rad.
         add: f64,
-        /// The number of readings.
         readings: u32,
     },
-    /// The program stands for so long after the next reading.
+    /// The time that the program stops after the next reading.
     StopAfterRead(Duration),
-    /// The program stands for so long before the next write is sent.
+    /// The time that the program stops before the next write is sent.
     StopBeforeWrite(Duration),
-    /// So many readings say: referenced, no alarm, no emergency stop.
-    DroppedFlag {
-        /// The number of readings.
-        readings: u32,
-    },
-    /// The next reading tells one step more of this axis.
-    Flicker {
-        /// The place of the axis.
-        axis: usize,
-    },
-    /// Positions are late by so many readings from now on, at most 63.
+    /// Readings report: referenced, no alarm, no emergency stop.
+    DroppedFlag { readings: u32 },
+    /// The next reading reports one step more for this axis.
+    Flicker { axis: usize },
+    /// The number of readings by which positions are late from now on, at most 63.
     Lag(u32),
-    /// So many calls find no connection.
-    Disconnect {
-        /// The number of calls.
-        calls: u32,
-    },
-    /// One sensor of a thermometer tells so much more from now on, K: it jumped, and stays there. 0 mends it.
+    /// Calls find no connection.
+    Disconnect { calls: u32 },
+    /// One sensor of a thermometer reports more from now on: it jumped, and stays there. 0 ends it.
     Jump {
-        /// The place of the sensor.
         sensor: usize,
-        /// How much more it tells, K.
+        /// The difference, K.
         kelvin: f64,
     },
     /// All writes that are held back are delivered with the next call on an open connection.

@@ -1,4 +1,4 @@
-//! A device with faults: what is common to all kinds of devices.
+//! A device with faults: what is common to all kinds of devices, then each kind.
 
 use std::{
     fmt,
@@ -14,20 +14,25 @@ use super::{
     Faults, Injection, Lie,
     held::{Held, Write},
 };
-use crate::{Clock, Fault, InputLevels, Snapshot, Temperature};
+use crate::{
+    Clock, Controller, ControllerState, Description, DigitalIo, Fault, InputLevels, Snapshot,
+    Temperature, Thermometer, Words,
+};
 
-/// So many injections may wait for the next call.
+/// The maximum error of a wrong read-back, steps.
+const MOST_STEPS: f64 = 5000.0;
+/// The maximum number of injections that wait for the next call.
 const MOST_ORDERS: usize = 64;
-/// The positions of so many readings are kept.
-pub(super) const MOST_LAG: usize = 64;
-/// A write that is late has this long to be delivered: nobody waits for it.
+/// The number of readings whose positions are kept.
+const MOST_LAG: usize = 64;
+/// The timeout of a late write, which no caller waits for.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Lets the program stand for a time.
+/// Stops the program for a time.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
 /// How a kind of device takes a write.
-pub(super) type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
+type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
 
 /// A device with faults.
 pub struct Faulty<D> {
@@ -35,8 +40,8 @@ pub struct Faulty<D> {
     pub device: D,
     /// The faults that are injected; may be changed between calls.
     pub faults: Faults,
-    pub(super) random: ChaCha8Rng,
-    pub(super) asked: Asked,
+    random: ChaCha8Rng,
+    asked: Asked,
     frozen: u32,
     disconnected: u32,
     held: Held,
@@ -44,36 +49,36 @@ pub struct Faulty<D> {
     clock: Clock,
     pause: Option<Pause>,
     orders: Arc<Mutex<Vec<Injection>>>,
-    pub(super) last_snapshot: Option<Snapshot>,
+    last_snapshot: Option<Snapshot>,
     /// Before any lie was told.
-    pub(super) last_true: Option<Snapshot>,
-    pub(super) positions: [PerChannel<f64>; MOST_LAG],
-    pub(super) readings: usize,
-    pub(super) last_levels: Option<InputLevels>,
-    pub(super) last_temperatures: Vec<Temperature>,
+    last_true: Option<Snapshot>,
+    positions: [PerChannel<f64>; MOST_LAG],
+    readings: usize,
+    last_levels: Option<InputLevels>,
+    last_temperatures: Vec<Temperature>,
 }
 
 /// What is to happen with the next calls.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Asked {
-    pub(super) lie: Option<(Lie, u32)>,
-    pub(super) constant: u32,
+struct Asked {
+    lie: Option<(Lie, u32)>,
+    constant: u32,
     /// The reading whose read-back is told.
-    pub(super) constant_of: Option<Snapshot>,
+    constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
     torn_write: bool,
     reordered_write: bool,
     late_answer: Option<Duration>,
-    pub(super) frozen_positions: u32,
-    pub(super) frozen_at: Option<PerChannel<f64>>,
+    frozen_positions: u32,
+    frozen_at: Option<PerChannel<f64>>,
     /// The axis, the factor, what is added, and the number of readings.
-    pub(super) wrong_position: Option<(usize, f64, f64, u32)>,
+    wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
-    pub(super) dropped_flag: u32,
-    pub(super) flicker: Option<usize>,
-    pub(super) jump: Option<(usize, f64)>,
+    dropped_flag: u32,
+    flicker: Option<usize>,
+    jump: Option<(usize, f64)>,
 }
 
 /// Asks a device that somebody else holds for faults.
@@ -183,12 +188,12 @@ impl<D> Faulty<D> {
         }
     }
 
-    pub(super) fn happens(&mut self, chance: f64) -> bool {
+    fn happens(&mut self, chance: f64) -> bool {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
     /// Takes what was asked for from elsewhere. Where the other side is just asking, with the next call.
-    pub(super) fn take_orders(&mut self) {
+    fn take_orders(&mut self) {
         let orders = Arc::clone(&self.orders);
         if let Ok(mut orders) = orders.try_lock() {
             for index in 0..orders.len() {
@@ -216,7 +221,7 @@ impl<D> Faulty<D> {
     }
 
     /// The delay, loss or disconnection that happens before the device is asked at all.
-    pub(super) fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
+    fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
         self.take_orders();
         if self.disconnected == 0 && self.happens(self.faults.disconnect) {
             self.disconnected = self.faults.calls;
@@ -245,7 +250,7 @@ impl<D> Faulty<D> {
     }
 
     /// Whether the last answer comes again.
-    pub(super) fn is_frozen(&mut self) -> bool {
+    fn is_frozen(&mut self) -> bool {
         if self.frozen == 0 && self.happens(self.faults.freeze) {
             self.frozen = self.faults.calls;
         }
@@ -254,7 +259,7 @@ impl<D> Faulty<D> {
         frozen
     }
 
-    pub(super) fn broken_number(&mut self, number: f64) -> f64 {
+    fn broken_number(&mut self, number: f64) -> f64 {
         match self.random.random_range(0..4) {
             0 => f64::NAN,
             1 => f64::INFINITY,
@@ -264,7 +269,7 @@ impl<D> Faulty<D> {
     }
 
     /// Draws what shall go wrong with a reading.
-    pub(super) fn draw_reading(&mut self, axes: usize) {
+    fn draw_reading(&mut self, axes: usize) {
         if self.happens(self.faults.lie) {
             let lie = Lie::ALL[self.random.random_range(0..Lie::ALL.len())];
             self.inject(Injection::Lie { lie, readings: 1 });
@@ -288,7 +293,7 @@ impl<D> Faulty<D> {
     }
 
     /// After the device was read: the way back of the answer, and how long it was.
-    pub(super) fn way_back(&mut self, deadline: Instant) -> Duration {
+    fn way_back(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
         if self.happens(self.faults.late_answer) {
@@ -302,8 +307,8 @@ impl<D> Faulty<D> {
         late
     }
 
-    /// The program stands after a reading, before anything is made of it.
-    pub(super) fn after_reading(&mut self) {
+    /// The program stops after a reading, before it is used.
+    fn after_reading(&mut self) {
         if self.happens(self.faults.stop_after_read) {
             self.asked.stop_after_read = Some(self.stands_for());
         }
@@ -313,25 +318,20 @@ impl<D> Faulty<D> {
     }
 
     /// Delivers what is due on a connection that is open.
-    pub(super) fn deliver_due(&mut self, deliver: Deliver<D>) {
+    fn deliver_due(&mut self, deliver: Deliver<D>) {
         self.held.pass();
         self.deliver_held(deliver, false);
     }
 
     fn deliver_held(&mut self, deliver: Deliver<D>, written: bool) {
         while let Some(write) = self.held.take(written) {
-            // Nobody waits for the answer.
+            // No caller waits for the answer.
             let _ = deliver(&mut self.device, &write, Instant::now() + PATIENCE);
         }
     }
 
     /// A write, and what becomes of it on its way.
-    pub(super) fn put(
-        &mut self,
-        write: Write,
-        deadline: Instant,
-        deliver: Deliver<D>,
-    ) -> Result<(), Fault> {
+    fn put(&mut self, write: Write, deadline: Instant, deliver: Deliver<D>) -> Result<(), Fault> {
         self.before(deadline)?;
         if self.happens(self.faults.stop_before_write) {
             self.asked.stop_before_write = Some(self.stands_for());
@@ -390,5 +390,260 @@ impl<D> Faulty<D> {
         if self.happens(self.faults.reordered_write) {
             self.inject(Injection::ReorderedWrite);
         }
+    }
+}
+
+fn deliver_to_controller<C: Controller>(
+    device: &mut C,
+    write: &Write,
+    deadline: Instant,
+) -> Result<(), Fault> {
+    match write {
+        Write::Frame(frame) => device.post(frame, deadline),
+        Write::Values(values) => device.apply(values, deadline),
+        Write::Levels(_) => Ok(()),
+    }
+}
+
+impl<C: Controller> Controller for Faulty<C> {
+    fn description(&self) -> &Description {
+        self.device.description()
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        self.before(deadline)?;
+        self.deliver_due(deliver_to_controller);
+        if self.is_frozen()
+            && let Some(last) = self.last_snapshot
+        {
+            return Ok(last);
+        }
+        let mut snapshot = self.device.read(deadline)?;
+        let late = self.way_back(deadline);
+        // A driver takes the middle of the exchange.
+        snapshot.taken += late / 2;
+        snapshot.state_taken += late / 2;
+        snapshot.correction_taken += late / 2;
+        snapshot.uncertainty += late / 2;
+        self.last_snapshot = Some(snapshot);
+        let axes = self.device.description().axes.len().max(1);
+        if self.happens(self.faults.corrupt) {
+            let axis = self.random.random_range(0..axes);
+            snapshot.positions[axis] = self.broken_number(snapshot.positions[axis]);
+        }
+        self.draw_reading(axes);
+        self.spoil_positions(&mut snapshot);
+        self.spoil_read_back(&mut snapshot, axes);
+        if self.asked.dropped_flag > 0 {
+            self.asked.dropped_flag -= 1;
+            snapshot.state = ControllerState {
+                referenced: true,
+                alarm: false,
+                emergency_stop: false,
+            };
+        }
+        self.after_reading();
+        Ok(snapshot)
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        self.put(Write::Frame(*frame), deadline, deliver_to_controller)
+    }
+
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
+        self.put(Write::Values(*corrections), deadline, deliver_to_controller)
+    }
+}
+
+impl<C: Controller> Faulty<C> {
+    fn spoil_positions(&mut self, snapshot: &mut Snapshot) {
+        self.positions[self.readings % MOST_LAG] = snapshot.positions;
+        let lag = usize::try_from(self.faults.lag).unwrap_or(MOST_LAG);
+        let lag = lag.min(MOST_LAG - 1).min(self.readings);
+        snapshot.positions = self.positions[(self.readings - lag) % MOST_LAG];
+        self.readings += 1;
+        if self.asked.frozen_positions > 0 {
+            self.asked.frozen_positions -= 1;
+            let frozen = self.asked.frozen_at.get_or_insert(snapshot.positions);
+            snapshot.positions = *frozen;
+        } else {
+            self.asked.frozen_at = None;
+        }
+        if let Some((axis, factor, add, readings)) = self.asked.wrong_position {
+            if let Some(position) = snapshot.positions.get_mut(axis) {
+                *position = *position * factor + add;
+            }
+            let left = readings - 1;
+            self.asked.wrong_position = (left > 0).then_some((axis, factor, add, left));
+        }
+        if let Some(index) = self.asked.flicker.take()
+            && let Some(axis) = self.device.description().axes.get(index)
+        {
+            snapshot.positions[index] += axis.step();
+        }
+    }
+
+    fn spoil_read_back(&mut self, snapshot: &mut Snapshot, axes: usize) {
+        let before = self.last_true.replace(*snapshot).unwrap_or(*snapshot);
+        if self.asked.constant > 0 {
+            self.asked.constant -= 1;
+            let of = self.asked.constant_of.get_or_insert(*snapshot);
+            (snapshot.applied, snapshot.report) = (of.applied, of.report);
+        }
+        let Some((lie, readings)) = self.asked.lie else {
+            return;
+        };
+        self.asked.lie = (readings > 1).then(|| (lie, readings - 1));
+        if readings == 0 {
+            return;
+        }
+        let [one, other] = self.two_of(axes);
+        if let Some(applied) = &mut snapshot.applied {
+            match lie {
+                Lie::Value => {
+                    let step = self
+                        .device
+                        .description()
+                        .axes
+                        .get(one)
+                        .map_or(0.0, crate::Axis::step);
+                    let steps = self.random.random_range(1.0..MOST_STEPS).round();
+                    let sign = if self.random.random() { 1.0 } else { -1.0 };
+                    applied[one] += sign * steps * step;
+                }
+                Lie::NotANumber => applied[one] = f64::NAN,
+                Lie::OtherAxis => applied.swap(one, other),
+                Lie::Torn => applied[one] = before.applied.map_or(0.0, |before| before[one]),
+                Lie::Zero => *applied = PerChannel::ZERO,
+            }
+        }
+        if let Some(report) = &mut snapshot.report {
+            let [one, other] = self.two_of(report.as_slice().len());
+            let words = report.as_mut_slice();
+            match lie {
+                Lie::Value => {
+                    if let Some(word) = words.get_mut(one) {
+                        *word = self.random.random();
+                    }
+                }
+                Lie::NotANumber => words.fill(u16::MAX),
+                Lie::OtherAxis => {
+                    if one < words.len() && other < words.len() {
+                        words.swap(one, other);
+                    }
+                }
+                Lie::Torn => {
+                    let old = before.report.unwrap_or_default();
+                    let rest = words.iter_mut().zip(old.as_slice()).skip(one + 1);
+                    rest.for_each(|(word, old)| *word = *old);
+                }
+                Lie::Zero => words.fill(0),
+            }
+        }
+    }
+
+    /// Two places of so many, different ones where there are two.
+    fn two_of(&mut self, count: usize) -> [usize; 2] {
+        let count = count.max(1);
+        let one = self.random.random_range(0..count);
+        let further = self.random.random_range(0..(count - 1).max(1)) + 1;
+        [one, (one + further) % count]
+    }
+}
+
+fn deliver_to_lines<D: DigitalIo>(
+    device: &mut D,
+    write: &Write,
+    deadline: Instant,
+) -> Result<(), Fault> {
+    match write {
+        Write::Levels(levels) => device.write(*levels, deadline),
+        Write::Frame(_) | Write::Values(_) => Ok(()),
+    }
+}
+
+impl<D: DigitalIo> DigitalIo for Faulty<D> {
+    fn device(&self) -> &str {
+        self.device.device()
+    }
+
+    fn inputs(&self) -> u32 {
+        self.device.inputs()
+    }
+
+    fn outputs(&self) -> u32 {
+        self.device.outputs()
+    }
+
+    fn shortest_cycle(&self) -> Duration {
+        self.device.shortest_cycle() + self.faults.delay
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault> {
+        self.before(deadline)?;
+        self.deliver_due(deliver_to_lines);
+        let frozen = self.is_frozen();
+        let mut found = match self.last_levels {
+            Some(last) if frozen => last,
+            _ => {
+                let found = self.device.read(deadline)?;
+                self.way_back(deadline);
+                found
+            }
+        };
+        self.last_levels = Some(found);
+        if self.happens(self.faults.corrupt) {
+            found.levels ^= 1
+                << self
+                    .random
+                    .random_range(0..self.device.inputs().clamp(1, 64));
+        }
+        self.after_reading();
+        Ok(found)
+    }
+
+    fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
+        self.put(Write::Levels(levels), deadline, deliver_to_lines)
+    }
+
+    fn confirmed(&self) -> Option<u64> {
+        self.device.confirmed()
+    }
+
+    fn tells_outputs(&self) -> bool {
+        self.device.tells_outputs()
+    }
+}
+
+impl<T: Thermometer> Thermometer for Faulty<T> {
+    fn device(&self) -> &str {
+        self.device.device()
+    }
+
+    fn names(&self) -> &[String] {
+        self.device.names()
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.take_orders();
+        if self.is_frozen() && !self.last_temperatures.is_empty() {
+            return &self.last_temperatures;
+        }
+        self.last_temperatures.clear();
+        let latest = self.device.latest();
+        self.last_temperatures.extend_from_slice(latest);
+        if self.happens(self.faults.corrupt) && !self.last_temperatures.is_empty() {
+            let sensor = self.random.random_range(0..self.last_temperatures.len());
+            let degc = self.last_temperatures[sensor].degc.unwrap_or(20.0);
+            self.last_temperatures[sensor].degc = Some(self.broken_number(degc));
+        }
+        if let Some((sensor, kelvin)) = self.asked.jump
+            && let Some(Temperature {
+                degc: Some(degc), ..
+            }) = self.last_temperatures.get_mut(sensor)
+        {
+            *degc += kelvin;
+        }
+        &self.last_temperatures
     }
 }

@@ -13,7 +13,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Controller, Description, Fault, Snapshot, Words};
 
-/// How often a controller that hangs looks at its switch.
+/// The interval at which a controller that hangs checks its switch.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// A controller whose readings do not come back while it hangs, whatever deadline they were given: a driver or a system

@@ -4,7 +4,7 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// So many writes may be on their way; one more is delivered at once.
+/// The maximum number of writes on their way; one more is delivered at once.
 const MOST: usize = 8;
 
 /// What is written to a device.
@@ -59,7 +59,7 @@ impl Write {
     }
 }
 
-/// A place after the first and before the last of so many.
+/// A place after the first and before the last of `count`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -81,7 +81,7 @@ enum Due {
 pub(super) struct Held([Option<(Write, Due)>; MOST]);
 
 impl Held {
-    /// Keeps a write for so many calls. Gives it back when there is no room.
+    /// Keeps a write for a number of calls. Returns it when there is no room.
     pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
         self.put(write, Due::After(calls.max(1)))
     }

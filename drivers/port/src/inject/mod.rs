@@ -23,13 +23,10 @@
 //!
 //! A reading that does not come back at all is that of a [`Hanging`] controller.
 
-mod controller;
-mod digital;
 mod faults;
 mod faulty;
 mod hanging;
 mod held;
-mod thermometer;
 
 pub use faults::{Faults, Injection, Lie};
 pub use faulty::{Faulty, Remote};

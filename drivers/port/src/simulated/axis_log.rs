@@ -12,7 +12,7 @@ use std::{
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 /// What the axes of a simulated machine got, scan by scan of its control; without a program in the control, write by
-/// write. Looking at it disturbs nothing, and it can be looked at from any thread.
+/// write. Reading it disturbs nothing, and it can be read from any thread.
 ///
 /// What the control does to its own words when it starts anew ([`Controls::clear_applied`](super::Controls::clear_applied))
 /// is not counted as a change: the axes are without power then.

@@ -4,19 +4,19 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::AxisLog;
 
-/// Switches by which a test disturbs a machine while it runs, and what its axes got. The machine looks at them whenever
-/// it is asked something; they count as having been so since it was asked last.
+/// Switches by which a test disturbs a machine while it runs, and what its axes got. The machine checks them whenever
+/// it is called; they count as having been so since the call before.
 #[derive(Debug, Default)]
 pub struct Controls {
-    /// The axes are not referenced: the machine stands still.
+    /// The axes are not referenced: the machine stops.
     pub unreferenced: AtomicBool,
-    /// An alarm is on: the machine stands still.
+    /// An alarm is on: the machine stops.
     pub alarm: AtomicBool,
-    /// The emergency stop is pressed: the machine stands still.
+    /// The emergency stop is pressed: the machine stops.
     pub emergency_stop: AtomicBool,
-    /// The feed is held: the machine stands still, nothing else.
+    /// The feed is held: the machine stops, nothing else.
     pub feed_hold: AtomicBool,
-    /// The positions that are told stay as they are.
+    /// The reported positions stay as they are.
     pub frozen: AtomicBool,
     /// The connection is gone, on every way to the machine.
     pub disconnected: AtomicBool,
@@ -40,7 +40,7 @@ impl Controls {
             .any(|switch| switch.load(Ordering::Relaxed))
     }
 
-    /// Whether the machine stands still.
+    /// Whether the machine stops.
     pub(super) fn stands(&self) -> bool {
         self.holds() || self.feed_hold.load(Ordering::Relaxed)
     }

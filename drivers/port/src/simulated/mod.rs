@@ -2,17 +2,13 @@
 //! of its own that decides what the axes get. It knows no model: the error is a function handed to it.
 
 mod axis_log;
-mod controller;
 mod controls;
-mod machine;
 mod path;
 mod plant;
 mod thermometer;
 
 pub use axis_log::{AxisLog, Given};
-pub use controller::SimulatedController;
 pub use controls::Controls;
-pub use machine::{Machine, Truth};
 pub use path::{Move, Path};
-pub use plant::{MOST_WAYS, Plant};
+pub use plant::{MOST_WAYS, Machine, Plant, SimulatedController, Truth};
 pub use thermometer::{SimulatedThermometer, Warming};

@@ -12,7 +12,7 @@ pub struct Move {
     pub to: PerChannel<f64>,
     /// Feed, mm/s (rad/s where no linear axis moves).
     pub feed_per_s: f64,
-    /// How long to stand there.
+    /// How long to stay there.
     pub dwell: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! The machine itself: time passes, axes move, the control scans.
+//! A simulated machine: time passes, axes move, the control scans, and controllers lead to it.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
@@ -7,14 +7,69 @@ use std::{
 
 use volcomp_vocabulary::PerChannel;
 
-use super::{Controls, Given, Machine, Path};
-use crate::{Axis, ControlProgram, ControllerState, Snapshot, Words};
+use super::{Controls, Given, Move, Path, SimulatedThermometer, Warming};
+use crate::{
+    Axis, Clock, ControlProgram, Controller, ControllerState, Description, Fault, Heartbeat,
+    ShownStates, Snapshot, Words,
+};
 
 /// The largest number of ways that lead to one machine.
 pub const MOST_WAYS: usize = 4;
 
+/// The shortest cycle of a machine whose control runs no program.
+const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
+
+/// The true error of the tool at a position (mm, rad) and the sensors' temperatures (°C): what the machine
+/// misses on each axis, mm and rad.
+pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
+
+/// The axes, program, sensors and true error of a simulated machine.
+#[derive(Clone)]
+pub struct Machine {
+    /// The axes of the machine in channel order.
+    pub axes: Vec<Axis>,
+    /// Moves, gone through again and again; where the last one ends the first begins.
+    pub program: Vec<Move>,
+    /// Acceleration and deceleration of every move, mm/s² or rad/s².
+    pub acceleration_per_s2: f64,
+    /// The temperature sensors of the machine, each with its own warming.
+    pub sensors: Vec<Warming>,
+    /// The true error of the machine, which the compensation does not know.
+    pub truth: Truth,
+    /// The clock by which the machine moves and warms, and its control scans.
+    pub clock: Clock,
+}
+
+impl Machine {
+    /// Its controller, its thermometer, and what a test may do to it. Corrections are written as plain values, which the
+    /// axes get at once: nothing on the control's side protects them.
+    pub fn start(self) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
+        self.started(None)
+    }
+
+    /// The same with a program in the control, run once in each `scan` (at least 1 µs): corrections go to it in frames
+    /// ([`Controller::post`]), and the axes get what it applies.
+    pub fn start_with(
+        self,
+        program: Box<dyn ControlProgram>,
+        scan: Duration,
+    ) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
+        self.started(Some((program, scan.max(Duration::from_micros(1)))))
+    }
+
+    fn started(
+        self,
+        control: Option<(Box<dyn ControlProgram>, Duration)>,
+    ) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
+        let controls = Arc::new(Controls::default());
+        let thermometer = SimulatedThermometer::new(&self.sensors, self.clock.clone());
+        let plant = Plant::new(self, control, Arc::clone(&controls));
+        (SimulatedController::first(plant), thermometer, controls)
+    }
+}
+
 /// A simulated machine that runs whether a controller is connected to it or not; its clones are the same machine. Time
-/// passes for it whenever it is asked something: all scans of its control that are due by then are run first.
+/// passes for it whenever it is called: all scans of its control that are due by then are run first.
 #[derive(Clone)]
 pub struct Plant(Arc<Mutex<Inner>>);
 
@@ -43,7 +98,7 @@ struct Control {
 }
 
 impl Plant {
-    pub(super) fn new(
+    fn new(
         machine: Machine,
         control: Option<(Box<dyn ControlProgram>, Duration)>,
         controls: Arc<Controls>,
@@ -114,7 +169,7 @@ impl Plant {
     }
 
     /// Another way to the machine, with a mailbox of its own; `None` when there are as many as there may be.
-    pub(super) fn another_way(&self) -> Option<usize> {
+    fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();
         let Some(control) = &mut inner.control else {
             return Some(0);
@@ -127,22 +182,22 @@ impl Plant {
     }
 
     /// The axes of the machine, and from scan to scan how long it takes where the control runs a program.
-    pub(super) fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
+    fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
         let inner = self.now();
         let scan = inner.control.as_ref().map(|control| control.scan);
         (inner.machine.axes.clone(), scan)
     }
 
-    pub(super) fn is_disconnected(&self) -> bool {
+    fn is_disconnected(&self) -> bool {
         self.now().controls.disconnected.load(Ordering::Relaxed)
     }
 
-    pub(super) fn snapshot(&self) -> Snapshot {
+    fn snapshot(&self) -> Snapshot {
         self.now().snapshot()
     }
 
     /// Makes these values (mm, rad) the applied ones, rounded to steps.
-    pub(super) fn apply(&self, corrections: &PerChannel<f64>) {
+    fn apply(&self, corrections: &PerChannel<f64>) {
         let mut inner = self.now();
         let inner = &mut *inner;
         for ((applied, wanted), axis) in inner
@@ -158,7 +213,7 @@ impl Plant {
     }
 
     /// Puts a frame into the mailbox of a way, where the next scan finds it.
-    pub(super) fn post(&self, way: usize, frame: &Words) {
+    fn post(&self, way: usize, frame: &Words) {
         let mut inner = self.now();
         if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
             *mailbox = *frame;
@@ -248,5 +303,101 @@ impl Inner {
             state_taken: taken,
             correction_taken: taken,
         }
+    }
+}
+
+/// The controller of a simulated machine. The machine goes on without it.
+pub struct SimulatedController {
+    description: Description,
+    plant: Plant,
+    /// Which mailbox its frames go to.
+    way: usize,
+    barrier: bool,
+}
+
+impl SimulatedController {
+    fn first(plant: Plant) -> Self {
+        Self::on(plant, 0)
+    }
+
+    fn on(plant: Plant, way: usize) -> Self {
+        let (axes, scan) = plant.shape();
+        Self {
+            description: Description {
+                device: "simulated".to_owned(),
+                channel: "simulated".to_owned(),
+                axes,
+                reads: Vec::new(),
+                heartbeat: Heartbeat::Watched,
+                barrier: scan.is_some(),
+                tells_applied: true,
+                shown: ShownStates::ALL,
+                // Nothing else can reach it.
+                sees_other_gateways: true,
+                shortest_cycle: scan.unwrap_or(SHORTEST_CYCLE),
+            },
+            plant,
+            way,
+            barrier: scan.is_some(),
+        }
+    }
+
+    /// Another controller of the same machine, with a mailbox of its own where the control runs a program: as a second
+    /// gateway has, or a second bus. `None` when [`MOST_WAYS`] lead there already.
+    pub fn another(&self) -> Option<Self> {
+        let way = self.plant.another_way()?;
+        Some(Self::on(self.plant.clone(), way))
+    }
+
+    /// The machine, to be read while others hold the controller.
+    pub fn plant(&self) -> Plant {
+        self.plant.clone()
+    }
+
+    /// Where the program is now, without correction.
+    pub fn commanded(&self) -> PerChannel<f64> {
+        self.plant.commanded()
+    }
+
+    /// The error of the tool now with the applied correction, and without: mm and rad for each axis.
+    pub fn residual_and_error(&self) -> [PerChannel<f64>; 2] {
+        self.plant.residual_and_error()
+    }
+
+    fn connected(&self) -> Result<&Plant, Fault> {
+        if self.plant.is_disconnected() {
+            return Err(Fault::NotConnected);
+        }
+        Ok(&self.plant)
+    }
+}
+
+impl Controller for SimulatedController {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn read(&mut self, _deadline: Instant) -> Result<Snapshot, Fault> {
+        Ok(self.connected()?.snapshot())
+    }
+
+    fn post(&mut self, frame: &Words, _deadline: Instant) -> Result<(), Fault> {
+        if !self.barrier {
+            return Err(Fault::Unsupported(
+                "frames, since the control has no barrier",
+            ));
+        }
+        self.connected()?.post(self.way, frame);
+        Ok(())
+    }
+
+    fn apply(&mut self, corrections: &PerChannel<f64>, _deadline: Instant) -> Result<(), Fault> {
+        if self.barrier {
+            return Err(Fault::Unsupported(
+                "plain values, since the control has a barrier",
+            ));
+        }
+        self.connected()?.apply(corrections);
+        Ok(())
     }
 }

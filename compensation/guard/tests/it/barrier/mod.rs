@@ -1,10 +1,8 @@
 //! The barrier: single rules, random worlds, and every world within bounds.
 
 mod explored;
-mod foreign;
 mod frames;
 mod lines;
-mod mailboxes;
 mod program;
 mod random;
 mod rules;

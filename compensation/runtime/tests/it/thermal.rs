@@ -1,4 +1,4 @@
-//! The lags of thermal terms: a program that stands, a machine file that is read again while the machine warms up.
+//! Thermal terms: their lags when a program stands or a machine file is read again, and a path that carries them alone.
 
 use std::time::Duration;
 
@@ -6,10 +6,17 @@ use volcomp_guard::{Reasons, SensorLimits};
 use volcomp_kinematics::State;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{Clock, Publisher, Temperature, published, simulated};
-use volcomp_runtime::{AxisSettings, Cycle, GuardSettings, Model, Sensors, WithoutBarrier};
-use volcomp_vocabulary::{AxisName, Mm, PerChannel, Um, Urad};
+use volcomp_runtime::{
+    AxisSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report, Sensors,
+    WithoutBarrier,
+    guard::{LimitsError, Quantity, Request, State as GuardState},
+};
+use volcomp_vocabulary::{Mm, PerChannel, Um, Urad};
 
-use crate::rig::{PERIOD, alone, path_of, simulated_control, step};
+use crate::{
+    rig::{Injected, PERIOD, alone, path_of, simulated_control, step, without_barrier},
+    ways::AXES,
+};
 
 fn model(lag_s: f64, weight: f64) -> Model {
     let text = format!(
@@ -24,26 +31,28 @@ struct Rig {
     cycle: Cycle,
     publisher: Publisher,
     clock: Clock,
+    control: Injected,
 }
 
 impl Rig {
-    fn new(model: Model) -> Self {
+    /// With a limit of linear axes, µm.
+    fn new(model: Model, limit: f64, settings: &PathSettings) -> Self {
         let clock = Clock::manual();
-        let axes = [AxisName::X, AxisName::Y, AxisName::Z];
         let stands = simulated::Move {
             to: PerChannel([100.0; 9]),
             feed_per_s: 100.0,
             dwell: Duration::from_secs(100_000),
         };
-        let control = simulated_control(&axes, vec![stands], &clock);
+        let injected = Injected::default();
+        let control = injected.disturb(simulated_control(&AXES, vec![stands], &clock));
         let guard = GuardSettings {
             without_barrier: WithoutBarrier {
-                linear: Um(100.0),
+                linear: Um(limit),
                 rotary: Urad(30.0),
             },
-            ..GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)))
+            ..GuardSettings::new(AxisSettings::new(Um(limit), Um(500.0)))
         };
-        let (path, _) = path_of(control, &model, &guard, &alone());
+        let (path, _) = path_of(control, &model, &guard, settings);
         let (publisher, thermometer) = published("t", vec!["spindle".to_owned()]);
         let limits = SensorLimits {
             stuck_after: None,
@@ -52,11 +61,11 @@ impl Rig {
         let sensors = Sensors::new(vec![Box::new(thermometer)], limits);
         let paths = vec![path];
         let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
-        let cycle = cycle.expect("fits").with_clock(clock.clone());
         Self {
-            cycle,
+            cycle: cycle.expect("fits").with_clock(clock.clone()),
             publisher,
             clock,
+            control: injected,
         }
     }
 
@@ -81,7 +90,7 @@ impl Rig {
 /// What is wanted of Z (µm) 14 minutes after the spindle began to warm up by 4 K, within two minutes. `stands`: the
 /// program stands for ten of them.
 fn wanted_after_warming(stands: bool) -> f64 {
-    let mut rig = Rig::new(model(600.0, 1.0));
+    let mut rig = Rig::new(model(600.0, 1.0), 100.0, &alone());
     rig.run(2, 20.0);
     for k in 1..=8 {
         rig.run(15, 20.0 + 0.5 * f64::from(k));
@@ -108,7 +117,8 @@ fn a_cycle_says_when_it_is_beyond_what_thermal_terms_have_seen() {
         fade_s: 20.0,
         ..Fading::default()
     };
-    let mut rig = Rig::new(Model::new(&machine, fading).expect("compiles"));
+    let warming = Model::new(&machine, fading).expect("compiles");
+    let mut rig = Rig::new(warming, 100.0, &alone());
     // Half a kelvin at a time, which is no jump.
     rig.run(2, 20.0);
     rig.run(15, 20.5);
@@ -175,4 +185,104 @@ fn a_change_is_judged_with_the_lags_of_now() {
     let now = |model: &Model| model.in_place_of(&running, cold);
     let moved = now(&old).largest_move(&now(&new), []).linear;
     assert!((moved - Mm(0.06)).abs() < Mm(1e-4), "{moved}");
+}
+
+/// X is 15 µm off whatever the temperature is, Z by 2 µm for each kelvin.
+const ERRORS: &str = "errors = { EXX = 15.0 }\n";
+const THERMAL: &str =
+    "[[thermal.drift]]\nerror = \"EZZ\"\nsensors = { spindle = 1.0 }\num_per_k = 2.0\n";
+
+fn terms(parts: [&str; 2]) -> Model {
+    let text = format!(
+        "structure = \"w X' b Y Z t\"\naxes = {{ X.travel = [0, 800], Y.travel = [0, 400], Z.travel = [0, 250] }}\n{}",
+        parts.concat()
+    );
+    let machine = Machine::parse(&text, "m").expect("valid");
+    Model::new(&machine, Fading::default()).expect("compiles")
+}
+
+fn settings(hold: Duration) -> PathSettings {
+    PathSettings {
+        only_thermal: true,
+        hold: Some(hold),
+        ..alone()
+    }
+}
+
+/// Runs a path for 10 s at 25 °C, and then for 3 s in which the control does not answer. The reports at both ends.
+fn run(settings: &PathSettings) -> [Report; 2] {
+    let mut rig = Rig::new(terms([ERRORS, THERMAL]), 30.0, settings);
+    rig.run(1, 25.0);
+    step(&mut rig.cycle, &rig.clock, Some(Request::Arm));
+    rig.run(9, 25.0);
+    let heard = *rig.cycle.report();
+    rig.control.set_silent(true);
+    rig.run(3, 25.0);
+    [heard, *rig.cycle.report()]
+}
+
+#[test]
+fn a_path_for_thermal_terms_carries_these_alone_and_holds_longer() {
+    let um = |report: &Report| report.correction.map(|mm| (mm * 1e3).round());
+    let [heard, silent] = run(&alone());
+    assert_eq!(um(&heard)[..3], [-15.0, 0.0, -10.0], "all terms");
+    assert!(
+        matches!(
+            silent.state,
+            GuardState::Holding(_) | GuardState::RampingOut(_)
+        ),
+        "{:?}",
+        silent.state
+    );
+    let [heard, silent] = run(&settings(Duration::from_secs(5)));
+    for report in [&heard, &silent] {
+        assert_eq!(um(report)[..3], [0.0, 0.0, -10.0]);
+        assert_eq!(
+            report.state,
+            GuardState::Compensating,
+            "{:?}",
+            report.reasons
+        );
+    }
+    // What is left of the error is told as it is.
+    let left = heard.residual.expect("positions are known").position_mm[0];
+    assert!((left - 0.015).abs() < 1e-6, "{left}");
+}
+
+#[test]
+fn five_seconds_are_the_ceiling_and_only_for_thermal_terms() {
+    let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
+    let planned = |model: &Model, settings: &PathSettings| {
+        let description = without_barrier("control", &AXES);
+        PathPlan::new(description, model, &guard, settings, PERIOD)
+    };
+    let thermal = terms([ERRORS, THERMAL]);
+    let five = Duration::from_secs(5);
+    let plan = planned(&thermal, &settings(five)).expect("fits");
+    assert_eq!((plan.limits.hold, plan.limits.zero_after), (five, five));
+    let all_terms = PathSettings {
+        only_thermal: false,
+        ..settings(Duration::from_millis(201))
+    };
+    for settings in [settings(five + PERIOD), all_terms] {
+        let refused = planned(&thermal, &settings).expect_err("too long");
+        assert!(
+            matches!(
+                refused,
+                PlanError::Limits {
+                    source: LimitsError {
+                        what: Quantity::Hold,
+                        ..
+                    },
+                    ..
+                }
+            ),
+            "{refused}"
+        );
+    }
+    let refused = planned(&terms([ERRORS, ""]), &settings(five)).expect_err("no thermal terms");
+    assert!(
+        matches!(refused, PlanError::NoThermalTerms { .. }),
+        "{refused}"
+    );
 }

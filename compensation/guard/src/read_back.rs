@@ -6,97 +6,25 @@
 
 mod barrier;
 mod echo;
-mod landing;
-mod misfit;
+mod known;
 mod no_read_back;
 
 use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Limits, Reasons, barrier::FRAME_WORDS, step::is_same_step};
+use crate::{Limits, barrier::FRAME_WORDS};
 
-pub use barrier::BarrierLink;
-pub use misfit::{BarrierMisfit, RATE_OVER_SLEW, barrier_misfits, scans_fit};
+pub use barrier::{BarrierLink, BarrierMisfit, RATE_OVER_SLEW, barrier_misfits, scans_fit};
+pub(crate) use known::are_equal;
+pub use known::{Confirmed, Known, Scheme, Told};
 pub use no_read_back::ControlTimeOut;
 
 use echo::Echo;
-use landing::{Landed, Landing};
+use known::{Landed, Landing};
 use no_read_back::NoReadBack;
 
-/// A correction that the control is known to apply.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Confirmed {
-    /// The correction of each axis, mm or rad.
-    pub values: PerChannel<f64>,
-    /// When it was confirmed last, on the clock of the cycle.
-    pub at: Duration,
-}
-
-/// What a control told of the correction that it applies, in one reading.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Told<'a> {
-    /// It did not answer, or says nothing of corrections.
-    Nothing,
-    /// The plain values of each axis, mm or rad.
-    Values(PerChannel<f64>),
-    /// The words of its barrier's report.
-    Report(&'a [u16]),
-}
-
-/// How the correction of a path is confirmed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Scheme {
-    /// A barrier in the control takes frames and tells what it applies.
-    Barrier,
-    /// Plain values that can be read back.
-    #[default]
-    Plain,
-    /// Plain values that cannot be read back, such as lines.
-    NoReadBack,
-}
-
-/// What is known of the correction that a control applies.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Known {
-    /// How it is confirmed.
-    pub scheme: Scheme,
-    /// The correction that was confirmed last; `None`: none yet.
-    pub confirmed: Option<Confirmed>,
-    /// The lowest and the highest correction of each axis that may be applied: what is confirmed, and without a barrier what
-    /// was sent since and may have landed, too.
-    pub between: [PerChannel<f64>; 2],
-    /// Whether the next correction may be written on it: nothing contradicts what was confirmed.
-    pub writable: bool,
-    /// Whether the confirmed correction is not one that was sent: the control began anew, or something else writes.
-    pub changed: bool,
-    /// Since when something that was sent has not landed; `None`: all of it has.
-    pub unlanded_since: Option<Duration>,
-    /// Since when a control with a barrier stands although it took something else: it holds by itself, and no path shows why.
-    /// `None`: it moves, or is where it is to be.
-    pub stands_since: Option<Duration>,
-    /// How long after a control with a barrier is free to move this is seen at the latest.
-    pub shown_after: Duration,
-    /// How long after the last frame that it took a barrier lets go of what it applies: what was confirmed longer ago is not
-    /// known any more. `None`: no barrier tells it.
-    pub lets_go_after: Option<Duration>,
-    /// From when on the control may act by itself, on the clock of the cycle: what was decided before is not sent then.
-    /// `None`: it does not, or it tells what it does.
-    pub until: Option<Duration>,
-    /// Why this path may not be armed, and what else is to be known of it.
-    pub reasons: Reasons,
-}
-
-impl Known {
-    /// Whether a correction other than zero is known to be applied.
-    #[must_use]
-    pub fn holds(&self, limits: &Limits) -> bool {
-        self.confirmed
-            .is_some_and(|confirmed| !are_equal(&confirmed.values, &PerChannel::ZERO, limits))
-    }
-}
-
-/// The read-back of one path. State: what was sent, what was heard, what follows from both.
+/// The read-back of one path. State: what was sent, what was received, what follows from both.
 #[derive(Clone, Debug)]
 pub struct ReadBack {
     kind: Kind,
@@ -126,7 +54,7 @@ impl ReadBack {
     }
 
     /// A control whose correction cannot be read back. `control` says after what time without a write it goes to zero
-    /// by itself; `None`: it keeps what it has.
+    /// on its own; `None`: it keeps what it has.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(
@@ -152,7 +80,7 @@ impl ReadBack {
         &self.known
     }
 
-    /// Takes what the control told in this cycle. `taken` is when that held: what held longer ago than `hold` is told of no
+    /// Takes what the control reported in this cycle. `taken` is when that held: what held longer ago than `hold` counts no
     /// more, however often a device repeats it.
     pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
         // No reading is from the future, whatever a device says.
@@ -185,13 +113,13 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.tells(),
         };
-        // Lines that tell nothing are not waited for.
+        // Lines that report nothing are not waited for.
         let answered = !is_told || *told != Told::Nothing;
         self.landing.hear(now, answered, landed, limits);
-        self.tell();
+        self.update_known();
     }
 
-    /// Whether it is told what is applied, so that what was sent is seen to land.
+    /// Whether it is reported what is applied, so that what was sent is seen to land.
     fn is_seen(&self) -> bool {
         match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
@@ -200,7 +128,7 @@ impl ReadBack {
     }
 
     /// What follows for the guard.
-    fn tell(&mut self) {
+    fn update_known(&mut self) {
         self.known.unlanded_since = self.landing.unlanded_since();
         let candidates = match &self.kind {
             Kind::Echo(echo) => echo.between(),
@@ -248,7 +176,7 @@ impl ReadBack {
         }
     }
 
-    /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may have landed all the same, except on
+    /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may still have landed, except on
     /// lines, where a write that failed does not count.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
@@ -258,10 +186,10 @@ impl ReadBack {
         }
         let is_unseen = !self.is_seen();
         self.landing.sent(now, ok, is_unseen);
-        self.tell();
+        self.update_known();
     }
 
-    /// The output of the last run, for controls that cannot be asked: it was written `age` ago.
+    /// The output of the last run, for controls without read-back: it was written `age` ago.
     pub fn restore(
         &mut self,
         now: Duration,
@@ -272,12 +200,12 @@ impl ReadBack {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.restore(now, values, age, limits, &mut self.known);
         }
-        self.tell();
+        self.update_known();
     }
 
     /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
-    /// where this one cannot be asked: it takes over only once nothing of it is left. What this one wrote before stands,
-    /// unless the control has `let_go` of everything: the other one led to its barrier. Where it can be asked without a
+    /// where this one has no read-back: it takes over only once nothing of it is left. What this one wrote before remains,
+    /// unless the control has `let_go` of everything: the other one led to its barrier. Where it has a read-back without a
     /// barrier, what it read before may be older than what the other one sent last.
     pub fn take_over(&mut self, now: Duration, let_go: bool) {
         match &mut self.kind {
@@ -286,19 +214,19 @@ impl ReadBack {
             Kind::Barrier(_) => return,
         }
         self.landing = Landing::default();
-        self.tell();
+        self.update_known();
     }
 
-    /// A person has made sure that a control which cannot be asked applies nothing.
+    /// The operator has made sure that a control without read-back applies nothing.
     pub fn acknowledge(&mut self, now: Duration) {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.acknowledge(now, &mut self.known);
         }
-        self.tell();
+        self.update_known();
     }
 
-    /// How long after the last write the control is at zero by itself, whatever it applied; `None`: it never goes there
-    /// by itself, or that is not known.
+    /// How long after the last write the control is at zero on its own, whatever it applied; `None`: it never goes there
+    /// on its own, or that is not known.
     #[must_use]
     pub fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         match &self.kind {
@@ -307,11 +235,4 @@ impl ReadBack {
             Kind::Echo(_) => None,
         }
     }
-}
-
-/// Whether two corrections are the same on every axis, to half a step.
-pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
-    limits
-        .places()
-        .all(|i| is_same_step(a[i], b[i], limits.axes[i].resolution))
 }

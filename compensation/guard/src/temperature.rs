@@ -1,0 +1,477 @@
+//! Whether the temperatures of a machine may be used: the one place where that is decided. Drivers only report what they
+//! received and when.
+
+use core::time::Duration;
+
+/// The largest number of temperatures of one machine.
+pub const MAX_SENSORS: usize = 64;
+
+/// The limits within which the temperatures of a machine are believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorLimits {
+    /// The lowest and the highest temperature that may occur on this machine, °C.
+    pub range_degc: [f64; 2],
+    /// The fastest change of a temperature that is believed, K/min. Half a kelvin at once is the step or the noise of
+    /// a module, and no change.
+    pub max_degc_per_min: f64,
+    /// The age beyond which a temperature is stale and not used.
+    pub stale: Duration,
+    /// A sensor with the same digits for this long is reported as stuck, but used; `None`: never.
+    pub stuck_after: Option<Duration>,
+    /// A sensor farther than this from the median of the others, K, is reported to disagree, but used; `None`: not
+    /// compared.
+    pub neighbours_k: Option<f64>,
+}
+
+impl Default for SensorLimits {
+    /// −20 to 120 °C, 5 K/min, 30 s, six hours of the same digits, not compared with the other sensors.
+    fn default() -> Self {
+        Self {
+            range_degc: [-20.0, 120.0],
+            max_degc_per_min: 5.0,
+            stale: Duration::from_secs(30),
+            stuck_after: Some(Duration::from_secs(6 * 3600)),
+            neighbours_k: None,
+        }
+    }
+}
+
+/// The answer of a device about one of its sensors, as its driver received it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Heard {
+    /// The device does not answer, or has not answered yet.
+    #[default]
+    Silence,
+    /// The device answers, and reports that this sensor is faulty: broken wire, short circuit, over-range.
+    Fault,
+    /// The device answers with a temperature and reports no fault.
+    Temperature {
+        /// The temperature as reported by the device, °C.
+        degc: f64,
+        /// When it was measured, on the clock that the judgement is given.
+        taken: Duration,
+    },
+}
+
+/// Why a temperature is not believed, or is believed with a reservation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SensorFlaw {
+    /// The device reports a fault of the sensor, or does not answer: the temperature is not used.
+    #[error("broken or silent")]
+    Broken,
+    /// The temperature is older than [`SensorLimits::stale`]: it is not used.
+    #[error("stale")]
+    Stale,
+    /// The temperature is no number or outside [`SensorLimits::range_degc`]: it is not used.
+    #[error("out of range")]
+    OutOfRange,
+    /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and has not been re-admitted since: it
+    /// is not used.
+    #[error("jumped")]
+    Jumped,
+    /// The same digits for [`SensorLimits::stuck_after`]: the temperature is used.
+    #[error("stuck at one value")]
+    Stuck,
+    /// Farther than [`SensorLimits::neighbours_k`] from the median of the other sensors: the temperature is used.
+    #[error("disagrees with its neighbours")]
+    Disagrees,
+}
+
+impl SensorFlaw {
+    /// Whether a temperature with this flaw is still used.
+    pub fn is_used(self) -> bool {
+        matches!(self, Self::Stuck | Self::Disagrees)
+    }
+}
+
+/// One temperature as it is judged.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SensorReport {
+    /// The temperature, °C; `None` when it is not used.
+    pub degc: Option<f64>,
+    /// The flaw that was found in it; `None` for a good temperature, and before the first judgement.
+    pub flaw: Option<SensorFlaw>,
+}
+
+/// Judges what was received of the sensors of a machine at the time `now`. `checks` are their memories, `told` takes what
+/// is believed, all in the same order; sensors beyond [`MAX_SENSORS`] are left out.
+pub fn judge_temperatures(
+    checks: &mut [SensorCheck],
+    heard: &[Heard],
+    now: Duration,
+    limits: &SensorLimits,
+    told: &mut [SensorReport],
+) {
+    // As they were before this cycle, so that no sensor is compared with one that jumps together with it.
+    let believed = all_believed(checks);
+    let sensors = checks.iter_mut().zip(heard).zip(told.iter_mut());
+    let mut count = 0;
+    for (own, ((check, heard), told)) in sensors.take(MAX_SENSORS).enumerate() {
+        let flaw = check.check(now, *heard, own, &believed, limits);
+        let degc = match heard {
+            Heard::Temperature { degc, .. } => Some(*degc),
+            Heard::Silence | Heard::Fault => None,
+        };
+        *told = SensorReport {
+            degc: degc.filter(|_| flaw.is_none_or(SensorFlaw::is_used)),
+            flaw,
+        };
+        count = own + 1;
+    }
+    let believed = all_believed(checks);
+    for check in checks.iter_mut().take(count) {
+        check.remember(&believed);
+    }
+    if let Some(allowed_k) = limits.neighbours_k {
+        mark_disagreeing(&mut told[..count], allowed_k);
+    }
+}
+
+/// The temperatures that are believed of all sensors, °C; NaN if missing.
+fn all_believed(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
+    let mut believed = [f64::NAN; MAX_SENSORS];
+    for (degc, check) in believed.iter_mut().zip(checks) {
+        *degc = check.believed();
+    }
+    believed
+}
+
+/// The largest difference between two readings that is taken for a step or the noise of a module, and not for a jump,
+/// K. The billionth allows for the rounding of decimal fractions.
+const STEP_K: f64 = 0.5 + 1e-9;
+/// How far the temperature of a sensor that was silent for longer than a reading may be old is believed to have moved
+/// in that time, K: within minutes, and from half an hour on by so much in a minute (20 K in an hour), up to what a machine
+/// cools by overnight.
+const UNSEEN_MINUTES_K: f64 = 10.0;
+const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
+const UNSEEN_NIGHT_K: f64 = 20.0;
+
+/// A temperature that was believed.
+#[derive(Clone, Copy, Debug)]
+struct Believed {
+    degc: f64,
+    taken: Duration,
+    /// A temperature that follows the readings no faster than a temperature may change, °C: a reading farther than a
+    /// step from it has jumped.
+    followed: f64,
+    /// Since when the digits are the same.
+    same_since: Duration,
+    /// The temperatures of all sensors that were believed together with this one, °C; `None` until the cycle ends in
+    /// which it was read.
+    neighbours: Option<[f64; MAX_SENSORS]>,
+}
+
+/// The memory of one sensor: what was believed last, and whether it jumped since.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SensorCheck {
+    /// The last reading and what was found: a repeated reading is not judged again.
+    last: Option<(Duration, f64, Option<SensorFlaw>)>,
+    believed: Option<Believed>,
+    /// The device reported a fault, or the reading was out of range, since it was believed last.
+    was_faulty: bool,
+    jumped: Option<Readmission>,
+    used: bool,
+}
+
+impl SensorCheck {
+    /// A person confirms that the sensor is right: after a jump its next reading is believed as the first one was.
+    pub fn acknowledge(&mut self) {
+        if self.jumped.is_some() {
+            *self = Self::default();
+        }
+    }
+
+    /// The temperature that is believed now, °C; NaN if there is no such.
+    fn believed(&self) -> f64 {
+        self.believed
+            .filter(|_| self.used)
+            .map_or(f64::NAN, |believed| believed.degc)
+    }
+
+    /// Keeps the temperatures of all sensors at the end of the cycle in which a new reading of this one was believed,
+    /// °C: after a jump, its usual difference from its neighbours is that of one and the same moment.
+    fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
+        if let Some(believed) = &mut self.believed
+            && self.used
+        {
+            believed.neighbours.get_or_insert(*all);
+        }
+    }
+
+    /// Judges what was received of the sensor at `own` among all. `others` are the temperatures that are believed of all
+    /// sensors, °C.
+    fn check(
+        &mut self,
+        now: Duration,
+        heard: Heard,
+        own: usize,
+        others: &[f64; MAX_SENSORS],
+        limits: &SensorLimits,
+    ) -> Option<SensorFlaw> {
+        let flaw = self.flaw(now, heard, own, others, limits);
+        self.used = flaw.is_none_or(SensorFlaw::is_used);
+        flaw
+    }
+
+    fn flaw(
+        &mut self,
+        now: Duration,
+        heard: Heard,
+        own: usize,
+        others: &[f64; MAX_SENSORS],
+        limits: &SensorLimits,
+    ) -> Option<SensorFlaw> {
+        let Heard::Temperature { degc, taken } = heard else {
+            self.was_faulty |= heard == Heard::Fault;
+            self.interrupt();
+            return Some(SensorFlaw::Broken);
+        };
+        if now.saturating_sub(taken) > limits.stale {
+            return Some(SensorFlaw::Stale);
+        }
+        let [low, high] = limits.range_degc;
+        if !(low..=high).contains(&degc) {
+            self.was_faulty = true;
+            self.interrupt();
+            return Some(SensorFlaw::OutOfRange);
+        }
+        if let Some((when, same, flaw)) = self.last
+            && when == taken
+            && same.to_bits() == degc.to_bits()
+        {
+            return flaw;
+        }
+        let flaw = self.change(degc, taken, own, others, limits);
+        self.last = Some((taken, degc, flaw));
+        flaw
+    }
+
+    /// Judges a reading by those before it.
+    fn change(
+        &mut self,
+        degc: f64,
+        taken: Duration,
+        own: usize,
+        others: &[f64; MAX_SENSORS],
+        limits: &SensorLimits,
+    ) -> Option<SensorFlaw> {
+        let first = Believed {
+            degc,
+            taken,
+            followed: degc,
+            same_since: taken,
+            neighbours: None,
+        };
+        let Some(before) = self.believed else {
+            self.believed = Some(first);
+            return None;
+        };
+        if let Some(jumped) = &mut self.jumped {
+            if !jumped.sees(degc, taken, others, limits.stale) {
+                return Some(SensorFlaw::Jumped);
+            }
+            (self.jumped, self.was_faulty) = (None, false);
+            self.believed = Some(first);
+            return None;
+        }
+        let since = taken.saturating_sub(before.taken);
+        let allowed = self.allowed_k(since, limits);
+        let at_jump = BeforeJump {
+            own,
+            degc: before.degc,
+            taken: before.taken,
+            neighbours: before.neighbours.unwrap_or([f64::NAN; MAX_SENSORS]),
+        };
+        // A temperature from before a long fault means little: its neighbours know what has happened since.
+        let contradicted = self.was_faulty
+            && since > limits.stale
+            && (at_jump.change(others))
+                .is_some_and(|change| (degc - before.degc - change).abs() > allowed + STEP_K);
+        let followed = before.followed + (degc - before.followed).max(-allowed).min(allowed);
+        if (degc - followed).abs() > STEP_K || contradicted {
+            self.jumped = Some(Readmission::new(&at_jump));
+            return Some(SensorFlaw::Jumped);
+        }
+        let same_since = if degc.to_bits() == before.degc.to_bits() {
+            before.same_since
+        } else {
+            taken
+        };
+        self.was_faulty = false;
+        self.believed = Some(Believed {
+            followed,
+            same_since,
+            ..first
+        });
+        let stands = taken.saturating_sub(same_since);
+        let stuck = limits.stuck_after.is_some_and(|after| stands >= after);
+        stuck.then_some(SensorFlaw::Stuck)
+    }
+
+    /// How far the temperature may have moved in the time since it was believed, K. The time in which a sensor was
+    /// faulty speaks for no change: it counts for no more than a stale reading.
+    fn allowed_k(&self, since: Duration, limits: &SensorLimits) -> f64 {
+        let moved = |rate: f64, time: Duration| rate * time.as_secs_f64() / 60.0;
+        let most = limits.max_degc_per_min;
+        let seen = since.min(limits.stale);
+        let silent = since.saturating_sub(seen);
+        let unseen = if self.was_faulty {
+            0.0
+        } else {
+            let cooled = moved(UNSEEN_K_PER_MIN, silent).max(UNSEEN_MINUTES_K);
+            moved(most, silent).min(cooled.min(UNSEEN_NIGHT_K))
+        };
+        moved(most, seen) + unseen
+    }
+
+    fn interrupt(&mut self) {
+        if let Some(jumped) = &mut self.jumped {
+            jumped.interrupt();
+        }
+    }
+}
+
+/// How long a sensor that jumped must agree before it is believed again.
+const AGREES_FOR: Duration = Duration::from_secs(600);
+/// How closely it must agree, K.
+const AGREES_WITHIN_K: f64 = 1.0;
+
+/// What is known of a sensor from the last moment at which it was believed.
+#[derive(Clone, Copy, Debug)]
+struct BeforeJump {
+    /// The place of the sensor among all.
+    pub own: usize,
+    /// Its temperature, °C.
+    pub degc: f64,
+    /// When that temperature was measured.
+    pub taken: Duration,
+    /// The temperatures of all sensors at that moment, °C; NaN for those that were not believed.
+    pub neighbours: [f64; MAX_SENSORS],
+}
+
+impl BeforeJump {
+    /// By how much the other sensors have changed since, K; `None` where fewer than two were believed at both times.
+    fn change(&self, believed: &[f64; MAX_SENSORS]) -> Option<f64> {
+        common_change(&self.neighbours, believed, self.own)
+    }
+}
+
+/// A sensor that jumped, and what would show that it is right again. Time alone does not.
+#[derive(Clone, Copy, Debug)]
+struct Readmission {
+    before: BeforeJump,
+    /// By how much the other sensors have changed since the sensor was believed, K, as far as that is known; 0
+    /// where they never could.
+    change: f64,
+    /// When the last reading since the jump was taken.
+    seen: Option<Duration>,
+    /// Since when its readings agree with its own temperature from before the jump.
+    with_own: Option<Duration>,
+    /// Since when its readings agree with that temperature and the change of the other sensors since.
+    with_predicted: Option<Duration>,
+}
+
+impl Readmission {
+    /// A sensor that jumps now.
+    fn new(before: &BeforeJump) -> Self {
+        Self {
+            before: *before,
+            change: 0.0,
+            seen: None,
+            with_own: None,
+            with_predicted: None,
+        }
+    }
+
+    /// Takes a reading, and returns whether the sensor is believed again. A pause longer than `stale` lets the ten
+    /// minutes begin anew, and the sensor's own temperature from before the jump alone predicts nothing once it
+    /// is older than that when the ten minutes begin: the machine has changed since, as the other sensors show.
+    fn sees(
+        &mut self,
+        degc: f64,
+        taken: Duration,
+        believed: &[f64; MAX_SENSORS],
+        stale: Duration,
+    ) -> bool {
+        if (self.seen).is_some_and(|seen| taken.saturating_sub(seen) > stale) {
+            self.interrupt();
+        }
+        self.seen = Some(taken);
+        self.change = self.before.change(believed).unwrap_or(self.change);
+        let close = |expected: f64| (degc - expected).abs() <= AGREES_WITHIN_K;
+        let began = self.with_own.unwrap_or(taken);
+        let is_fresh = began.saturating_sub(self.before.taken) <= stale;
+        let own = lasts(
+            &mut self.with_own,
+            is_fresh && close(self.before.degc),
+            taken,
+        );
+        let predicted = lasts(
+            &mut self.with_predicted,
+            close(self.before.degc + self.change),
+            taken,
+        );
+        own || predicted
+    }
+
+    /// Lets the ten minutes begin anew.
+    fn interrupt(&mut self) {
+        self.with_own = None;
+        self.with_predicted = None;
+    }
+}
+
+/// Whether an agreement has lasted for ten minutes; `since` is when it began.
+fn lasts(since: &mut Option<Duration>, agrees: bool, taken: Duration) -> bool {
+    *since = agrees.then(|| since.unwrap_or(taken));
+    since.is_some_and(|since| taken.saturating_sub(since) >= AGREES_FOR)
+}
+
+/// The minimum number of others that shows whether a sensor is wrong: of two sensors either may be.
+const FEWEST: usize = 2;
+
+/// The median change of the others between two times, K; `None` where fewer than two were believed at both.
+fn common_change(before: &[f64; MAX_SENSORS], now: &[f64; MAX_SENSORS], own: usize) -> Option<f64> {
+    let mut changes = [0.0; MAX_SENSORS];
+    let mut count = 0;
+    for (other, (before, now)) in before.iter().zip(now).enumerate() {
+        let change = now - before;
+        if other != own && change.is_finite() {
+            changes[count] = change;
+            count += 1;
+        }
+    }
+    let changes = &mut changes[..count];
+    changes.sort_unstable_by(f64::total_cmp);
+    (count >= FEWEST).then(|| middle(count, |place| changes[place]))
+}
+
+/// Marks the good temperatures that are farther than `allowed_k` from the median of the other good ones.
+fn mark_disagreeing(told: &mut [SensorReport], allowed_k: f64) {
+    let mut sorted = [0.0; MAX_SENSORS];
+    let mut count = 0;
+    let good = |report: &SensorReport| report.degc.filter(|_| report.flaw.is_none());
+    for (place, degc) in sorted.iter_mut().zip(told.iter().filter_map(good)) {
+        *place = degc;
+        count += 1;
+    }
+    let sorted = &mut sorted[..count];
+    sorted.sort_unstable_by(f64::total_cmp);
+    if count <= FEWEST {
+        return;
+    }
+    for report in told {
+        let Some(degc) = good(report) else { continue };
+        let own = sorted.partition_point(|other| *other < degc);
+        let others = |place: usize| sorted[place + usize::from(place >= own)];
+        if (degc - middle(count - 1, others)).abs() > allowed_k {
+            report.flaw = Some(SensorFlaw::Disagrees);
+        }
+    }
+}
+
+/// The median of `count` sorted values, of which there is at least one.
+fn middle(count: usize, sorted: impl Fn(usize) -> f64) -> f64 {
+    0.5 * (sorted((count - 1) / 2) + sorted(count / 2))
+}

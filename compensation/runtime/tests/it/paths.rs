@@ -1,0 +1,597 @@
+//! Several paths to one control: which one writes, and what an axis gets when it is another one.
+
+use std::time::{Duration, Instant};
+
+use volcomp_model::Machine;
+use volcomp_port::{Clock, Description};
+use volcomp_runtime::{
+    Asked, BarrierSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError,
+    PositionReader, ReaderPlan, Report,
+    guard::{ControlTimeOut, Hold, Reasons, Request, State, protocol::Counts},
+};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
+
+use crate::{
+    rig::{PERIOD, alone, guard, without_barrier},
+    ways::{AXES, Control, Ways, barrier_of, guard_um, three_axes, value},
+};
+
+const SCAN: Duration = Duration::from_millis(2);
+/// So long after its last write a control goes to zero, and so long it takes.
+const TIME_OUT: ControlTimeOut = ControlTimeOut {
+    after: Duration::from_millis(200),
+    to_zero: Duration::from_millis(100),
+};
+/// The error of X changes by 0.5 µm in 1 mm; 25 µm at 0.
+const SLOPE: &str = "EXX = { poly = [-25, 0.5] }";
+
+/// Settings of a path to a barrier.
+fn to_barrier() -> PathSettings {
+    PathSettings {
+        barrier: Some(BarrierSettings {
+            machine: 1,
+            scan: SCAN,
+        }),
+        proves: false,
+        ..alone()
+    }
+}
+
+/// Settings of a path whose control goes to zero by itself.
+fn lets_go() -> PathSettings {
+    PathSettings {
+        time_out: Some(TIME_OUT),
+        proves: false,
+        ..alone()
+    }
+}
+
+/// A controller that writes these axes and reads the others of [`AXES`].
+fn writing(device: &str, axes: &[AxisName]) -> Description {
+    let others = AXES.iter().filter(|name| !axes.contains(name));
+    Description {
+        reads: others.copied().collect(),
+        ..without_barrier(device, axes)
+    }
+}
+
+/// X stands, travels 100 mm with 60 m/min from the cycle `begins` on, and stands. The first path is away for a second from
+/// cycle 800 + `offset` on. The largest change of the axis by one write, µm.
+fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
+    let ways = Ways::to(Control::default(), Clock::manual());
+    let guard = GuardSettings {
+        hand_back,
+        ..guard_um(30.0)
+    };
+    let model = three_axes(SLOPE, &guard);
+    let paths = ["first", "second"]
+        .map(|device| ways.path(without_barrier(device, &AXES), &model, &guard, &alone()));
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("two paths");
+    let mut seen = [false; 2];
+    for number in 0..2500 {
+        {
+            let mut control = ways.plant();
+            let travels = (begins..begins + 25).contains(&number);
+            *control.place.entry(AxisName::X).or_default() += if travels { 4.0 } else { 0.0 };
+            let is_away = (800 + offset..1050 + offset).contains(&number);
+            control.away = is_away.then_some("first");
+        }
+        let report = ways.step(&mut cycle, (number == 5).then_some(Request::Arm));
+        seen[report.active] |= report.state == State::Compensating;
+    }
+    assert_eq!(seen, [true; 2], "both correct in their turn");
+    ways.plant().largest * 1e3
+}
+
+/// Before, the first write over the other path was made from what it had said when it stood by, up to 100 ms before: the axis
+/// went back by 26 µm in one cycle where 2 µm are allowed.
+#[test]
+fn a_change_of_ways_in_motion_makes_no_step() {
+    let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
+    for offset in (0..30).step_by(3) {
+        for (begins, hand_back) in [
+            (800, sooner),
+            (805, sooner),
+            (810, sooner),
+            (1550, later),
+            (1560, later),
+            (1570, later),
+        ] {
+            let largest = largest_write_um(offset, begins, hand_back);
+            assert!(
+                largest <= 2.0 + 1e-6,
+                "away at 800 + {offset}, travels at {begins}: {largest} µm"
+            );
+        }
+    }
+}
+
+/// The second path has its axes in another order, and lower limits: what the first one has sent comes in by a ramp. It was a
+/// correction beyond the limit that nobody had sent: a fault, and the correction stayed in the words.
+#[test]
+fn a_way_with_lower_limits_leads_in_what_the_way_before_has_sent() {
+    let ways = Ways::to(Control::default(), Clock::manual());
+    let guard = guard_um(30.0);
+    let model = three_axes(SLOPE, &guard);
+    let mut turned = AXES;
+    turned.reverse();
+    let descriptions = [
+        without_barrier("first", &AXES),
+        without_barrier("second", &turned),
+    ];
+    let second = descriptions[1].clone();
+    let plan = PathPlan::new(second, &model, &guard, &alone(), PERIOD).expect("fits");
+    let mut lower = plan.limits;
+    for axis in lower.axes.iter_mut().take(lower.count) {
+        (axis.limit, axis.warn) = (0.010, 0.010);
+    }
+    let paths = descriptions.map(|of_way| ways.path(of_way, &model, &guard, &alone()));
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("two paths");
+    cycle.set_limits(1, &lower).expect("lower");
+    let x = || value(&ways.plant().words, AxisName::X).abs();
+    for number in 0..1300 {
+        ways.plant().away = (number >= 800).then_some("first");
+        let report = ways.step(&mut cycle, (number == 5).then_some(Request::Arm));
+        if number == 799 {
+            assert_eq!((report.active, report.state), (0, State::Compensating));
+            assert!((x() - 0.025).abs() < 1e-9);
+        }
+    }
+    let report = cycle.report();
+    assert_eq!((report.active, report.state), (1, State::Compensating));
+    assert!((x() - 0.010).abs() < 1e-9);
+    let largest = ways.plant().largest;
+    assert!(largest <= 0.002 + 1e-9, "{largest} mm");
+}
+
+/// Two paths that write these axes; Z needs +20 µm at X 10 mm. One that writes all goes to zero by itself where it has a
+/// time-out.
+fn fewer_axes(
+    axes: [&[AxisName]; 2],
+    time_out: Option<ControlTimeOut>,
+    ways: &Ways<Control>,
+) -> Result<Cycle, PlanError> {
+    let guard = guard_um(30.0);
+    let model = three_axes("EZX = { poly = [-25, 0.5] }", &guard);
+    let paths = axes.map(|axes| {
+        let is_first = axes.len() == AXES.len();
+        let time_out = time_out.filter(|_| is_first);
+        let description = Description {
+            tells_applied: time_out.is_none(),
+            ..writing(if is_first { "first" } else { "second" }, axes)
+        };
+        let settings = PathSettings {
+            time_out,
+            ..alone()
+        };
+        ways.path(description, &model, &guard, &settings)
+    });
+    ways.cycle(model, &guard, paths.into())
+}
+
+/// The words of Z stayed at 20 µm for good, and 0 µm was shown.
+#[test]
+fn a_path_whose_axes_another_does_not_write_must_go_to_zero_by_itself() {
+    let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
+    let made = |axes, time_out| fewer_axes(axes, time_out, &ways).map(|_| ());
+    let few = &AXES[..2];
+    for axes in [[&AXES[..], few], [few, &AXES[..]]] {
+        let refused = made(axes, None).expect_err("Z would be left");
+        let z = AxisName::Z;
+        assert!(matches!(refused, PlanError::LeavesAxis { axis, .. } if axis == z));
+        assert!(made(axes, Some(TIME_OUT)).is_ok(), "it goes to zero");
+    }
+    let other_order = [AxisName::Z, AxisName::X, AxisName::Y];
+    assert!(made([&AXES, &other_order], None).is_ok());
+}
+
+/// The first path holds 20 µm on Z when it falls silent; the second writes X and Y.
+#[test]
+fn fewer_axes_take_over_once_the_others_are_at_zero() {
+    let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
+    let mut cycle = fewer_axes([&AXES, &AXES[..2]], Some(TIME_OUT), &ways).expect("fits");
+    let mut reports: Vec<Report> = Vec::new();
+    for number in 0..1500 {
+        ways.clock.advance(PERIOD);
+        {
+            let mut control = ways.plant();
+            control.away = (number >= 1000).then_some("first");
+            let written = control.written.get("first").copied().unwrap_or_default();
+            let silent = ways.clock.elapsed().saturating_sub(written);
+            if silent > TIME_OUT.after + TIME_OUT.to_zero {
+                control.words.remove(&AxisName::Z);
+            }
+        }
+        let report = ways.run(&mut cycle, (number == 50).then_some(Request::Arm));
+        let word = value(&ways.plant().words, AxisName::Z);
+        assert!(
+            report.active == 0 || word == 0.0,
+            "cycle {number}: {word} mm are left on Z"
+        );
+        reports.push(report);
+    }
+    assert!((reports[999].correction[2] - 0.020).abs() < 0.001);
+    let waits = reports[1050].reasons;
+    assert!(waits.contains(Reasons::OTHER_CHANNEL_UNKNOWN), "{waits:?}");
+    let last = &reports[1499];
+    assert_eq!((last.state, last.active), (State::Compensating, 1));
+}
+
+/// Three axes behind a barrier, and a second path that writes two of them and goes to zero by itself, too; Z needs 120 µm. The
+/// most that Z has, counts, while the second path writes, and whether it did. The first one is cut off from cycle 1500 on; an
+/// emergency stop, which the second shows, lasts until cycle `stop_until`.
+fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16, bool) {
+    let control = Control {
+        barrier: Some(barrier_of(&AXES, 150, 25, time_out_scans)),
+        ..Control::at(&[(AxisName::X, 10.0)])
+    };
+    let ways = Ways::to(control, Clock::manual());
+    let guard = GuardSettings {
+        zero_after: Duration::from_secs(3),
+        ..guard_um(150.0)
+    };
+    let model = three_axes("EZZ = -120", &guard);
+    let first = Description {
+        barrier: true,
+        ..writing("first", &AXES)
+    };
+    let second = Description {
+        tells_applied: false,
+        ..writing("second", &AXES[..2])
+    };
+    let paths = [(first, to_barrier()), (second, lets_go())]
+        .map(|(description, settings)| ways.path(description, &model, &guard, &settings));
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("fits");
+    let (mut most, mut taken_over) = (0, false);
+    for number in 0..4000 {
+        ways.clock.advance(PERIOD);
+        {
+            let mut control = ways.plant();
+            control.away = (number >= 1500).then_some("first");
+            control.stop = (1500..stop_until).contains(&number);
+            control.scan_until(ways.clock.elapsed(), real_scan);
+        }
+        let report = ways.run(&mut cycle, (number == 700).then_some(Request::Arm));
+        assert!(number != 1499 || report.state == State::Compensating);
+        if report.active == 1 {
+            taken_over = true;
+            most = most.max(ways.plant().applied()[2]);
+        }
+    }
+    (most, taken_over)
+}
+
+/// A control whose scans are longer than configured, and yet accepted, had 120 µm on Z when the second path took over.
+#[test]
+fn a_slow_control_is_at_zero_when_fewer_axes_take_over() {
+    let found = left_on_z(Duration::from_micros(2450), 1000, 0);
+    assert_eq!(found, (0, true));
+}
+
+/// A barrier holds in a stop; the time until it is taken for zero ran on, and 112 µm were left on Z.
+#[test]
+fn a_stop_does_not_count_until_fewer_axes_take_over() {
+    assert_eq!(left_on_z(SCAN, 100, 2500), (0, true));
+}
+
+/// Words that can be read back, and lines.
+fn words_and_lines(ways: &Ways<Control>) -> Cycle {
+    let guard = GuardSettings {
+        ramp: Duration::from_millis(500),
+        ..guard_um(30.0)
+    };
+    let model = three_axes(SLOPE, &guard);
+    let paths = [("words", true), ("lines", false)].map(|(name, tells_applied)| {
+        let description = Description {
+            tells_applied,
+            ..without_barrier(name, &AXES)
+        };
+        ways.path(description, &model, &guard, &PathSettings::default())
+    });
+    ways.cycle(model, &guard, paths.into()).expect("fits")
+}
+
+/// Words that do not answer, and lines, with this correction of X (mm), and 500 cycles with Acknowledge and Arm in two of them.
+/// `remembered`: what was written down of X, mm. The state, its reasons, and the largest change of X by one write, mm.
+fn after_a_restart(
+    x: f64,
+    remembered: Option<f64>,
+    acknowledged: bool,
+    was_faulted: bool,
+) -> (State, Reasons, f64) {
+    let control = Control {
+        away: Some("words"),
+        words: [(AxisName::X, x)].into(),
+        ..Control::default()
+    };
+    let ways = Ways::to(control, Clock::manual());
+    let mut cycle = words_and_lines(&ways);
+    if let Some(x) = remembered {
+        let last = PerAxis::from_fn(|axis| if axis == 0 { x } else { 0.0 });
+        cycle.restore(&last, Duration::from_secs(1));
+    }
+    for number in 0..500 {
+        ways.clock.advance(PERIOD);
+        let asked = Asked {
+            request: match number {
+                50 if acknowledged => Some(Request::Acknowledge),
+                100 => Some(Request::Arm),
+                _ => None,
+            },
+            forbids: Reasons::FAULTED_BEFORE.when(was_faulted && number <= 50),
+            ..Asked::default()
+        };
+        cycle.run(ways.clock.now(), &asked, &mut || Duration::ZERO);
+    }
+    let report = cycle.report();
+    (report.state, report.reasons, ways.plant().largest)
+}
+
+/// After a restart lines took over at once from a path that was never heard, although its last output was written down as
+/// -25 µm, or lost: X went from -25 to 0 µm in one write, and 0 µm was shown as applied.
+#[test]
+fn lines_do_not_take_over_while_a_silent_way_may_hold_a_correction() {
+    for remembered in [None, Some(-0.025), Some(f64::NAN)] {
+        let (state, reasons, change) = after_a_restart(-0.025, remembered, false, false);
+        assert_eq!(change, 0.0, "{remembered:?}: nothing is written");
+        assert_eq!(state, State::Disarmed, "{remembered:?}");
+        assert!(
+            reasons.contains(Reasons::OTHER_CHANNEL_UNKNOWN),
+            "{reasons:?}"
+        );
+    }
+    for (remembered, acknowledged) in [(Some(0.0), false), (None, true), (Some(-0.025), true)] {
+        let (state, reasons, change) = after_a_restart(0.0, remembered, acknowledged, false);
+        assert_eq!(state, State::Compensating, "{remembered:?}: {reasons:?}");
+        assert!(change <= 0.002 + 1e-9, "{remembered:?}: {change} mm");
+    }
+}
+
+/// The silent first path had -25 µm, which were written down. A person acknowledged the fault of before the restart, and with
+/// it, unasked, that nothing was left there: X went from -25 to 0 µm in one write.
+#[test]
+fn who_acknowledges_a_fault_says_nothing_of_what_is_left_elsewhere() {
+    let (_, _, change) = after_a_restart(-0.025, Some(-0.025), true, true);
+    assert!(change <= 0.002 + 1e-9, "{change} mm");
+}
+
+/// The first path corrects again, and the lines keep what they were left with: nothing told it, also not when all was disarmed.
+#[test]
+fn what_lines_keep_after_a_hand_back_is_told() {
+    let control = Control {
+        away: Some("words"),
+        lines: Some([].into()),
+        ..Control::default()
+    };
+    let ways = Ways::to(control, Clock::manual());
+    let mut cycle = words_and_lines(&ways);
+    cycle.restore(&PerAxis::ZERO, Duration::from_secs(1));
+    let x_um = || {
+        let control = ways.plant();
+        let lines = control.lines.as_ref().expect("other words");
+        [
+            control.um(AxisName::X),
+            (value(lines, AxisName::X) * 1e3).round(),
+        ]
+    };
+    let holds = |cycle: &Cycle| cycle.report().reasons.contains(Reasons::STANDBY_HOLDS);
+    for n in 0..500 {
+        ways.step(&mut cycle, (n == 100).then_some(Request::Arm));
+    }
+    assert_eq!(x_um(), [0.0, 25.0]);
+    ways.plant().away = None;
+    for _ in 0..2500 {
+        ways.step(&mut cycle, None);
+    }
+    assert_eq!(cycle.report().active, 0, "{:?}", cycle.report().reasons);
+    assert_eq!(x_um(), [25.0, 25.0]);
+    assert!(holds(&cycle));
+    for n in 0..500 {
+        ways.step(&mut cycle, (n == 0).then_some(Request::Disarm));
+    }
+    assert_eq!(cycle.report().state, State::Disarmed);
+    assert_eq!(x_um(), [0.0, 25.0]);
+    assert!(holds(&cycle));
+}
+
+/// Cycles after which the scale of Z falls silent.
+const SILENT_AT: u32 = 1000;
+
+/// Two paths to a control, and a third controller that alone tells where Z is: its positions are those of both paths, which
+/// both answer.
+fn with_scale(ways: &Ways<Control>) -> Cycle {
+    let guard = guard_um(30.0);
+    let model = three_axes(SLOPE, &guard);
+    let paths = ["first", "second"]
+        .map(|name| ways.path(without_barrier(name, &AXES[..2]), &model, &guard, &alone()));
+    let scale = Description {
+        reads: vec![AxisName::Z],
+        tells_applied: false,
+        ..without_barrier("scale", &[])
+    };
+    let plan = ReaderPlan::new(scale.clone(), &model, &alone()).expect("fits");
+    let reader = PositionReader::new(ways.controller(scale), &plan);
+    let cycle = ways.cycle(model, &guard, paths.into()).expect("fits");
+    cycle.with_readers(vec![reader]).expect("room")
+}
+
+/// Runs 3000 cycles with a request in one of them. How often the paths changed, the state at the end, and the word of X (µm)
+/// in some cycles.
+fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]) {
+    let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::manual());
+    let mut cycle = with_scale(&ways);
+    let (mut changes, mut active, mut words) = (0, 0, [f64::NAN; 3]);
+    for n in 0..3000 {
+        ways.plant().away = (n >= SILENT_AT).then_some("scale");
+        for (word, at) in words.iter_mut().zip(look_at) {
+            if n == at {
+                *word = value(&ways.plant().words, AxisName::X) * 1e3;
+            }
+        }
+        let request = match n {
+            5 => Some(Request::Arm),
+            _ if n == disarm_at => Some(Request::Disarm),
+            _ => None,
+        };
+        let report = ways.step(&mut cycle, request);
+        changes += u32::from(report.active != active);
+        active = report.active;
+    }
+    (changes, cycle.report().state, words)
+}
+
+/// Positions that are lost ramp the correction out. Before, the paths changed in every cycle and each change began the ramp
+/// anew: 10 µm stayed for good.
+#[test]
+fn positions_that_are_old_on_both_ways_ramp_the_correction_out() {
+    let (changes, state, words) = with_silent_scale(u32::MAX, [SILENT_AT, SILENT_AT + 300, 2999]);
+    assert_eq!(state, State::Holding(Hold::Lost));
+    assert!((words[0].abs() - 10.0).abs() < 1.0, "{words:?}");
+    assert_eq!(words[1..], [0.0; 2], "after 1.2 s");
+    assert!(changes <= 1, "{changes} changes");
+}
+
+/// Disarming takes the correction out in the time of a ramp, whatever the positions are.
+#[test]
+fn disarming_while_positions_are_old_takes_the_correction_out() {
+    let look_at = [SILENT_AT, SILENT_AT + 30, SILENT_AT + 130];
+    let (changes, state, words) = with_silent_scale(SILENT_AT + 30, look_at);
+    assert_eq!(state, State::Disarmed);
+    assert!((words[1].abs() - 10.0).abs() < 1.0, "{words:?}");
+    assert_eq!(words[2], 0.0);
+    assert!(changes <= 1, "{changes} changes");
+}
+
+/// The scale keeps whoever asks it for two seconds. Before, the cycle waited for it, and so did disarming.
+#[test]
+fn a_controller_that_is_only_read_and_hangs_costs_no_cycle() {
+    let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());
+    ways.plant().hangs = Duration::from_secs(2);
+    let mut cycle = with_scale(&ways);
+    cycle.attend_standbys().expect("threads");
+    let mut longest = Duration::ZERO;
+    for n in 0..400 {
+        std::thread::sleep(PERIOD);
+        ways.plant().away = (n >= 250).then_some("scale");
+        let request = match n {
+            5 => Some(Request::Arm),
+            260 => Some(Request::Disarm),
+            _ => None,
+        };
+        let begun = Instant::now();
+        let report = ways.run(&mut cycle, request);
+        longest = longest.max(begun.elapsed());
+        if n == 249 {
+            assert!(report.state.is_armed(), "{report:?}");
+        }
+    }
+    assert_eq!(cycle.report().state, State::Disarmed);
+    assert_eq!(value(&ways.plant().words, AxisName::X), 0.0);
+    assert!(longest < Duration::from_millis(500), "{longest:?}");
+}
+
+const TABLE: &str = "structure = \"w C' A' b X Y Z t\"
+axes.X = { travel = [-500.0, 500.0] }
+axes.Y = { travel = [-500.0, 500.0] }
+axes.Z = { travel = [-500.0, 500.0] }
+axes.A = { travel = [-120.0, 30.0], point = [0.0, 0.0, -100.0] }
+axes.C = { travel = [0.0, 360.0], modulo = 360.0 }
+[errors]
+EXX = 100.0
+EYY = 100.0
+EXC = { fourier = [0.0, 0.0, 40.0], period = 30.0 }
+EZC = { fourier = [0.0, 0.0, 40.0], period = 30.0 }
+";
+const FIVE: [AxisName; 5] = [
+    AxisName::X,
+    AxisName::Y,
+    AxisName::Z,
+    AxisName::A,
+    AxisName::C,
+];
+
+/// Lines take over from a barrier. What the axes get by the lines, in the order of `FIVE`, mm and rad, in each cycle from then
+/// on, and what is wanted at the end.
+fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]>, [f64; 5]) {
+    let place = FIVE.into_iter().zip(place).map(|(name, at)| {
+        let at = Displacement::from_coordinate(name.kind(), at);
+        (name, at.mm_or_rad())
+    });
+    let control = Control {
+        barrier: Some(barrier_of(&FIVE, 300, 25, 100)),
+        place: place.collect(),
+        ..Control::default()
+    };
+    let ways = Ways::to(control, Clock::manual());
+    let mut guard = guard();
+    guard.ramp = Duration::from_secs(2);
+    guard.zero_after = Duration::from_secs(3);
+    let machine = Machine::parse(TABLE, "m").expect("valid");
+    let model = Model::new(&machine, guard.fading).expect("compiles");
+    let index = FIVE.map(|name| model.index_of(name).expect("an axis"));
+    let paths = [true, false].map(|is_first| {
+        let (device, names, settings) = if is_first {
+            ("first", FIVE, to_barrier())
+        } else {
+            ("second", second, lets_go())
+        };
+        let mut description = Description {
+            barrier: is_first,
+            tells_applied: is_first,
+            ..without_barrier(device, &names)
+        };
+        for axis in &mut description.axes {
+            axis.resolution = Displacement::from_micro(axis.name.kind(), 1.0);
+        }
+        ways.path(description, &model, &guard, &settings)
+    });
+    let mut cycle = ways.cycle(model, &guard, paths.into()).expect("two paths");
+    let mut got = Vec::new();
+    for number in 0..4000 {
+        ways.clock.advance(PERIOD);
+        {
+            let mut control = ways.plant();
+            control.away = (number >= 1800).then_some("first");
+            control.scan_until(ways.clock.elapsed(), SCAN);
+        }
+        let report = ways.run(&mut cycle, (number == 700).then_some(Request::Arm));
+        if number == 1799 {
+            assert_eq!(report.state, State::Compensating, "{:?}", report.reasons);
+        }
+        if report.active == 1 {
+            let control = ways.plant();
+            assert_eq!(control.applied(), Counts::default());
+            got.push(FIVE.map(|name| value(&control.words, name)));
+        }
+    }
+    assert!(got.len() > 1000, "the lines took over: {}", got.len());
+    (got, index.map(|index| cycle.report().wanted[index]))
+}
+
+/// At standstill the lines begin at zero and ramp to what is wanted, in whatever order they name the axes: nothing goes beyond
+/// the ramp by more than a step.
+#[test]
+fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
+    let [x, y, z, a, c] = FIVE;
+    for place in [
+        [300.0, 250.0, 0.0, 20.0, 100.0],
+        [-400.0, 400.0, 0.0, 20.0, 107.0],
+        [400.0, -300.0, 100.0, -30.0, 15.0],
+    ] {
+        for second in [FIVE, [c, a, z, x, y]] {
+            let (got, wanted) = lines_after_a_change(second, place);
+            for (cycle, words) in got.iter().enumerate() {
+                // The ramp of 2 s has 500 cycles; two cycles later at the most, and a step of rounding.
+                let ramp = (cycle as f64 / 500.0).min(1.0);
+                for (i, word) in words.iter().enumerate() {
+                    let beyond = (word - ramp * wanted[i]).abs();
+                    assert!(
+                        beyond <= 0.003,
+                        "{second:?} at {place:?}, cycle {cycle}: {word} of {}",
+                        FIVE[i]
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,484 @@
+//! The keys of a configuration: the tables `[[controller]]` and `[[thermometer]]` of a gateway, and the file of a map sender.
+//! The field names are the keys, and the keys of a bus come with its feature. Plain data.
+#![expect(missing_docs, reason = "the manual describes the keys")]
+
+#[cfg(feature = "focas")]
+use std::fmt;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use serde::{Deserialize, Serialize};
+#[cfg(feature = "focas")]
+use serde::{
+    Deserializer,
+    de::{MapAccess, Visitor, value::MapAccessDeserializer},
+};
+#[cfg(any(feature = "gpio", feature = "modbus"))]
+use volcomp_digital_io::{Coherence, CorrectionCode, PositionCode};
+use volcomp_document::Mistakes;
+use volcomp_port::{DeviceError, ShownStates};
+#[cfg(feature = "sinumerik")]
+use volcomp_sinumerik::{Nodes, Security, Server, Sign};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+
+use crate::address::Address;
+
+/// One table `[[controller]]`: a path to the machine.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ControllerConfig {
+    pub url: String,
+    /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
+    pub channel: Option<String>,
+    pub axes: Vec<AxisName>,
+    pub reads: Vec<AxisName>,
+    pub fixed: BTreeMap<AxisName, f64>,
+    pub not_driven: Vec<AxisName>,
+    pub includes_correction: bool,
+    /// The terms that it carries; `["thermal"]`, `None`: all.
+    pub terms: Option<Vec<String>>,
+    /// Older positions are held on this path; `None`: `hold_ms` of `[guard]`.
+    pub hold_ms: Option<f64>,
+    /// Whether the test shift at arming is made; `None`: where positions are fine enough.
+    pub test_shift: Option<bool>,
+    pub unwatched: bool,
+    pub unseen: Vec<StateKey>,
+    /// The smallest step of a correction of a linear axis; `None`: the driver's own.
+    pub resolution_um: Option<f64>,
+    /// The smallest step of a correction of a rotary axis; `None`: the driver's own.
+    pub resolution_urad: Option<f64>,
+    /// The words of the shifts in the PMC; `None`: the driver's own place.
+    #[cfg(feature = "focas")]
+    pub area: Option<AreaConfig>,
+    #[cfg(feature = "focas")]
+    pub heartbeat: Option<PmcByte>,
+    /// The byte whose bits say which axes are referenced; `None`: the driver's own.
+    #[cfg(feature = "focas")]
+    pub referenced: Option<Referenced>,
+    /// The barrier in the control that receives frames; `None`: corrections are written as plain values.
+    pub barrier: Option<BarrierConfig>,
+    /// The words on digital lines; `None`: another device.
+    #[cfg(any(feature = "gpio", feature = "modbus"))]
+    pub digital: Option<DigitalConfig>,
+    /// How the server is reached, and its nodes; `None`: another device.
+    #[cfg(feature = "sinumerik")]
+    pub sinumerik: Option<SinumerikTable>,
+    #[cfg(feature = "linuxcnc")]
+    pub linuxcnc: Option<LinuxCncTable>,
+}
+
+/// One table `[[thermometer]]`: a device with temperatures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ThermometerConfig {
+    pub url: String,
+    pub names: Vec<String>,
+    #[cfg(feature = "sinumerik")]
+    pub nodes: Vec<String>,
+    /// How the server is reached; `None`: another device.
+    #[cfg(feature = "sinumerik")]
+    pub sinumerik: Option<SinumerikTable>,
+}
+
+/// A state of the control, by its key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StateKey {
+    Referenced,
+    Alarm,
+    EmergencyStop,
+}
+
+/// The table `[controller.barrier]`: the barrier in the control, as its program is set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BarrierConfig {
+    pub machine: u16,
+    pub scan_ms: f64,
+    #[cfg(feature = "focas")]
+    pub frame: Option<PmcByte>,
+    #[cfg(feature = "focas")]
+    pub report: Option<PmcByte>,
+}
+
+/// The keys of controllers to which plain values are written in steps.
+pub(crate) const PLAIN_KEYS: &[&str] = &[
+    "includes_correction",
+    "unwatched",
+    "resolution_um",
+    "resolution_urad",
+];
+
+/// The keys of a table in `[[controller]]` that mean nothing in the same table of `[[thermometer]]` and of a map sender.
+pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
+
+/// Refuses a key whose unit none of the axes has.
+pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
+    // Without axes there is another mistake.
+    if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
+        let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
+        found.add(
+            key,
+            format!(
+                "found this key for the axes {}, expected it only where an axis is {kind}",
+                names.join(" ")
+            ),
+        );
+    }
+}
+
+/// Refuses one of two keys without the other.
+pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
+    let [one, other] = keys;
+    if let [true, false] | [false, true] = stated {
+        let key = if stated[0] { one } else { other };
+        found.add(
+            &format!("{at}.{key}"),
+            format!("found one of {one} and {other}, expected both or neither{why}"),
+        );
+    }
+}
+
+/// Refuses a path that is empty.
+pub fn path(key: &str, path: &Path, found: &mut Mistakes<'_>) {
+    if path.as_os_str().is_empty() {
+        found.add(key, "found an empty text, expected a path");
+    }
+}
+
+/// Makes paths relative to a folder.
+pub fn join<'a>(folder: &Path, paths: impl IntoIterator<Item = &'a mut PathBuf>) {
+    for path in paths {
+        *path = folder.join(&*path);
+    }
+}
+
+/// Milliseconds to the nanosecond, as they are written by hand.
+pub fn ms(time: Duration) -> f64 {
+    (time.as_secs_f64() * 1e9).round() / 1e6
+}
+
+/// A time that was checked to be positive.
+pub fn of_ms(ms: f64) -> Duration {
+    Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
+}
+
+impl BarrierConfig {
+    /// The time from one scan of the control's program to the next.
+    pub fn scan(&self) -> Duration {
+        of_ms(self.scan_ms)
+    }
+}
+
+impl ThermometerConfig {
+    /// Makes every path relative to the folder of the file.
+    pub fn join(&mut self, folder: &Path) {
+        #[cfg(feature = "sinumerik")]
+        if let Some(table) = &mut self.sinumerik {
+            table.join(folder);
+        }
+        #[cfg(not(feature = "sinumerik"))]
+        let _ = folder;
+    }
+}
+
+impl ControllerConfig {
+    /// The states that are accepted as missing.
+    pub fn unseen(&self) -> ShownStates {
+        let has = |state| self.unseen.contains(&state);
+        ShownStates {
+            referenced: has(StateKey::Referenced),
+            alarm: has(StateKey::Alarm),
+            emergency_stop: has(StateKey::EmergencyStop),
+        }
+    }
+
+    /// The smallest step of a correction that the configuration states for this kind of axis.
+    pub fn resolution(&self, kind: AxisKind) -> Option<Displacement> {
+        let micro = match kind {
+            AxisKind::Linear => self.resolution_um,
+            AxisKind::Rotary => self.resolution_urad,
+        };
+        micro.map(|micro| Displacement::from_micro(kind, micro))
+    }
+
+    /// The axes whose positions it shows.
+    pub(crate) fn shown(&self) -> impl Iterator<Item = AxisName> {
+        self.axes.iter().chain(&self.reads).copied()
+    }
+
+    /// Refuses another channel than the only one of a control.
+    pub(crate) fn only_channel(
+        &self,
+        address: &Address,
+        only: &str,
+        control: &str,
+    ) -> Result<(), DeviceError> {
+        match &self.channel {
+            Some(channel) if channel != only => Err(address.wrong(
+                format!("channel: found {channel:?}"),
+                format!("expected {only:?}, the only channel of {control}"),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// The name of the channel, that of the driver where the configuration states none.
+    pub(crate) fn channel_or(&self, default: &str) -> String {
+        self.channel.as_deref().unwrap_or(default).to_owned()
+    }
+}
+
+/// The keys of the file of a map sender; the tables of a bus come with its feature.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MapKeys {
+    pub map: PathBuf,
+    pub url: String,
+    pub number: u16,
+    pub capacity: usize,
+    pub scan_ms: f64,
+    pub limit_um: f64,
+    pub slew_um_per_s: f64,
+    pub zero_after_ms: f64,
+    #[cfg(feature = "sinumerik")]
+    pub sinumerik: SinumerikTable,
+    #[cfg(feature = "sinumerik")]
+    pub nodes: volcomp_sinumerik::MapNodes,
+    #[cfg(feature = "focas")]
+    pub pmc: PmcTable,
+    pub audit: AuditConfig,
+}
+
+/// The table `[audit]`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AuditConfig {
+    pub dir: PathBuf,
+}
+
+impl Default for AuditConfig {
+    fn default() -> Self {
+        Self {
+            dir: PathBuf::from("audit"),
+        }
+    }
+}
+
+impl MapKeys {
+    /// Makes every path relative to the folder of the file.
+    pub fn join(&mut self, folder: &Path) {
+        #[cfg(feature = "sinumerik")]
+        self.sinumerik.join(folder);
+        join(folder, [&mut self.map, &mut self.audit.dir]);
+    }
+}
+
+/// The areas of the PMC that a configuration can name.
+#[cfg(feature = "focas")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PmcLetter {
+    G,
+    F,
+    #[default]
+    R,
+    D,
+}
+
+/// A byte of the PMC, `{ pmc = "R", at = 120 }`.
+#[cfg(feature = "focas")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PmcByte {
+    pub pmc: PmcLetter,
+    pub at: u16,
+}
+
+/// The words of the shifts in the PMC, `{ pmc = "R", first = 100, width = 2 }`.
+#[cfg(feature = "focas")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AreaConfig {
+    pub pmc: PmcLetter,
+    pub first: u16,
+    #[serde(default = "word")]
+    pub width: u16,
+    #[serde(default)]
+    pub copied: bool,
+}
+
+#[cfg(feature = "focas")]
+fn word() -> u16 {
+    2
+}
+
+/// `false`, or the byte of the PMC whose bits say which axes are referenced.
+#[cfg(feature = "focas")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum Referenced {
+    Not(bool),
+    Byte(PmcByte),
+}
+
+#[cfg(feature = "focas")]
+impl<'de> Deserialize<'de> for Referenced {
+    // What serde derives for `untagged` loses the place of a mistake in the byte.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Referenced;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("false or a byte such as { pmc = \"F\", at = 94 }")
+            }
+
+            fn visit_bool<E>(self, value: bool) -> Result<Referenced, E> {
+                Ok(Referenced::Not(value))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Referenced, A::Error> {
+                PmcByte::deserialize(MapAccessDeserializer::new(map)).map(Referenced::Byte)
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// The table `pmc` of a map sender's file: the places of its words.
+#[cfg(feature = "focas")]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PmcTable {
+    pub time_out_ms: f64,
+    pub mailbox: PmcByte,
+    pub report: PmcByte,
+    pub buffers: PmcByte,
+}
+
+#[cfg(feature = "focas")]
+impl Default for PmcTable {
+    fn default() -> Self {
+        let byte = |at| PmcByte {
+            pmc: PmcLetter::D,
+            at,
+        };
+        Self {
+            time_out_ms: 500.0,
+            mailbox: byte(0),
+            report: byte(144),
+            buffers: byte(200),
+        }
+    }
+}
+
+/// The table `[controller.digital]`: the words on digital lines.
+#[cfg(any(feature = "gpio", feature = "modbus"))]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DigitalConfig {
+    pub position_bits: u32,
+    pub position_mm_per_count: Option<f64>,
+    pub position_deg_per_count: Option<f64>,
+    pub position_zero_mm: Option<f64>,
+    pub position_zero_deg: Option<f64>,
+    pub position_code: PositionCode,
+    pub correction_bits: u32,
+    pub correction_code: CorrectionCode,
+    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
+    pub latch: Option<u32>,
+    /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
+    pub time_out_ms: Option<f64>,
+    #[serde(with = "CoherenceKey")]
+    pub coherence: Coherence,
+}
+
+#[cfg(any(feature = "gpio", feature = "modbus"))]
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Coherence", rename_all = "kebab-case")]
+enum CoherenceKey {
+    TwoAgree,
+    #[serde(skip)]
+    Strobe,
+    Latched,
+}
+
+#[cfg(any(feature = "gpio", feature = "modbus"))]
+impl Default for DigitalConfig {
+    /// The published scheme: 15 lines of 1/32 mm, 8 lines of correction.
+    fn default() -> Self {
+        Self {
+            position_bits: 15,
+            position_mm_per_count: None,
+            position_deg_per_count: None,
+            position_zero_mm: None,
+            position_zero_deg: None,
+            position_code: PositionCode::Binary,
+            correction_bits: 8,
+            correction_code: CorrectionCode::TwosComplement,
+            latch: None,
+            time_out_ms: None,
+            coherence: Coherence::TwoAgree,
+        }
+    }
+}
+
+/// The table `linuxcnc` of a `[[controller]]`.
+#[cfg(feature = "linuxcnc")]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinuxCncTable {
+    pub key_file: Option<PathBuf>,
+    pub ini: Option<PathBuf>,
+}
+
+/// The tables `sinumerik`: how the OPC UA server of a control is reached, and the nodes of a controller.
+#[cfg(feature = "sinumerik")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SinumerikTable {
+    pub namespace: String,
+    /// The user name; `None`: anonymous.
+    pub user: Option<String>,
+    pub password_file: Option<PathBuf>,
+    pub security: Security,
+    pub certificates: Option<PathBuf>,
+    pub period_ms: f64,
+    pub time_out_ms: f64,
+    pub source_timestamps: bool,
+    pub numbers: Vec<u16>,
+    pub sign: Sign,
+    pub nodes: Nodes,
+}
+
+#[cfg(feature = "sinumerik")]
+impl Default for SinumerikTable {
+    fn default() -> Self {
+        let server = Server::new("");
+        Self {
+            namespace: server.namespace,
+            user: None,
+            password_file: None,
+            security: server.security,
+            certificates: None,
+            period_ms: ms(server.period),
+            time_out_ms: ms(server.time_out),
+            source_timestamps: server.source_timestamps,
+            numbers: Vec::new(),
+            sign: Sign::Adds,
+            nodes: Nodes::default(),
+        }
+    }
+}
+
+#[cfg(feature = "sinumerik")]
+impl SinumerikTable {
+    /// Makes every path relative to the folder of the file.
+    pub(crate) fn join(&mut self, folder: &Path) {
+        let paths = [&mut self.password_file, &mut self.certificates];
+        join(folder, paths.into_iter().flatten());
+    }
+}
