@@ -251,30 +251,24 @@ impl From<IdentifyError> for Failure {
 }
 
 impl From<MetrologyError> for Failure {
-    fn from(error: MetrologyError) -> Self {
-        Self::from(&error)
-    }
-}
-
-impl From<&MetrologyError> for Failure {
     /// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
-    fn from(error: &MetrologyError) -> Self {
+    fn from(error: MetrologyError) -> Self {
         let message = error.to_string();
         let (file, line, key) = match error {
             MetrologyError::Encoding(at)
             | MetrologyError::Kind(at)
             | MetrologyError::Structure(at)
-            | MetrologyError::Number(at) => (&at.file, Some(at.line as u64), Some(at.what.clone())),
+            | MetrologyError::Number(at) => (at.file, Some(at.line as u64), Some(at.what)),
             MetrologyError::Unreadable { file, .. }
             | MetrologyError::Directory { file }
             | MetrologyError::Extension { file, .. }
             | MetrologyError::TooLarge { file, .. }
             | MetrologyError::Empty { file, .. } => (file, None, None),
-            MetrologyError::Table(place) => return Self::from(InputError::clone(place)),
+            MetrologyError::Table(place) => return Self::Place(place),
             _ => return Self::Input(message),
         };
         Self::File(Box::new(FileFailure {
-            file: file.clone(),
+            file,
             line,
             key,
             message,

@@ -1,8 +1,9 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
+//!
+//! The result of `write!` to a `String`, which cannot fail, is dropped everywhere.
 
 mod commands;
 mod compensation;
-mod examples;
 mod failure;
 mod finite;
 mod limit;
@@ -54,65 +55,35 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    #[command(after_help = examples::CHECK)]
     Check(commands::check::Arguments),
-    #[command(after_help = examples::ERROR)]
     Error(commands::error::Arguments),
-    #[command(after_help = examples::CORRECT)]
     Correct(commands::correct::Arguments),
-    #[command(after_help = examples::DIAGONALS)]
     Diagonals(commands::diagonals::Arguments),
-    #[command(after_help = examples::MAP)]
     Map(commands::map::Arguments),
-    #[command(after_help = examples::MAP_TABLE)]
     MapTable(commands::map_table::Arguments),
-    #[command(after_help = examples::EXPORT)]
     Export(commands::export::Arguments),
-    #[command(after_help = examples::IMPORT)]
     Import(commands::import::Arguments),
-    #[command(after_help = examples::AXES)]
     Axes(commands::axes::Arguments),
-    #[command(after_help = examples::DH)]
     Dh(commands::dh::Arguments),
-    #[command(after_help = examples::SENSITIVITY)]
     Sensitivity(commands::sensitivity::Arguments),
-    #[command(after_help = examples::EXPRESSION)]
     Expression(commands::expression::Arguments),
-    #[command(after_help = examples::FIT)]
     Fit(commands::fit::Arguments),
-    #[command(after_help = examples::FIT_THERMAL)]
     FitThermal(commands::fit_thermal::Arguments),
-    #[command(after_help = examples::ISO230)]
     Iso230(commands::iso230::Arguments),
-    #[command(after_help = examples::STRAIGHTNESS)]
     Straightness(commands::straightness::Arguments),
-    #[command(after_help = examples::SQUARENESS)]
     Squareness(commands::squareness::Arguments),
-    #[command(after_help = examples::FORM)]
     Form(commands::form::Arguments),
-    #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
-    #[command(after_help = examples::STUDIO)]
     Studio(commands::studio::Arguments),
-    #[command(after_help = examples::REPORT)]
     Report(commands::report::Arguments),
-    #[command(after_help = examples::IDENTIFY)]
     Identify(commands::identify::Arguments),
-    #[command(after_help = examples::SIMULATE)]
     Simulate(commands::simulate::Arguments),
-    #[command(after_help = examples::AGE)]
     Age(commands::age::Arguments),
-    #[command(after_help = examples::DEMO)]
     Demo(commands::demo::Arguments),
-    #[command(after_help = examples::NC)]
     Nc(commands::nc::Arguments),
-    #[command(after_help = examples::INSPECT)]
     Inspect(commands::inspect::Arguments),
-    #[command(after_help = examples::PROBE)]
     Probe(commands::probe::Arguments),
-    #[command(after_help = examples::COMPILE)]
     Compile(commands::compile::Arguments),
-    #[command(after_help = examples::COMPLETIONS)]
     Completions(commands::completions::Arguments),
     #[command(hide = true)]
     Schema(commands::schema::Arguments),

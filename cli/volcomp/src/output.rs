@@ -155,6 +155,12 @@ impl OutputFile {
         }
     }
 
+    /// Everything at once: the file takes its name.
+    pub(crate) fn write_whole(mut self, bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
+        self.append(bytes.as_ref())?;
+        self.finish()
+    }
+
     /// Where what was written so far can be read.
     pub(crate) fn so_far(&mut self) -> Result<&Path, Failure> {
         self.flush().map_err(|e| Failure::work_on(&self.path, &e))?;

@@ -49,14 +49,3 @@ fn left(done: u64, eta: Duration) -> String {
         _ => format!("{:#} left", HumanDuration(eta)),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_time_is_told_before_the_first_step() {
-        assert_eq!(left(0, Duration::ZERO), "");
-        assert_eq!(left(1, Duration::from_secs(30)), "30s left");
-    }
-}

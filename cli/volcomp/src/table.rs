@@ -107,7 +107,6 @@ fn text_of(table: &Table) -> String {
     for (index, line) in table.lines().enumerate() {
         let line = line.trim_end();
         if index == 0 && !line.is_empty() {
-            // Writing to a string never fails.
             let _ = writeln!(text, "{HEAD}{line}{HEAD:#}");
         } else {
             text += line;
@@ -130,6 +129,11 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
+/// A number with so many digits, and a dash where there is none.
+pub(crate) fn or_dash(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
+}
+
 /// A sentence broken at blanks so that no line is too wide; `indent` stands in front of the first line, and two blanks more in front of
 /// the others.
 pub(crate) fn folded(sentence: &str, indent: &str) -> String {
@@ -142,7 +146,6 @@ fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     for (index, word) in sentence.split_whitespace().enumerate() {
         let wide = word.chars().count();
         if index > 0 && column + 1 + wide > most {
-            // Writing to a string never fails.
             let _ = write!(text, "\n{indent}  ");
             column = indent.chars().count() + 2;
         } else if index > 0 {
@@ -170,7 +173,6 @@ pub(crate) fn folded_behind(key: &str, text: &str) -> String {
         } else {
             " ".repeat(indent)
         };
-        // Writing to a string never fails.
         let _ = writeln!(all, "{front}{line}");
     }
     all

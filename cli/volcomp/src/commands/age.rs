@@ -19,6 +19,10 @@ const PLACES: u32 = 200;
 /// For trying what compensation and recalibration are worth; the model of wear stands in the manual. Everything grows in
 /// proportion to months and load; the seed makes machines of one type different ones.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp age -m mill.toml --months 36 -o worn.toml
+  volcomp --json age -m trunnion.toml --months 12 --load 2 --seed 7 -o worn.toml")]
 pub(crate) struct Arguments {
     /// The machine file (TOML)
     #[arg(long, short, value_name = "FILE")]
@@ -78,7 +82,7 @@ struct Aged {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let machine = Machine::read(&arguments.machine)?;
     let inputs = [(arguments.machine.as_path(), "--machine")];
-    let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
+    let output = OutputFile::open_beside(&arguments.output, &inputs)?;
     let Arguments {
         months, load, seed, ..
     } = *arguments;
@@ -87,8 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         WearError::Number { .. } => Failure::Input(format!("--{error}")),
         other => Failure::input(other),
     })?;
-    output.append(worn.machine.to_toml().as_bytes())?;
-    output.finish()?;
+    output.write_whole(worn.machine.to_toml())?;
     let document = Age {
         file: arguments.output.display().to_string(),
         months,
@@ -124,7 +127,7 @@ fn text(document: &Age) -> String {
         ]);
     }
     let mut text = table_text(&rows);
-    let _ = writeln!(text, "{file}: after {months} months"); // writing to a String cannot fail
+    let _ = writeln!(text, "{file}: after {months} months");
     text
 }
 

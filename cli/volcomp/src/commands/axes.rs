@@ -15,6 +15,10 @@ use crate::{
 
 /// The coordinates at which the ideal machine has its tool at a tip and in a direction, every solution within travel
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp axes -m trunnion.toml --tip 0,0,-50 --tool-axis 0,0.5,0.866
+  volcomp --json axes -m five-axis.toml --tip 400,300,-300")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: GeometryArguments,

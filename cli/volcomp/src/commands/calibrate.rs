@@ -19,10 +19,14 @@ use super::{
     identify::{EXPLAINED, found_text},
     refuse_overwriting, table, table_text,
 };
-use crate::{failure::Failure, output::OutputFile, progress};
+use crate::{failure::Failure, output::OutputFile, progress, table::or_dash};
 
 /// Fits measurement files to a machine file, or drafts a calibration file from a folder
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp calibrate calibration.toml -o machine-new.toml
+  volcomp --json calibrate calibration.toml -o machine-new.toml")]
 pub(crate) struct Arguments {
     /// The calibration file (TOML), which names the machine file and the measurement files
     #[arg(required_unless_present = "draft")]
@@ -185,7 +189,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     refuse_overwriting(&file.files, &arguments.output, "calibration")?;
-    let mut output = OutputFile::open(&arguments.output)?;
+    let output = OutputFile::open(&arguments.output)?;
     let mut calibration = fit(&file)?;
     if arguments.date.is_some() {
         let provenance = calibration.machine.provenance().clone();
@@ -196,8 +200,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let set = calibration.machine.set_provenance(dated);
         set.map_err(|refusal| Failure::Input(format!("--date: {refusal}")))?;
     }
-    output.append(calibration.machine.to_toml().as_bytes())?;
-    output.finish()?;
+    output.write_whole(calibration.machine.to_toml())?;
     let document = Calibrate::new(arguments.output.display().to_string(), &calibration);
     Answer::new(&document, text(&document), calibration.warnings)
 }
@@ -229,9 +232,7 @@ fn text(document: &Calibrate) -> String {
             fixed(curve.residual.min, 2),
             fixed(curve.residual.max, 2),
             fixed(curve.residual.rms, 2),
-            curve
-                .leave_one_out
-                .map_or("-".to_owned(), |error| fixed(error, 2)),
+            or_dash(curve.leave_one_out, 2),
             unit_symbol(curve.unit).to_owned(),
         ]);
     }

@@ -26,7 +26,7 @@ pub(super) fn run(
     wanted: &Wanted<'_>,
 ) -> Result<Answer, Failure> {
     let machine = Machine::read(machine_file)?;
-    let mut file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
+    let file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
     let base = base_of(output);
     let named = |path: &Path| relative(path, &base);
     let found = draft(folder, &machine, &named(machine_file), named).map_err(|error| {
@@ -48,8 +48,7 @@ pub(super) fn run(
     if !wanted.replace {
         refuse_another(output, &found.text)?;
     }
-    file.append(found.text.as_bytes())?;
-    file.finish()?;
+    file.write_whole(&found.text)?;
     let name = output.display().to_string();
     told.extend(notes(&found));
     let text = text(&name, &found);
@@ -195,7 +194,6 @@ fn text(file: &str, draft: &Draft) -> String {
         proposed.add_row([error, of.files.join(" or "), open.join(" ")]);
     }
     let mut text = table_text(&proposed);
-    // Writing to a String cannot fail.
     let _ = match draft.questions.len() {
         0 => writeln!(text, "\nwrote {file}: no question is open"),
         1 => writeln!(text, "\nwrote {file}: one question is open, marked \"?\""),

@@ -14,6 +14,10 @@ use crate::{failure::Failure, output::OutputFile, points::SpindleArguments};
 /// Curves become piecewise cubics within the tolerance of the machine file's. The file starts with VOLCOMPM, the
 /// version of its format and the SHA-256 of what follows; `volcomp_evaluator::CompiledMachine::from_blob` reads it.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp compile gantry.toml -o gantry.blob
+  volcomp compile mill.toml --tool T5 --tolerance-nm 10 -o mill.blob")]
 pub(crate) struct Arguments {
     /// The machine file (TOML) to compile
     machine: PathBuf,
@@ -52,12 +56,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
-    let mut file =
-        OutputFile::open_beside(&arguments.output, &[(&arguments.machine, "the machine")])?;
+    let file = OutputFile::open_beside(&arguments.output, &[(&arguments.machine, "the machine")])?;
     let compiled = machine.compile_at(Tolerance::from_nm(nm), &temperatures)?;
     let blob = compiled.to_blob();
-    file.append(&blob)?;
-    file.finish()?;
+    file.write_whole(&blob)?;
     let document = Compile {
         file: arguments.output.display().to_string(),
         bytes: blob.len(),

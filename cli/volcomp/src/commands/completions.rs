@@ -10,6 +10,10 @@ use crate::failure::Failure;
 
 /// A script for a shell that completes commands, options and file names
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp completions bash > volcomp.bash
+  volcomp completions zsh > _volcomp")]
 pub(crate) struct Arguments {
     /// The shell to write completions for
     shell: Shell,

@@ -20,12 +20,12 @@ use volcomp_model::{Machine, Temperatures, corrected, diagonals, quantised};
 use volcomp_shop::{LineOfSight, Shop, ShopLine};
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
-use super::{Answer, calibrate, fixed, simulate, simulate::write_listed, table, table_text};
+use super::{Answer, calibrate, fixed, range, simulate, simulate::write_listed, table, table_text};
 use crate::{
     failure::Failure,
     output::TemporaryFolder,
     progress,
-    table::{folded, to_the_left},
+    table::{folded, or_dash, to_the_left},
 };
 
 const TRUTH: &str = include_str!("../../demo/truth.toml");
@@ -33,6 +33,10 @@ const SHOP: &str = include_str!("../../demo/shop.toml");
 
 /// Measure, calibrate and correct a simulated gantry of published size, and compare with the published figures
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp demo
+  volcomp demo -o demo --seed 7 --curve mls")]
 pub(crate) struct Arguments {
     /// Keep the measurement files and both machine files in this folder
     #[arg(long, short)]
@@ -539,14 +543,6 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     )
 }
 
-/// The largest less the smallest of some values.
-fn range(values: impl Iterator<Item = f64>) -> f64 {
-    let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-        [low.min(value), high.max(value)]
-    });
-    high - low
-}
-
 /// The residual (peak to peak, µm) that would remain if the curve between the targets were known exactly: the noise
 /// of the mean of the runs at the targets, interpolated in straight lines between them, and the rounding of the
 /// output.
@@ -753,21 +749,19 @@ fn published_text(published: &Published) -> String {
             fixed(line.before_um, 1),
             fixed(line.paper_before_um, 1),
             fixed(line.after_um, 1),
-            line.paper_after_um
-                .map_or("-".to_owned(), |after| fixed(after, 1)),
+            or_dash(line.paper_after_um, 1),
         ]);
     }
     let mut residuals = table(&["", "left by", "from", "to", "paper from", "to"]);
     to_the_left(&mut residuals, &[1]);
     for row in &published.residuals {
-        let printed = |value: Option<f64>| value.map_or("-".to_owned(), |value| fixed(value, 1));
         residuals.add_row([
             row.error.to_owned(),
             row.method.clone(),
             fixed(row.min_um, 1),
             fixed(row.max_um, 1),
-            printed(row.paper_min_um),
-            printed(row.paper_max_um),
+            or_dash(row.paper_min_um, 1),
+            or_dash(row.paper_max_um, 1),
         ]);
     }
     format!(

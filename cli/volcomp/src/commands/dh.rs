@@ -11,6 +11,10 @@ use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
 /// The Denavit–Hartenberg table of a machine at machine zero
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp dh -m trunnion.toml
+  volcomp dh -m five-axis.toml --convention proximal")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: GeometryArguments,

@@ -23,6 +23,10 @@ const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
 /// The body diagonals of ISO 230-6: deviation along each, zero at its first target
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp diagonals -m gantry.toml
+  volcomp diagonals -m calibrated.toml --truth truth.toml --resolution 1")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
@@ -69,11 +73,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let command = |state: &State| compensation.command(state);
     if let Some(file) = &arguments.targets {
         let inputs = [(arguments.machine.machine.as_path(), "--machine")];
-        let mut output = OutputFile::open_beside(file, &inputs)?;
+        let output = OutputFile::open_beside(file, &inputs)?;
         let text = program(actual, points, &others, arguments.feed)
             .map_err(|error| of_machine(&arguments.machine.machine, &machine, error))?;
-        output.append(text.as_bytes())?;
-        output.finish()?;
+        output.write_whole(text)?;
     }
     let found = diagonals(actual, &source, points, &others, command)
         .map_err(|error| of_machine(&arguments.machine.machine, &machine, error))?;
@@ -123,7 +126,7 @@ fn program(
         .collect();
     let mut text = "line".to_owned();
     for (name, _) in &axes {
-        let _ = write!(text, ",{name}"); // writing to a String cannot fail, here and below
+        let _ = write!(text, ",{name}");
     }
     text += ",feed\n";
     let mut row = |line: &str, target: &State| {

@@ -17,6 +17,10 @@ use crate::{
 
 /// The volumetric error at a position: actual minus ideal, in workpiece axes
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp error -m gantry.toml --at X=1000,Y=500,Z=-50
+  volcomp error -m gantry.toml --points points.csv --temperature scale_x=22.5")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,

@@ -27,6 +27,10 @@ use crate::{
 /// is told, for all errors together and for each kind alone. No format was tried on a real control; the head of each file, or the
 /// file volcomp-tables-FORMAT.txt beside it, says what its sign rests on.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp export -m gantry.toml --format csv --step 200 -o gantry-tables.csv
+  volcomp export -m mill.toml --format siemens-840d --at Z=-200 -o mill-840d")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
@@ -139,7 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         encoder: arguments.control.encoder.unwrap_or(0),
         detection_unit: arguments.control.detection_unit,
     };
-    let mut place = Place::of(arguments)?;
+    let place = Place::of(arguments)?;
     let format = arguments.format;
     let content = sampled(&machine, &temperatures, &options, format)?;
     let written = write(format, &content, &write_options)?;
@@ -209,7 +213,7 @@ fn worse_than_none(axis: &AxisLoss) -> Option<String> {
 
 /// Where the files go.
 enum Place {
-    File(Box<Option<OutputFile>>),
+    File(Box<OutputFile>),
     Folder(PathBuf),
 }
 
@@ -218,9 +222,7 @@ impl Place {
     fn of(arguments: &Arguments) -> Result<Self, Failure> {
         let path = &arguments.output;
         if path.is_file() || (path.extension().is_some() && !path.is_dir()) {
-            let beside = [(arguments.machine.machine.as_path(), "the machine")];
-            let file = OutputFile::open_beside(path, &beside)?;
-            return Ok(Self::File(Box::new(Some(file))));
+            return Ok(Self::File(Box::new(beside_machine(path, arguments)?)));
         }
         let parent = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -239,54 +241,52 @@ impl Place {
 
     /// The files that were written, and those of them that took the place of others with another text.
     fn write(
-        &mut self,
+        self,
         files: &[TextFile],
         arguments: &Arguments,
     ) -> Result<(Vec<String>, Vec<String>), Failure> {
-        let mut replaced = Vec::new();
+        let mut open = Vec::new();
         match (self, files) {
-            (Self::File(output), [only]) => {
-                let name = arguments.output.display().to_string();
-                if let Some(mut output) = output.take() {
-                    if output.replaces(&only.text) {
-                        replaced.push(name.clone());
-                    }
-                    output.append(only.text.as_bytes())?;
-                    output.finish()?;
-                }
-                Ok((vec![name], replaced))
+            (Self::File(output), [only]) => open.push((*output, only, arguments.output.clone())),
+            (Self::File(_), files) => {
+                return Err(Failure::Input(format!(
+                    "--output: found {}, expected a folder: the format {} has {} files",
+                    arguments.output.display(),
+                    arguments.format,
+                    files.len()
+                )));
             }
-            (Self::File(_), files) => Err(Failure::Input(format!(
-                "--output: found {}, expected a folder: the format {} has {} files",
-                arguments.output.display(),
-                arguments.format,
-                files.len()
-            ))),
             (Self::Folder(folder), files) => {
                 if !folder.is_dir() {
-                    std::fs::create_dir(&*folder).map_err(|e| {
-                        Failure::in_file(folder, format_args!("cannot be made a folder: {e}"))
+                    std::fs::create_dir(&folder).map_err(|e| {
+                        Failure::in_file(&folder, format_args!("cannot be made a folder: {e}"))
                     })?;
                 }
-                let beside = [(arguments.machine.machine.as_path(), "the machine")];
-                let mut open = Vec::new();
                 for file in files {
                     let path = folder.join(&file.name);
-                    open.push((OutputFile::open_beside(&path, &beside)?, file, path));
+                    open.push((beside_machine(&path, arguments)?, file, path));
                 }
-                let mut names = Vec::new();
-                for (mut output, file, path) in open {
-                    if output.replaces(&file.text) {
-                        replaced.push(path.display().to_string());
-                    }
-                    output.append(file.text.as_bytes())?;
-                    output.finish()?;
-                    names.push(path.display().to_string());
-                }
-                Ok((names, replaced))
             }
         }
+        let (mut names, mut replaced) = (Vec::new(), Vec::new());
+        for (output, file, path) in open {
+            let name = path.display().to_string();
+            if output.replaces(&file.text) {
+                replaced.push(name.clone());
+            }
+            output.write_whole(&file.text)?;
+            names.push(name);
+        }
+        Ok((names, replaced))
     }
+}
+
+/// An output that is not the machine file.
+fn beside_machine(path: &Path, arguments: &Arguments) -> Result<OutputFile, Failure> {
+    OutputFile::open_beside(
+        path,
+        &[(arguments.machine.machine.as_path(), "the machine")],
+    )
 }
 
 /// Notes on tables that volcomp has written into the folder before: a control may read those of another format too, and those of an axis that has no

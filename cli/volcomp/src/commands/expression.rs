@@ -11,6 +11,10 @@ use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
 /// The first-order volumetric error as a formula: each error with its lever
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp expression -m mill.toml
+  volcomp expression -m first.toml --assembly --latex")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: GeometryArguments,

@@ -12,7 +12,7 @@ use volcomp_fit::{
     Noise, band, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls,
     fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, OfRun, axis_kind, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, OfRun, axis_kind, read_file};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisKind, Direction};
 
@@ -25,6 +25,10 @@ use crate::{
 
 /// Fits a curve to the mean deviation at each target
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp fit exx.rtl --method mls --auto --residual 1 --scan
+  volcomp fit exx.rtl --method chebyshev --order 5 --at 0,4000")]
 pub(crate) struct Arguments {
     /// Measurement file: .csv, .rtl, .rta
     data: PathBuf,
@@ -196,8 +200,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "found {wrong}, expected finite numbers in the call"
         )));
     }
-    let mut measurement = read_file(&arguments.data).map_err(|e| reading(&e))?;
-    measurement.check_directions().map_err(|e| reading(&e))?;
+    let mut measurement = read_file(&arguments.data)?;
+    measurement.check_directions()?;
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
@@ -294,7 +298,6 @@ fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String 
             let cells = MLS_ORDERS.map(cell);
             rows.add_row([fixed(support, 3)].into_iter().chain(cells));
         }
-        // Writing to a string never fails.
         let _ = write!(text, "\n{title}, {unit}\n{}", table_text(&rows));
     }
     text += "\n* the curve above; - too few targets within the support\n";
@@ -323,11 +326,6 @@ fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
             outside.join(",")
         )
     })
-}
-
-/// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
-pub(super) fn reading(error: &MetrologyError) -> Failure {
-    Failure::from(error)
 }
 
 /// How a curve was chosen, and how far the true one may be from it.

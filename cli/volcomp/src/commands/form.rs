@@ -10,11 +10,15 @@ use volcomp_metrology::form::{
     CoordinatePlane, DatumAxis, Feature, FeatureKind, Form, evaluate_form, parse_points,
 };
 
-use super::{Answer, fixed, table, table_text};
+use super::{Answer, fixed, range, table, table_text};
 use crate::{failure::Failure, points::numbers, table::folded};
 
 /// Form deviation, position and axis of a feature measured point by point
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp form ring.csv --feature circle --plane xy
+  volcomp --json form bore.csv --feature cylinder --datum 0,0,0,0,0,1")]
 pub(crate) struct Arguments {
     /// The points: a CSV file with the columns x, y, z, mm
     points: PathBuf,
@@ -214,13 +218,7 @@ const LARGEST_MM: f64 = 50e3;
 
 /// Points that are probably no feature of this kind, or not in mm.
 fn doubtful(points_mm: &[[f64; 3]], deviation_mm: f64) -> Vec<String> {
-    let extent = |axis: usize| {
-        let values = points_mm.iter().map(|point| point[axis]);
-        let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-            [low.min(x), high.max(x)]
-        });
-        high - low
-    };
+    let extent = |axis: usize| range(points_mm.iter().map(|point| point[axis]));
     let size_mm = [0, 1, 2].map(extent).iter().map(|x| x * x).sum::<f64>();
     let size_mm = size_mm.sqrt();
     let mut notes = Vec::new();
@@ -268,7 +266,6 @@ fn text(document: &EvaluatedForm, feature: FeatureKind) -> String {
     }
     let mut text = format!("{feature} of least squares, {} points\n\n", document.points);
     text += &table_text(&places);
-    // Writing to a string never fails.
     text.push('\n');
     if let Some(radius) = document.radius_mm {
         let _ = writeln!(text, "radius {} mm", fixed(radius, 5));

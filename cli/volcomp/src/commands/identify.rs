@@ -14,6 +14,10 @@ use crate::{failure::Failure, output::OutputFile, progress, table::folded};
 
 /// Finds errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp identify identification/observations.toml -o found.toml
+  volcomp --json identify identification/observations.toml -o found.toml")]
 pub(crate) struct Arguments {
     /// The file of observations (TOML), which names the machine file and the row files
     observations: PathBuf,
@@ -34,10 +38,9 @@ pub(crate) struct Identified {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let observations = Observations::read(&arguments.observations)?;
     refuse_overwriting(&observations.files, &arguments.output, "identification")?;
-    let mut output = OutputFile::open(&arguments.output)?;
+    let output = OutputFile::open(&arguments.output)?;
     let found = find(&observations)?;
-    output.append(found.machine.to_toml().as_bytes())?;
-    output.finish()?;
+    output.write_whole(found.machine.to_toml())?;
     let text = text(&found, &arguments.output);
     let notes = found.warnings.iter().map(ToString::to_string).collect();
     let document = Identified {
@@ -55,7 +58,6 @@ pub(super) fn find(observations: &Observations) -> Result<Identification, Failur
 
 fn text(found: &Identification, output: &Path) -> String {
     let mut text = found_text(found);
-    // Writing to a string never fails.
     let _ = writeln!(text, "wrote {}", output.display());
     text + EXPLAINED
 }
@@ -152,7 +154,6 @@ pub(super) fn found_text(document: &Identification) -> String {
     }
     text.push('\n');
     text += &table_text(&figures);
-    // Writing to a string never fails.
     let _ = writeln!(
         text,
         "\nrank {} of {}, score of what is determined alone {:.1e}",

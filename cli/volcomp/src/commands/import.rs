@@ -18,6 +18,10 @@ use crate::{failure::Failure, output::OutputFile};
 /// A table of an axis over itself becomes positioning (EXX), one of another axis straightness (EYX), by the directions that the letters
 /// stand for. What is odd in the files is told on standard error. The curves are printed, or written with `--output`.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp import gantry-tables.csv -o curves.toml
+  volcomp --json import mill-840d")]
 pub(crate) struct Arguments {
     /// Files of one control, or a folder of them
     #[arg(required = true)]
@@ -81,9 +85,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let found = read(format, &files, &options)?;
     let made = curves(&found.content)?;
     let text = to_toml(&made);
-    if let Some(mut output) = output {
-        output.append(text.as_bytes())?;
-        output.finish()?;
+    if let Some(output) = output {
+        output.write_whole(&text)?;
     }
     let warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
     let document = Import {

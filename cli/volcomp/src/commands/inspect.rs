@@ -15,7 +15,7 @@ use volcomp_vocabulary::{AxisKind, Direction};
 
 use super::{
     Answer,
-    several::{Files, RefusedFile, some_refused},
+    evaluation::{Files, RefusedFile, some_refused},
     table, table_text,
 };
 use crate::{
@@ -27,6 +27,10 @@ use crate::{
 ///
 /// Of several files a table at the end has a row for each.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp inspect exx.rtl
+  volcomp --json inspect exx.rtl eay.rta")]
 pub(crate) struct Arguments {
     /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat; a folder stands for those in it
     #[arg(required = true)]

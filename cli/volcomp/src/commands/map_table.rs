@@ -27,6 +27,10 @@ use crate::{
 /// words that the control has. The file holds head, values and checksum as words, as the control holds them; the text says
 /// how far the map is from the model, how long it takes into the control, and how often temperatures make it old.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp map-table -m gantry.toml --words 5000 -o gantry.map
+  volcomp map-table -m mill.toml --tool T5 --within 2 --words 8000 -o mill.map")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
@@ -156,7 +160,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut notes = machine_notes(&machine, &temperatures);
     let options = options(arguments, &machine, &mut notes)?;
     let machine_file = &arguments.machine.machine;
-    let mut file = OutputFile::open_beside(&arguments.output, &[(machine_file, "the machine")])?;
+    let file = OutputFile::open_beside(&arguments.output, &[(machine_file, "the machine")])?;
     let made = MapOfMachine::new(&machine, &temperatures, &options)?;
     let map = &made.table.map;
     let order = if arguments.high_first {
@@ -165,8 +169,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ByteOrder::LowFirst
     };
     let image = map.image(arguments.number, order);
-    file.append(&image)?;
-    file.finish()?;
+    file.write_whole(&image)?;
     let document = document(arguments, &options, &made, image.len());
     let text = text(arguments, &document);
     Answer::new(&document, text, notes)

@@ -12,6 +12,7 @@ pub(crate) mod demo;
 pub(crate) mod dh;
 pub(crate) mod diagonals;
 pub(crate) mod error;
+pub(crate) mod evaluation;
 pub(crate) mod export;
 pub(crate) mod expression;
 pub(crate) mod fit;
@@ -31,7 +32,6 @@ pub(crate) mod report;
 mod same_machine;
 pub(crate) mod schema;
 pub(crate) mod sensitivity;
-pub(crate) mod several;
 pub(crate) mod simulate;
 pub(crate) mod squareness;
 pub(crate) mod straightness;
@@ -104,9 +104,8 @@ impl Answer {
 
 /// Writes a whole file; it appears by rename.
 fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
-    let mut file = OutputFile::open(path)?;
-    file.append(text.as_bytes())?;
-    file.finish()
+    let file = OutputFile::open(path)?;
+    file.write_whole(text)
 }
 
 /// The output must not take the place of what it is made from: a second run would start from its own result.
@@ -126,6 +125,15 @@ fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
     let there = output.canonicalize().ok()?;
     let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
     files.iter().find(same)
+}
+
+/// The largest less the smallest of some values; infinite and negative of none.
+fn range(values: impl IntoIterator<Item = f64>) -> f64 {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY];
+    let [low, high] = values
+        .into_iter()
+        .fold(ends, |[low, high], value| [low.min(value), high.max(value)]);
+    high - low
 }
 
 /// Converts a vector from mm to µm.

@@ -34,6 +34,10 @@ use crate::{
 /// RS-274 as LinuxCNC and FANUC controls read it, the language of SINUMERIK controls, or the conversational one of HEIDENHAIN controls. Every byte that is no changed coordinate comes out as it went in. A line is
 /// split only where the correction bends by more than the tolerance; arcs stay arcs where the corrected circle fits.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp nc part.ngc -o part-compensated.ngc -m mill.toml
+  volcomp nc part.ngc -o out.ngc -m mill.toml --setup setup.toml --tolerance 0.5")]
 pub(crate) struct Arguments {
     /// The NC program
     program: PathBuf,
@@ -504,7 +508,7 @@ fn averaged(
             text,
             "{}, {} places: X {x:+.1} Y {y:+.1} Z {z:+.1} µm, now X {at_x} Y {at_y} Z {at_z} mm\n  correction before: at most {:.2} µm, RMS {:.2} µm; what is left beside the mean: at most {:.2} µm, RMS {:.2} µm\n",
             of.system, of.places, of.before_um[0], of.before_um[1], of.left_um[0], of.left_um[1]
-        ); // writing to a String cannot fail
+        );
     }
     if let Some(verified) = &document.verified {
         text += &verified_text(verified);

@@ -11,6 +11,10 @@ use crate::failure::Failure;
 
 /// Asks a device once for positions, temperatures and inputs, or lists the serial ports, CAN interfaces and GPIO lines
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp probe --list
+  volcomp --json probe focas://127.0.0.1:8193 --within 1")]
 pub(crate) struct Arguments {
     /// focas://HOST:8193, modbus://HOST?profile=NAME, modbus-rtu:///dev/ttyUSB0?profile=NAME, can://can0,
     /// gpio://?position=CHIP:LINES&correction=CHIP:LINES. A profile is the name of a shipped one or a file that
@@ -128,7 +132,7 @@ fn text(found: &Probe) -> String {
             .iter()
             .map(|on| if *on { '1' } else { '0' })
             .collect();
-        let _ = writeln!(text, "inputs, line 0 first: {lines}"); // writing to a String cannot fail
+        let _ = writeln!(text, "inputs, line 0 first: {lines}");
     }
     if let Some(facts) = &found.facts {
         text += &told(facts);

@@ -20,8 +20,13 @@ use volcomp_report::{
 use volcomp_vocabulary::AxisName;
 
 use super::{
-    Answer, calibrate::fit, fixed, identify::find, iso230::parse_edition, same_file,
-    uncertainty::UncertaintyArguments,
+    Answer,
+    calibrate::fit,
+    fixed,
+    identify::find,
+    iso230::parse_edition,
+    same_file,
+    uncertainty::{Measured, UncertaintyArguments},
 };
 use crate::{
     compensation::{Compensation, CompensationArguments, refuse_other_geometry},
@@ -37,6 +42,10 @@ use crate::{
 /// uncertainty, what was not measured, and what observations determine. It opens in any browser without a network and prints on
 /// A4. The same input gives the same bytes: a date stands in it only where a file or --date states one.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp report calibration.toml -o report.html --tolerance A=10,V=40
+  volcomp report calibration.toml -o report.html --truth truth.toml")]
 pub(crate) struct Arguments {
     /// Calibration file, file of observations or machine file (TOML)
     #[arg(value_name = "FILE")]
@@ -194,7 +203,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     refuse_other_endings(&arguments.output)?;
-    let mut output = OutputFile::open(&arguments.output)?;
+    let output = OutputFile::open(&arguments.output)?;
     let (machine, mut report) = source.report(arguments)?;
     refuse_two_units(&report, &limits).map_err(|error| Failure::Input(format!("--{error}")))?;
     let mut notes = machine.notes();
@@ -211,8 +220,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             arguments.output.display()
         ));
     }
-    output.append(page.as_bytes())?;
-    output.finish()?;
+    output.write_whole(&page)?;
     answer(arguments, &report, &limits, notes)
 }
 
@@ -234,21 +242,14 @@ fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
 impl Source {
     /// Reads a file as what its keys make it.
     fn read(path: &Path) -> Result<Self, Failure> {
-        let document = Toml::read(path)?;
-        let [structure, observation, own] = document.decode(|root| {
-            let own = CalibrationFile::KEYS
-                .iter()
-                .filter(|key| **key != "machine");
-            let own = own.filter(|key| root.get(key).is_some()).count() > 0;
-            let has = |key: &str| root.get(key).is_some();
-            Ok::<_, Failure>([has("structure"), has("observation"), own])
-        })?;
-        Ok(if structure {
-            Self::Machine(Box::new(Machine::read(path)?))
-        } else if observation && !own {
-            Self::Observations(Box::new(Observations::read(path)?))
-        } else {
-            Self::Calibration(Box::new(CalibrationFile::read(path)?))
+        let is_machine =
+            Toml::read(path)?.decode(|root| Ok::<_, Failure>(root.get("structure").is_some()))?;
+        if is_machine {
+            return Ok(Self::Machine(Box::new(Machine::read(path)?)));
+        }
+        Ok(match Measured::read(path)? {
+            Measured::Calibration(file) => Self::Calibration(file),
+            Measured::Observations(observations) => Self::Observations(observations),
         })
     }
 
@@ -504,7 +505,6 @@ fn answer(
             .map(|after| largest(&after.found)),
     };
     let mut text = format!("{words}\n");
-    // Writing to a String cannot fail, here and below.
     for check in &report.checks {
         let _ = writeln!(text, "  {check}");
     }

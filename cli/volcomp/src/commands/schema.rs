@@ -1,6 +1,6 @@
 //! The hidden command `schema`: the JSON Schemas of this program's documents.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schemars::{JsonSchema, Schema, generate::SchemaSettings};
 use serde_json::json;
@@ -14,17 +14,16 @@ use super::{
     demo, dh,
     diagonals::Diagonals,
     error::ErrorAt,
+    evaluation::Files,
     export, expression, fit,
-    fit_thermal::document::FitThermal,
+    fit_thermal::FitThermal,
     form,
     identify::Identified,
     import,
     inspect::Contents,
     iso230::{circle::CircularTest, diagonals::MeasuredDiagonals, positioning::PositioningTest},
     map::Map,
-    map_table, nc, report, sensitivity,
-    several::Files,
-    simulate,
+    map_table, nc, report, sensitivity, simulate,
     squareness::SquarenessTest,
     straightness::StraightnessTest,
     write_file,
@@ -42,29 +41,22 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let folder = &arguments.folder;
     let mut files = Vec::new();
     for (name, schema) in ALL {
         let text = serde_json::to_string_pretty(&schema())
             .map_err(|e| Failure::Work(format!("the schema of {name}: {e}")))?;
         files.push((format!("volcomp-{name}.json"), text + "\n"));
     }
-    write(&arguments.folder, &files)
-}
-
-fn write(folder: &Path, files: &[(String, String)]) -> Result<Answer, Failure> {
     std::fs::create_dir_all(folder)
         .map_err(|e| Failure::in_file(folder, format_args!("cannot be made a folder: {e}")))?;
-    for (name, text) in files {
+    for (name, text) in &files {
         write_file(&folder.join(name), text)?;
     }
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
-    Ok(Answer {
-        tolerances_met: true,
-        json: json!({ "folder": folder.display().to_string(), "files": names }),
-        text: format!("{} files in {}\n", names.len(), folder.display()),
-        notes: Vec::new(),
-        failed: None,
-    })
+    let document = json!({ "folder": folder.display().to_string(), "files": names });
+    let text = format!("{} files in {}\n", names.len(), folder.display());
+    Answer::new(&document, text, Vec::new())
 }
 
 /// The name of a command and the schema of its document.

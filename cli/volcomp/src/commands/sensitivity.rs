@@ -22,6 +22,10 @@ use crate::{
 
 /// The effect of each error over many positions, errors that are one motion, and errors that cannot be told apart
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp sensitivity -m blade-mill.toml --assembly
+  volcomp --json sensitivity -m gantry.toml --points points.csv")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: GeometryArguments,
@@ -203,7 +207,6 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     if !zero.is_empty() {
         text += &folded(&format!("Zero or not stated: {}", zero.join(" ")), " ");
     }
-    // Writing to a string never fails.
     let _ = writeln!(
         text,
         "\n{HEAD}{} distinct motions{HEAD:#}",

@@ -20,6 +20,10 @@ use crate::{failure::Failure, output::OutputFile, progress};
 /// Files of an earlier run are written over, others never: a file that is not as this command wrote it, or that it did not write,
 /// is refused, and nothing is written then. Which it wrote stands in simulated-files.sha256 in the folder.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp simulate shop.toml -o lasers
+  volcomp --json simulate shop.toml -o lasers")]
 pub(crate) struct Arguments {
     /// Shop file (TOML): truth machine, instrument, lines, observations
     shop: PathBuf,
@@ -56,7 +60,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (calibration, observations) = (path("calibration.toml"), path("observations.toml"));
     let mut text = format!("{} files in {}", names.len(), folder.display());
     if !replaced.is_empty() {
-        // Writing to a String cannot fail.
         let _ = write!(text, ", {} of them over earlier ones", replaced.len());
     }
     text.push('\n');
@@ -155,12 +158,11 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
         if path.exists() {
             written.replaced.push(name.clone());
         }
-        let mut file = match first.take().filter(|_| name == "machine.toml") {
+        let file = match first.take().filter(|_| name == "machine.toml") {
             Some(file) => file,
             None => OutputFile::open(&path)?,
         };
-        file.append(text.as_bytes())?;
-        file.finish()?;
+        file.write_whole(&text)?;
         list.add(&name, &text);
         written.names.push(name);
     }
@@ -247,7 +249,6 @@ impl WrittenFiles {
     fn write(&self, folder: &Path) -> Result<(), Failure> {
         let mut text = format!("{FIRST_LINE}\n");
         for (name, digest) in &self.0 {
-            // Writing to a String cannot fail.
             let _ = writeln!(text, "{digest}  {name}");
         }
         write_file(&folder.join(LIST), &text)

@@ -1,6 +1,6 @@
 //! `volcomp squareness`: the squareness of two axes from two straightness files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -11,13 +11,20 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use super::iso230::judged::{Judgement, decision_text, quantities_text, tolerances};
 use super::straightness::{Reference, key, odd, read};
-use super::{Answer, fixed, table, table_text};
+use super::{
+    Answer,
+    evaluation::{Judgement, decision_text, quantities_text, tolerances},
+    fixed, table, table_text,
+};
 use crate::{failure::Failure, unit::Unit};
 
 /// Squareness of two axes from two straightness files
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp squareness straight-exy.csv straight-eyx.csv --error EC0Y
+  volcomp --json squareness straight-exy.csv straight-eyx.csv --error EC0Y")]
 pub(crate) struct Arguments {
     /// The straightness of the later axis of the error: of EC0Y the file of EXY, of EA0Z that of EYZ, of EB0Z that of EXZ
     first: PathBuf,
@@ -110,48 +117,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         return Err(Failure::in_file(paths[1], what));
     }
     let mut notes = Vec::new();
-    let mut documents = Vec::new();
-    let mut slopes = Vec::new();
-    let mut lines = Vec::new();
-    for (path, error) in paths.into_iter().zip(parts) {
-        let measurement = read(path, arguments.unit)?;
-        measurement.check_targets(error.axis)?;
-        let stated = measurement.metadata.axis.as_deref();
-        if let Some(axis) = stated.and_then(volcomp_metrology::axis_named)
-            && axis != error.axis
-        {
-            let what = format!(
-                "found axis {axis}, expected the straightness {error} of axis {}",
-                error.axis
-            );
-            return Err(Failure::in_file(path, what));
-        }
-        let found = straightness_of(&measurement)?;
-        notes.extend(
-            measurement
-                .notes
-                .iter()
-                .map(|note| format!("{error}: {note}")),
-        );
-        notes.extend(odd(&found).map(|note| format!("{error}: {note}")));
-        let slope = found.of(kind).line.slope();
-        let ends = found.profile.first().zip(found.profile.last());
-        let length_mm = ends.map_or(0.0, |(first, last)| last.0 - first.0);
-        lines.push((found.slope_standard_uncertainty_urad, length_mm));
-        documents.push(SquarenessPart {
-            error: error.to_string(),
-            file: path.display().to_string(),
-            slope_urad: slope.0,
-        });
-        slopes.push((error, slope));
-    }
-    let [first, second]: [(ErrorName, Urad); 2] = slopes
-        .try_into()
-        .map_err(|_| Failure::Work("two files make two slopes".to_owned()))?;
-    let parts: [SquarenessPart; 2] = documents
-        .try_into()
-        .map_err(|_| Failure::Work("two files make two parts".to_owned()))?;
-    let value = squareness(arguments.error, Urad(angle), [first, second])?.0;
+    let [first_error, second_error] = parts;
+    let first = line(arguments, paths[0], first_error, &mut notes)?;
+    let second = line(arguments, paths[1], second_error, &mut notes)?;
+    let lines = [&first, &second].map(|line| (line.uncertainty_urad, line.length_mm));
+    let slopes = [(first_error, first.slope), (second_error, second.slope)];
+    let value = squareness(arguments.error, Urad(angle), slopes)?.0;
     let whole = uncertainty(arguments, kind, &lines)?;
     notes.extend(notes_on(arguments, value, whole.as_ref()));
     let uncertainty = whole.as_ref().map(|whole| whole.whole_urad);
@@ -165,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let judgement = Judgement::new(quantities, notes);
     let document = SquarenessTest {
         error: arguments.error.to_string(),
-        parts,
+        parts: [first.part, second.part],
         reference_angle_urad: angle,
         reference: key(kind),
         squareness_urad: value,
@@ -175,6 +146,50 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let text = text(&document);
     Ok(Answer::new(&document, text, judgement.notes)?.decided(judgement.decision))
+}
+
+/// A straightness line as the squareness needs it.
+struct Line {
+    part: SquarenessPart,
+    slope: Urad,
+    uncertainty_urad: Option<f64>,
+    length_mm: f64,
+}
+
+fn line(
+    arguments: &Arguments,
+    path: &Path,
+    error: ErrorName,
+    notes: &mut Vec<String>,
+) -> Result<Line, Failure> {
+    let measurement = read(path, arguments.unit)?;
+    measurement.check_targets(error.axis)?;
+    let stated = measurement.metadata.axis.as_deref();
+    if let Some(axis) = stated.and_then(volcomp_metrology::axis_named)
+        && axis != error.axis
+    {
+        let what = format!(
+            "found axis {axis}, expected the straightness {error} of axis {}",
+            error.axis
+        );
+        return Err(Failure::in_file(path, what));
+    }
+    let found = straightness_of(&measurement)?;
+    let odd = odd(&found);
+    let said = measurement.notes.iter().chain(&odd);
+    notes.extend(said.map(|note| format!("{error}: {note}")));
+    let slope = found.of(arguments.reference.kind()).line.slope();
+    let ends = found.profile.first().zip(found.profile.last());
+    Ok(Line {
+        part: SquarenessPart {
+            error: error.to_string(),
+            file: path.display().to_string(),
+            slope_urad: slope.0,
+        },
+        slope,
+        uncertainty_urad: found.slope_standard_uncertainty_urad,
+        length_mm: ends.map_or(0.0, |(first, last)| last.0 - first.0),
+    })
 }
 
 /// What is not in the uncertainty, and a squareness that no machine tool has.

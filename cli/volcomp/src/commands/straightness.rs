@@ -15,9 +15,11 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
-use super::iso230::judged::{Judgement, decision_text, quantities_text, tolerances};
-use super::several::{Evaluated, evaluated};
-use super::{Answer, fixed, table, table_text};
+use super::{
+    Answer,
+    evaluation::{Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances},
+    fixed, table, table_text,
+};
 use crate::{
     failure::Failure,
     unit::{self, Unit},
@@ -25,6 +27,10 @@ use crate::{
 
 /// Straightness of a motion about its reference lines, also from tilts
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp straightness straight-exy.csv --reference end-points
+  volcomp --json straightness tilts.csv --bridge-mm 250")]
 pub(crate) struct Arguments {
     /// Measurement files: .rts, .csv; with --bridge-mm tilts, .rta or .csv
     #[arg(required = true)]
@@ -259,7 +265,6 @@ fn text(document: &StraightnessTest, with_names: bool) -> String {
         quantities_text(&document.judgement.quantities, with_names)
     );
     if let Some(reversal) = document.reversal_um {
-        // Writing to a string never fails.
         let _ = writeln!(
             text,
             "largest difference of the directions {} µm",

@@ -17,6 +17,10 @@ use crate::{failure::Failure, output};
 /// then machine file, report, tables for controls and NC programs, and the way to a gateway or the centre. Everything is in the folder:
 /// measurement files, machine.toml, answers.json, calibration.toml, and what is computed in result/. Ctrl-C ends it.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp studio lasers
+  volcomp studio lasers --listen 127.0.0.1:8100 --no-browser")]
 pub(crate) struct Arguments {
     /// Folder of the measurement files of one machine
     #[arg(value_name = "FOLDER", default_value = ".")]

@@ -167,7 +167,7 @@ impl UncertaintyArguments {
 
 impl Measured {
     /// A file that has nothing but observations is read as `volcomp identify` reads it.
-    fn read(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let document = Document::read(path)?;
         let is_calibration = document.decode(|root| {
             let own = CalibrationFile::KEYS.iter();

@@ -2,18 +2,10 @@
 
 use serde_json::json;
 
-use crate::{json, text, volcomp, words};
+use crate::{Folder, close, contains, float, json, text, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
-
-fn close(value: &serde_json::Value, expected: f64, tolerance: f64) {
-    let found = value.as_f64().unwrap_or(f64::NAN);
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found}, expected {expected}"
-    );
-}
 
 #[test]
 fn error_at_one_point_has_exactly_its_numbers() {
@@ -43,25 +35,21 @@ fn what_is_outside_its_range_is_named() {
 #[test]
 fn approach_and_temperature_reach_the_model() {
     let z = |approach: &str| {
-        json(&words(&format!(
+        json(&format!(
             "error -m {GANTRY} --at Z=100 --approach {approach}"
-        )))["position_um"][2]
+        ))["position_um"][2]
             .clone()
     };
     close(&z("Z=+"), 1.2, 1e-3);
     close(&z("Z=-"), 3.7, 1e-3);
-    let warm = json(&words(
-        "error -m examples/gantry.toml --at X=1000 --temperature scale_x=22",
-    ));
+    let warm = json("error -m examples/gantry.toml --at X=1000 --temperature scale_x=22");
     close(&warm["position_um"][0], 7.3 - 0.21 + 23.0, 1e-6);
 }
 
 #[test]
 fn many_points_come_in_the_order_of_the_rows() {
-    let dir = tempfile::tempdir().expect("a folder");
-    let path = dir.path().join("points.csv");
-    std::fs::write(&path, "X, Y\n0,0\n1000,0\n").expect("written");
-    let path = path.to_str().expect("UTF-8");
+    let dir = Folder::new();
+    let path = &dir.write("points.csv", "X, Y\n0,0\n1000,0\n");
     let answer = json(&["error", "-m", GANTRY, "--points", path]);
     assert_eq!(answer["points"].as_array().map(Vec::len), Some(2));
     close(&answer["points"][1]["position_um"][0], 7.09, 1e-3);
@@ -71,14 +59,18 @@ fn many_points_come_in_the_order_of_the_rows() {
 
 #[test]
 fn correction_has_every_axis_and_leaves_nothing() {
-    let answer = json(&words(
-        "correct -m examples/five-axis.toml --at X=100,Y=50,B=30,C=45",
-    ));
+    let answer = json("correct -m examples/five-axis.toml --at X=100,Y=50,B=30,C=45");
     let correction = answer["correction"].as_object().expect("an object");
     assert_eq!(
         correction.keys().collect::<Vec<_>>(),
         ["X", "Y", "Z", "B", "C"]
     );
+    // The corrected position is the command with the correction added.
+    for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
+        let number = |key: &str| float(&answer[key][axis]);
+        let difference = (number("corrected") - number("command")) * per_unit;
+        close(&answer["correction"][axis], difference, 1e-6);
+    }
     for axis in 0..3 {
         close(&answer["residual_um"][axis], 0.0, 1e-3);
         close(&answer["residual_axis_urad"][axis], 0.0, 1e-3);
@@ -100,8 +92,8 @@ fn correction_has_every_axis_and_leaves_nothing() {
 /// From the middle, then from end to end of the travels, whatever other axes there are where `--at` has them.
 #[test]
 fn diagonals_are_written_as_a_program() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = folder.path().join("diagonals.csv").display().to_string();
+    let folder = Folder::new();
+    let file = folder.file("diagonals.csv");
     let machine = "examples/five-axis.toml";
     let options = [
         "--points",
@@ -131,7 +123,7 @@ fn diagonals_are_written_as_a_program() {
 
 #[test]
 fn the_map_is_written_whole() {
-    let dir = tempfile::tempdir().expect("a folder");
+    let dir = Folder::new();
     for name in ["map.csv", "map.vti", "map.vtr"] {
         let path = dir.path().join(name);
         let answer = json(&[
@@ -188,7 +180,7 @@ fn iso230_gives_the_published_values() {
 
 #[test]
 fn one_short_run_is_null_where_it_cannot_be_evaluated() {
-    let dir = tempfile::tempdir().expect("a folder");
+    let dir = Folder::new();
     let path = dir.path().join("short.csv");
     std::fs::write(&path, "target,deviation\n-10,1\n0,2\n10,4\n").expect("written");
     let answer = json(&["iso230", path.to_str().expect("UTF-8")]);
@@ -207,7 +199,7 @@ fn one_short_run_is_null_where_it_cannot_be_evaluated() {
 
 #[test]
 fn fit_gives_a_curve_of_the_machine_file() {
-    let dir = tempfile::tempdir().expect("a folder");
+    let dir = Folder::new();
     let path = dir.path().join("line.csv");
     let rows: String = (0..21).fold("target,deviation\n".to_owned(), |rows, i| {
         rows + &format!("{},{}\n", i * 100, 0.5 + 0.01 * f64::from(i * 100))
@@ -225,19 +217,15 @@ fn fit_gives_a_curve_of_the_machine_file() {
         close(&answer["leave_one_out_um"], 0.0, 1e-6);
         assert!(answer["curve"].get(method).is_some(), "{method}");
     }
-    let auto = json(&words(&format!(
-        "fit {path} --method mls --auto --residual 0.1"
-    )));
+    let auto = json(&format!("fit {path} --method mls --auto --residual 0.1"));
     assert_eq!(auto["meets_required"], json!(true));
 }
 
 /// Beyond its range a curve keeps its end values, and `fit` says where.
 #[test]
 fn fit_says_where_it_is_asked_outside_the_measured_range() {
-    let dir = tempfile::tempdir().expect("a folder");
-    let path = dir.path().join("line.csv");
-    std::fs::write(&path, "target,deviation\n0,0\n250,1\n500,2\n").expect("written");
-    let path = path.to_str().expect("UTF-8");
+    let dir = Folder::new();
+    let path = &dir.write("line.csv", "target,deviation\n0,0\n250,1\n500,2\n");
     let call = |at| ["fit", path, "--method", "poly", "--order", "1", "--at", at];
     let beyond = json(&call("-100,0,500,900"));
     let outside: Vec<&serde_json::Value> = (0..4)
@@ -252,16 +240,13 @@ fn fit_says_where_it_is_asked_outside_the_measured_range() {
             .replace('\n', " ")
     };
     let note = told("-100,0,500,900");
-    assert!(
-        note.contains("-100,900: outside the measured range, 0 to 500"),
-        "{note}"
-    );
+    contains(&note, "-100,900: outside the measured range, 0 to 500");
     assert!(!told("0,500").contains("outside"));
 }
 
 #[test]
 fn calibrate_writes_a_machine_file_that_error_reads() {
-    let dir = tempfile::tempdir().expect("a folder");
+    let dir = Folder::new();
     let write = |name: &str, text: &str| {
         let path = dir.path().join(name);
         std::fs::write(&path, text).expect("written");
@@ -284,13 +269,13 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
     let error = json(&["error", "-m", machine, "--at", "X=100"]);
     close(&error["position_um"][0], 2.0, 1e-9);
     let table = text(&["calibrate", &calibration, "-o", machine]);
-    assert!(table.contains("EXX"), "{table}");
+    contains(&table, "EXX");
 }
 
 #[test]
 fn form_of_points_in_a_file() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("points.csv").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("points.csv");
     // A square of four points and the middles of its sides, two of them 20 µm nearer to the centre.
     let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
     std::fs::write(&path, points).expect("written");
@@ -312,7 +297,7 @@ fn form_of_points_in_a_file() {
 /// Every other point of two circles, and a circle in µm: the call is answered, and a note says what is odd.
 #[test]
 fn points_that_are_no_feature_are_noted() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let ring = |name: &str, radius: &dyn Fn(u32) -> f64| {
         let path = folder.path().join(name).display().to_string();
         let mut text = "x,y,z\n".to_owned();
@@ -327,9 +312,9 @@ fn points_that_are_no_feature_are_noted() {
         answer["notes"].to_string()
     };
     let two = ring("two.csv", &|place| if place % 2 == 0 { 50.0 } else { 60.0 });
-    assert!(two.contains("10.000 mm is large against the 158"), "{two}");
+    contains(&two, "10.000 mm is large against the 158");
     let um = ring("um.csv", &|_| 50e3);
-    assert!(um.contains("are the coordinates in µm?"), "{um}");
+    contains(&um, "are the coordinates in µm?");
     let round = ring("round.csv", &|place| {
         if place % 2 == 0 { 50.0 } else { 50.09 }
     });
@@ -344,9 +329,7 @@ fn tables_for_people() {
     );
     insta::assert_snapshot!(
         "correct",
-        text(&words(
-            "correct -m examples/five-axis.toml --at X=100,B=30,C=45"
-        ))
+        text("correct -m examples/five-axis.toml --at X=100,B=30,C=45")
     );
     insta::assert_snapshot!("diagonals", text(&["diagonals", "-m", GANTRY]));
     insta::assert_snapshot!("map", text(&["map", "-m", GANTRY, "--grid", "3x3x3"]));

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::{refused, root, volcomp, words};
+use crate::{Folder, contains, one_line, refused, root, volcomp, words};
 
 /// `examples/mill.toml` with another line EXX or EC0Y.
 fn mill(folder: &Path, name: &str, line: &str) -> String {
@@ -29,9 +29,9 @@ fn said(output: &std::process::Output) -> String {
 
 #[test]
 fn a_slip_of_units_writes_no_program_and_no_table() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let machine = mill(folder.path(), "slip.toml", "EXX = { poly = [0.0, 20] }");
-    let result = folder.path().join("result").display().to_string();
+    let result = folder.file("result");
     for (call, limit) in [
         (
             "nc examples/part.ngc --setup examples/setup.toml --limit-um 2000",
@@ -40,7 +40,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
         ("nc examples/part.mpf --setup examples/setup.toml", 250),
         ("export --format csv", 250),
     ] {
-        let output = volcomp(&words(&format!("{call} -m {machine} -o {result}")));
+        let output = volcomp(&format!("{call} -m {machine} -o {result}"));
         assert_eq!(output.status.code(), Some(2), "{call}: {output:?}");
         let said = said(&output);
         assert!(
@@ -51,40 +51,37 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
         assert!(!Path::new(&result).exists(), "{call}");
     }
     let checked = said(&volcomp(&["check", &machine]));
-    assert!(
-        checked.contains("WARNING: the correction of X reaches")
-            && checked.contains("more than the 2000 µm that no command and no gateway applies"),
-        "{checked}"
+    contains(&checked, "WARNING: the correction of X reaches");
+    contains(
+        &checked,
+        "more than the 2000 µm that no command and no gateway applies",
     );
     // Between the limit and the ceiling.
     let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
     let checked = said(&volcomp(&["check", &machine]));
-    assert!(
-        checked.contains("more than the 250 µm that nc and export allow"),
-        "{checked}"
-    );
-    let output = volcomp(&words(&format!(
+    contains(&checked, "more than the 250 µm that nc and export allow");
+    let output = volcomp(&format!(
         "export -m {machine} --format csv -o {result} --limit-um 700"
-    )));
+    ));
     assert!(output.status.success(), "{output:?}");
     let checked = said(&volcomp(&["check", "examples/mill.toml"]));
     assert!(!checked.contains("WARNING"), "{checked}");
     // 11.5 µm/(m·K) over 8 m; 48 µm are asked for at 20 °C.
     let checked = said(&volcomp(&["check", "examples/gantry.toml"]));
-    let checked = checked.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(
-        checked.contains("the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow"),
-        "{checked}"
+    let checked = one_line(&checked);
+    contains(
+        &checked,
+        "the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow",
     );
     // Where rotary axes correct, the limit of nc is one at the tool.
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, -30.0]\nC.travel = [-180.0, 180.0]\n[errors]\nEXX = { poly = [0.0, 1] }\n";
     let machine = folder.path().join("rotary.toml");
     std::fs::write(&machine, text).expect("written");
     let checked = said(&volcomp(&["check", machine.to_str().expect("UTF-8")]));
-    let checked = checked.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(
-        checked.contains("more than the 250 µm that export allows without --limit-um (nc bounds"),
-        "{checked}"
+    let checked = one_line(&checked);
+    contains(
+        &checked,
+        "more than the 250 µm that export allows without --limit-um (nc bounds",
     );
 }
 
@@ -94,14 +91,14 @@ fn limits_above_the_ceiling_are_refused() {
         let call = words("export -m examples/mill.toml --format csv -o x");
         let message = refused(&[&call[..], &["--limit-um", limit]].concat());
         let expected = format!("--limit-um: found {limit}, expected µm above 0, at most 2000");
-        assert!(message.contains(&expected), "{message}");
+        contains(&message, &expected);
     }
 }
 
 /// Whatever key holds it: a number that overflows is refused where it stands.
 #[test]
 fn numbers_that_overflow_are_refused_by_every_command() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     for line in [
         "EC0Y = 1e308",
         "EXX = { poly = [0.0, 1e308] }",
@@ -120,10 +117,8 @@ fn numbers_that_overflow_are_refused_by_every_command() {
             assert_eq!(output.status.code(), Some(2), "{call:?} {line}: {output:?}");
             assert!(output.stdout.is_empty(), "{call:?} {line}: {output:?}");
             let said = said(&output);
-            assert!(
-                said.contains("m.toml:") && said.contains("expected"),
-                "{said}"
-            );
+            contains(&said, "m.toml:");
+            contains(&said, "expected");
         }
     }
 }

@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::json;
 
-use crate::{json, refused, root, text, volcomp, words};
+use crate::{Folder, close, contains, float, json, list, notes, refused, text, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 
@@ -25,13 +25,13 @@ fn a_machine_is_told_as_it_is_understood() {
 fn sizes_and_corners_are_those_of_the_file() {
     let answer = json(&["check", GANTRY]);
     let size = |name: &str| {
-        let errors = answer["errors"].as_array().expect("a list");
+        let errors = list(&answer["errors"]);
         let found = errors.iter().find(|e| e["name"] == name).cloned();
         found.unwrap_or_else(|| panic!("{name} is not there"))
     };
     let exx = size("EXX");
     let expected = 0.0073 * 8000.0 - 2.1e-7 * 8000.0 * 8000.0;
-    assert!((exx["largest"].as_f64().expect("a number") - expected).abs() < 1e-9);
+    close(&exx["largest"], expected, 1e-9);
     assert_eq!(exx["at"], json!({ "X": 8000.0 }));
     // The forward and the backward branch, 0 and 2.5 µm at Z = 0, 30 and 32.5 µm at the top.
     assert_eq!(size("EZZ")["largest"], json!(32.5));
@@ -40,9 +40,9 @@ fn sizes_and_corners_are_those_of_the_file() {
     assert_eq!(ezy["smallest"], json!(-24.0));
     assert_eq!(ezy["at"], json!({ "Y": 2000.0, "Z": 2500.0 }));
     assert_eq!(size("EC0Y")["largest"], json!(12.0));
-    let not_stated = answer["not_stated"].as_array().expect("a list");
+    let not_stated = list(&answer["not_stated"]);
     assert!(not_stated.contains(&json!("EB0Z")) && !not_stated.contains(&json!("EA0Z")));
-    let corners = answer["corners"].as_array().expect("a list");
+    let corners = list(&answer["corners"]);
     assert_eq!(corners.len(), 8);
     for corner in corners {
         let at = &corner["at"];
@@ -58,7 +58,7 @@ fn sizes_and_corners_are_those_of_the_file() {
 fn positive_motions_are_told_for_table_and_spindle() {
     let motion = |machine: &str, axis: &str| {
         let answer = json(&["check", &format!("examples/{machine}.toml")]);
-        let axes = answer["axes"].as_array().expect("a list").clone();
+        let axes = list(&answer["axes"]).clone();
         let found = axes.into_iter().find(|a| a["name"] == axis).expect("there");
         found["motion"].as_str().expect("words").to_owned()
     };
@@ -72,8 +72,8 @@ fn positive_motions_are_told_for_table_and_spindle() {
 /// the model gives: the tool turned 10 µrad too far about −Z is one of −10 µrad about Z.
 #[test]
 fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("machine.toml").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("machine.toml");
     let machine = |direction: &str| {
         let text = format!(
             "structure = \"w X' b C t\"\n[axes]\nX.travel = [0, 100]\nC.travel = [0, 360]\n{direction}\n\
@@ -90,7 +90,7 @@ fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
     );
     let error = json(&["error", "-m", &path, "--at", "C=0"]);
     assert!(
-        (error["rotation_urad"][2].as_f64().expect("a number") + 10.0).abs() < 1e-6,
+        (float(&error["rotation_urad"][2]) + 10.0).abs() < 1e-6,
         "{error}"
     );
     assert!(text(&["check", &path]).contains("C counts against Z"));
@@ -110,7 +110,7 @@ fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
 
 #[test]
 fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().join("machine.toml");
     let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [5, 100]\n\
         [errors]\nEXX = { poly = [0.0] }\nEC0Y = 0.0\n[assembly]\nY = [1, 0, 0, 0, 0, 2]\n";
@@ -131,47 +131,14 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
         "Home lies outside the travel of Y",
         "assembly of Y",
     ] {
-        assert!(shown.contains(words), "{shown}");
+        contains(&shown, words);
     }
-}
-
-#[test]
-fn a_wrong_machine_file_is_named_with_its_line_and_key() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("machine.toml");
-    let file = path.display().to_string();
-    let right = fs::read_to_string(root().join(GANTRY)).expect("read");
-    for (from, to, expected) in [
-        (
-            "structure = \"w X' b Y Z t\"",
-            "structure = \"w X' Y Z t\"",
-            ":3: structure",
-        ),
-        (
-            "travel = [0.0, 4000.0]",
-            "travel = [4000.0, 0.0]",
-            "axes.Y.travel",
-        ),
-        ("EC0Y = 12.0", "EC0Q = 12.0", "EC0Q"),
-        ("EC0Y = 12.0", "EC0Y = [1, 2]", "errors.EC0Y"),
-        ("tip = [0.0, 0.0, -150.0]", "tip = [0.0, 0.0]", "tool.tip"),
-        ("name = \"gantry-8000\"", "nam = \"gantry-8000\"", "nam"),
-        ("[thermal]", "[thermal", "machine.toml:"),
-    ] {
-        assert!(right.contains(from), "{from}");
-        fs::write(&path, right.replace(from, to)).expect("written");
-        let message = refused(&["check", &file]);
-        assert!(message.starts_with(&format!("error: {file}:")), "{message}");
-        assert!(message.contains(expected), "{to}: {message}");
-    }
-    assert!(refused(&["check", "examples"]).contains("examples: cannot be read"));
-    assert!(refused(&["check", GANTRY, "--tool", "T9"]).contains("no tool `T9`"));
 }
 
 /// The bytes are those that the evaluator reads, and give the error of the exact form to first order.
 #[test]
 fn a_compiled_machine_is_read_back() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().join("m.blob");
     let name = path.display().to_string();
     let answer = json(&["compile", GANTRY, "-o", &name]);
@@ -187,9 +154,9 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(hash.len(), 64);
     let again = json(&["compile", GANTRY, "-o", &name]);
     assert_eq!(again["sha256"], hash);
-    let other = json(&words(&format!(
+    let other = json(&format!(
         "compile {GANTRY} -o {name} --temperature scale_x=25"
-    )));
+    ));
     assert_ne!(other["sha256"], hash);
     assert!(refused(&["compile", GANTRY, "-o", &name, "--tolerance-nm", "0"]).contains("above 0"));
     assert!(refused(&["compile", GANTRY, "-o", "nowhere/m.blob"]).contains("cannot be written"));
@@ -201,8 +168,8 @@ fn a_compiled_machine_is_read_back() {
 /// Travel of a rotary axis in radians is noted wherever the machine is read, not only by `check`.
 #[test]
 fn travel_in_radians_is_asked_about() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("machine.toml").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("machine.toml");
     let machine =
         "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC.travel = [0, 6.2832]\n";
     fs::write(&path, machine).expect("written");
@@ -211,9 +178,7 @@ fn travel_in_radians_is_asked_about() {
         &["error", "-m", &path, "--at", "X=1,C=1"],
         &["sensitivity", "-m", &path],
     ] {
-        let output = volcomp(call);
-        let said = String::from_utf8_lossy(&output.stderr);
-        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        let said = notes(call);
         let asked = "note: travel of C: 0 to 6.2832 deg, which in radians would be 0 to 360 deg: is it stated in radians?";
         assert!(said.contains(asked), "{call:?}: {said}");
     }

@@ -4,25 +4,25 @@ use std::fs;
 
 use volcomp_model::Machine;
 
-use crate::{json, refused, root, text, volcomp, words};
+use crate::{Folder, contains, json, list, refused, refuses, root, text, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 const MILL: &str = "examples/mill.toml";
 
-fn folder() -> (tempfile::TempDir, String) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("tables").display().to_string();
+fn folder() -> (Folder, String) {
+    let folder = Folder::new();
+    let path = folder.file("tables");
     (folder, path)
 }
 
 #[test]
 fn from_a_machine_to_tables_and_back_to_curves() {
     let (folder, tables) = folder();
-    let curves = folder.path().join("curves.toml").display().to_string();
+    let curves = folder.file("curves.toml");
     for format in ["csv", "siemens-840d"] {
-        let answer = json(&[
-            "export", "-m", MILL, "--format", format, "--step", "25", "-o", &tables,
-        ]);
+        let answer = json(&format!(
+            "export -m {MILL} --format {format} --step 25 -o {tables}"
+        ));
         assert_eq!(answer["format"], format);
         // Besides the second coordinate that the mill has through its pitch, what is lost is small beside what is corrected.
         let x = &answer["loss"]["axes"][0];
@@ -61,22 +61,12 @@ fn facts_of_each_format_and_back_without_numbers() {
     fs::create_dir(&all).expect("made");
     for format in ["fanuc", "heidenhain"] {
         let tables = format!("{all}/{format}");
-        let answer = json(&[
-            "export",
-            "-m",
-            GANTRY,
-            "--format",
-            format,
-            "--step",
-            "250",
-            "-o",
-            &tables,
-            "--axis-numbers",
-            "X=3,Y=1,Z=2",
-        ]);
+        let answer = json(&format!(
+            "export -m {GANTRY} --format {format} --step 250 -o {tables} --axis-numbers X=3,Y=1,Z=2"
+        ));
         let facts =
             fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
-        for file in answer["files"].as_array().expect("files") {
+        for file in list(&answer["files"]) {
             let name = file
                 .as_str()
                 .expect("a name")
@@ -90,9 +80,9 @@ fn facts_of_each_format_and_back_without_numbers() {
         }
     }
     let alone = format!("{all}/alone");
-    let answer = json(&words(&format!(
+    let answer = json(&format!(
         "export -m {GANTRY} --format fanuc --step 250 -o {alone} --axis-numbers X=3,Y=1,Z=2"
-    )));
+    ));
     let back = json(&["import", &alone]);
     assert_eq!(back["format"], "fanuc");
     assert!(
@@ -103,7 +93,7 @@ fn facts_of_each_format_and_back_without_numbers() {
         back["warnings"]
     );
     let outputs = |of: &serde_json::Value| -> Vec<String> {
-        let all = of["tables"].as_array().expect("a list").iter();
+        let all = list(&of["tables"]).iter();
         let mut all: Vec<String> = all.map(|made| made["output"].to_string()).collect();
         all.sort();
         all
@@ -111,9 +101,9 @@ fn facts_of_each_format_and_back_without_numbers() {
     assert_eq!(outputs(&back), outputs(&answer));
     // The type of a file of LinuxCNC stands nowhere else.
     let linuxcnc = format!("{all}/linuxcnc");
-    json(&words(&format!(
+    json(&format!(
         "export -m {GANTRY} --format linuxcnc-type1 --step 250 -o {linuxcnc}"
-    )));
+    ));
     assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
 }
 
@@ -121,16 +111,16 @@ fn facts_of_each_format_and_back_without_numbers() {
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
     let (_folder, tables) = folder();
-    let answer = json(&words(&format!(
+    let answer = json(&format!(
         "export -m examples/five-axis.toml --format heidenhain --step 100 -o {tables}"
-    )));
+    ));
     let notes = answer["notes"].to_string();
-    assert!(
-        notes.contains("left out, as a table over a rotary axis holds 0 to 360 deg:")
-            && notes.contains(" over B"),
-        "{notes}"
+    contains(
+        &notes,
+        "left out, as a table over a rotary axis holds 0 to 360 deg:",
     );
-    let made = answer["tables"].as_array().expect("a list");
+    contains(&notes, " over B");
+    let made = list(&answer["tables"]);
     assert!(
         !made.is_empty() && made.iter().all(|made| made["input"] != "B"),
         "{made:?}"
@@ -145,34 +135,28 @@ fn a_tilting_axis_is_left_out_and_the_others_are_written() {
 #[test]
 fn a_file_or_a_folder() {
     let (folder, _) = folder();
-    let one = folder.path().join("one.csv").display().to_string();
+    let one = folder.file("one.csv");
     let answer = json(&["export", "-m", MILL, "--format", "csv", "-o", &one]);
     assert_eq!(answer["files"], serde_json::json!([one]));
     let several = refused(&["export", "-m", MILL, "--format", "linuxcnc", "-o", &one]);
-    assert!(
-        several.contains("expected a folder: the format linuxcnc has"),
-        "{several}"
-    );
+    contains(&several, "expected a folder: the format linuxcnc has");
     let itself = folder.path().join("m.toml");
     fs::copy(root().join(MILL), &itself).expect("copied");
     let itself = itself.display().to_string();
-    let told = refused(&["export", "-m", &itself, "--format", "csv", "-o", &itself]);
-    assert!(told.contains("the file of the machine"), "{told}");
-    let nowhere = refused(&words(
-        "export -m examples/mill.toml --format csv -o /nowhere/at/all",
-    ));
-    assert!(
-        nowhere.contains("there is no folder /nowhere/at"),
-        "{nowhere}"
+    refuses(
+        &["export", "-m", &itself, "--format", "csv", "-o", &itself],
+        "the file of the machine",
     );
+    let nowhere = refused("export -m examples/mill.toml --format csv -o /nowhere/at/all");
+    contains(&nowhere, "there is no folder /nowhere/at");
 }
 
 #[test]
 fn what_people_read() {
     let (_folder, tables) = folder();
-    let told = text(&words(&format!(
+    let told = text(&format!(
         "export -m {MILL} --format siemens-840d --at Z=-200 -o {tables}"
-    )));
+    ));
     let flat: Vec<&str> = told.split_whitespace().collect();
     let flat = flat.join(" ");
     for words in [
@@ -283,28 +267,21 @@ fn a_table_that_does_harm_is_told() {
     fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
     // The lever from Z = 500 is taken away at Z = -500, where it is of the other sign: as far again.
     let (told, said) = run(&["--at", "X=0,Z=500"]);
-    assert!(
-        told.contains("WARNING: with these tables axis X is further off than without"),
-        "{told}"
+    contains(
+        &told,
+        "WARNING: with these tables axis X is further off than without",
     );
     assert!(!told.contains("--at is not given"), "{told}");
-    assert!(
-        said.contains("error by") && said.contains("left with"),
-        "{said}"
-    );
+    contains(&said, "error by");
+    contains(&said, "left with");
     let (told, _) = run(&[]);
-    assert!(
-        told.contains("are taken to stand at X=0,Z=0") && told.contains("--at X=200,Z=0"),
-        "{told}"
-    );
+    contains(&told, "are taken to stand at X=0,Z=0");
+    contains(&told, "--at X=200,Z=0");
     assert!(!told.contains("WARNING"), "{told}");
     // EXX is 5 µm everywhere, at the reference position, too.
     let facts = fs::read_to_string(format!("{tables}/volcomp-tables-linuxcnc.txt")).expect("read");
-    assert!(
-        facts.contains("Deviations at the reference position: X ")
-            && facts.contains("does not begin at zero there"),
-        "{facts}"
-    );
+    contains(&facts, "Deviations at the reference position: X ");
+    contains(&facts, "does not begin at zero there");
     // The middle of the travel is where the axes stand.
     fs::write(&machine, of_travel(-200.0, 200.0)).expect("written");
     assert!(!run(&[]).0.contains("--at is not given"));

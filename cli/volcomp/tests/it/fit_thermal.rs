@@ -4,7 +4,10 @@ use std::fmt::Write as _;
 
 use serde_json::Value;
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{
+    Draw, Folder, cases, contains, float, json, list, notes, one_line, refused, refuses, root,
+    text, volcomp,
+};
 
 const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
 
@@ -12,18 +15,18 @@ const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
 #[test]
 fn few_terms_are_enough_for_a_spindle() {
     let answer = json(&["fit-thermal", SPINDLE]);
-    let channels = answer["displacements"].as_array().expect("a list");
+    let channels = list(&answer["displacements"]);
     assert_eq!(channels.len(), 5);
     for channel in channels {
-        let rms = |which: &str| channel[which]["rms"].as_f64().expect("a number");
+        let rms = |which: &str| float(&channel[which]["rms"]);
         assert!(rms("fit") < 1.2 * rms("dense"), "{channel}");
         assert!(channel["fit"]["worst_segment"]["rms"].as_f64() >= channel["fit"]["rms"].as_f64());
         let count = |which: &str| channel["fit"][which].as_array().map_or(0, Vec::len);
         assert!((1..=6).contains(&count("sensors")) && (1..=3).contains(&count("lags_s")));
-        let numbers = channel["numbers"].as_array().expect("a list");
+        let numbers = list(&channel["numbers"]);
         assert!(numbers.len() <= 18);
         for number in numbers {
-            let uncertainty = number["uncertainty"].as_f64().expect("a number");
+            let uncertainty = float(&number["uncertainty"]);
             assert!(uncertainty > 0.0, "{number}");
         }
     }
@@ -40,17 +43,10 @@ fn section<'t>(printed: &'t str, name: &str, next: &str) -> &'t str {
 /// 9.4 µm with lags and 9.0 without, of 35.5 without any terms, which is no difference to be seen.
 #[test]
 fn displacements_are_the_errors_that_the_call_names() {
-    let named = [
-        "fit-thermal",
-        SPINDLE,
-        "--error",
-        "ch1_um=EZZ,ch3_um=EXZ",
-        "--error",
-        "ch4_um=EYZ",
-    ];
+    let named = format!("fit-thermal {SPINDLE} --error ch1_um=EZZ,ch3_um=EXZ --error ch4_um=EYZ");
     let answer = json(&named);
     let printed = text(&named);
-    let channels = answer["displacements"].as_array().expect("a list");
+    let channels = list(&answer["displacements"]);
     let names = ["ch1_um", "ch2_um", "ch3_um", "ch4_um", "ch5_um", "-"];
     for (place, (channel, error)) in channels
         .iter()
@@ -58,13 +54,13 @@ fn displacements_are_the_errors_that_the_call_names() {
         .enumerate()
     {
         assert_eq!(channel["error"].as_str(), error);
-        let rms = |which: &str| channel[which]["rms"].as_f64().expect("a number");
+        let rms = |which: &str| float(&channel[which]["rms"]);
         assert!(rms("fit") < 1.1 * rms("baseline"), "{channel}");
-        let without = channel["without_terms_rms"].as_f64().expect("a number");
+        let without = float(&channel["without_terms_rms"]);
         assert!(rms("fit") < 0.5 * without, "{channel}");
         assert_eq!(channel["recommended"], true, "{channel}");
         let own = section(&printed, names[place], names[place + 1]);
-        assert!(own.contains("[[thermal.drift]]"), "{own}");
+        contains(&own, "[[thermal.drift]]");
         let toml = channel["toml"].as_str().expect("text");
         let stated = format!("error = \"{}\"\n", error.unwrap_or("???"));
         assert_eq!(
@@ -77,46 +73,34 @@ fn displacements_are_the_errors_that_the_call_names() {
         gap.starts_with("# Put the error that ch2_um is in place of ???."),
         "{gap}"
     );
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("m.toml").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("m.toml");
     let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
     std::fs::write(&path, format!("{axes}[thermal]\nreference = 20.0\n{gap}")).expect("written");
-    let message = refused(&["check", &path]);
-    assert!(message.contains("???"), "{message}");
-    for (error, expected) in [
-        (
-            "ch9_um=EZZ",
-            "found no displacement ch9_um to fit, expected one of ch1_um",
-        ),
-        (
-            "ch1_um=EAZ",
-            "found EAZ for ch1_um, which is in µm: expected a linear",
-        ),
-        (
-            "ch1_um=EZZ,ch1_um=EXZ",
-            "a second error for the same displacement",
-        ),
-        ("ch1_um=EZ", "--error: "),
-        (
-            "ch1_um=EX0C",
-            "found a location error, expected an error motion, such as EXC",
-        ),
-        ("EX0C", "found a location error"),
-    ] {
+    refuses(&["check", &path], "???");
+    let table = "
+ch9_um=EZZ => found no displacement ch9_um to fit, expected one of ch1_um
+ch1_um=EAZ => found EAZ for ch1_um, which is in µm: expected a linear
+ch1_um=EZZ,ch1_um=EXZ => a second error for the same displacement
+ch1_um=EZ => --error: 
+ch1_um=EX0C => found a location error, expected an error motion, such as EXC
+EX0C => found a location error
+";
+    for (error, expected) in cases(table) {
         let message = refused(&["fit-thermal", SPINDLE, "--error", error]);
-        let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(message.contains(expected), "{message}");
+        let message = one_line(&message);
+        contains(&message, expected);
     }
 }
 
 /// The temperatures of `seen`, half-way between lowest and highest, and the sum of all numbers times what these are
 /// above a reference.
 fn half_way(channel: &Value, reference: f64) -> (String, f64) {
-    let seen = channel["seen"].as_array().expect("a list");
+    let seen = list(&channel["seen"]);
     let middle = |sensor: &Value| {
         let of = seen.iter().find(|seen| seen["sensor"] == *sensor);
         let degc = &of.expect("seen")["degc"];
-        0.5 * (degc[0].as_f64().expect("a number") + degc[1].as_f64().expect("a number"))
+        0.5 * (float(&degc[0]) + float(&degc[1]))
     };
     let given: Vec<String> = seen
         .iter()
@@ -125,10 +109,10 @@ fn half_way(channel: &Value, reference: f64) -> (String, f64) {
             format!("{name}={}", middle(&seen["sensor"]))
         })
         .collect();
-    let numbers = channel["numbers"].as_array().expect("a list");
+    let numbers = list(&channel["numbers"]);
     let part = |number: &Value| {
         assert_eq!(number["unit"], "um_per_k");
-        let per_k = number["value"].as_f64().expect("a drift");
+        let per_k = float(&number["value"]);
         per_k * (middle(&number["sensor"]) - reference)
     };
     (given.join(","), numbers.iter().map(part).sum())
@@ -137,25 +121,16 @@ fn half_way(channel: &Value, reference: f64) -> (String, f64) {
 /// What it prints is taken by a machine file, and is what the fit says there.
 #[test]
 fn the_terms_go_into_a_machine_file() {
-    let answer = json(&[
-        "fit-thermal",
-        SPINDLE,
-        "--displacement",
-        "ch1_um",
-        "--error",
-        "EZZ",
-        "--reference",
-        "26",
-    ]);
+    let answer = json(&format!(
+        "fit-thermal {SPINDLE} --displacement ch1_um --error EZZ --reference 26"
+    ));
     let channel = &answer["displacements"][0];
     let terms = channel["toml"].as_str().expect("text");
-    let constant = channel["constant"].as_f64().expect("a number");
+    let constant = float(&channel["constant"]);
     let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
     let machine = format!("{axes}[errors]\nEZZ = {constant}\n[thermal]\nreference = 26.0\n{terms}");
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("m.toml");
-    std::fs::write(&path, machine).expect("writable");
-    let path = path.to_str().expect("UTF-8");
+    let folder = Folder::new();
+    let path = &folder.write("m.toml", machine);
     let call = |temperatures: &str| {
         let at = ["error", "-m", path, "--at", "Z=0", "--temperature"];
         volcomp(&[&["--json"], &at[..], &[temperatures]].concat())
@@ -163,7 +138,7 @@ fn the_terms_go_into_a_machine_file() {
     let (temperatures, expected) = half_way(channel, 26.0);
     let output = call(&temperatures);
     let found: Value = serde_json::from_slice(&output.stdout).expect("a document");
-    let difference = found["position_um"][2].as_f64().expect("a number") - (constant + expected);
+    let difference = float(&found["position_um"][2]) - (constant + expected);
     assert!(difference.abs() < 1e-3, "{difference}");
     let said = |output: &std::process::Output| {
         String::from_utf8_lossy(&output.stderr)
@@ -172,7 +147,7 @@ fn the_terms_go_into_a_machine_file() {
     };
     assert!(!said(&output));
     // Far beyond what was seen the terms count nothing, and a note says so.
-    let seen = channel["seen"].as_array().expect("a list");
+    let seen = list(&channel["seen"]);
     let hot: Vec<String> = seen
         .iter()
         .map(|seen| format!("{}=90", seen["sensor"].as_str().expect("text")))
@@ -180,7 +155,7 @@ fn the_terms_go_into_a_machine_file() {
     let output = call(&hot.join(","));
     assert!(said(&output), "{}", String::from_utf8_lossy(&output.stderr));
     let found: Value = serde_json::from_slice(&output.stdout).expect("a document");
-    let left = found["position_um"][2].as_f64().expect("a number") - constant;
+    let left = float(&found["position_um"][2]) - constant;
     assert!(left.abs() < 1e-3, "{left}");
 }
 
@@ -225,35 +200,33 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
 
 #[test]
 fn several_tests_are_judged_by_tests_left_out() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let files = tests_of_an_axis(folder.path());
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
     let call = [&["fit-thermal", "--error", "EXX"], &files[..]].concat();
     let answer = json(&call);
     assert_eq!(answer["train"], Value::Null);
     let channel = &answer["displacements"][0];
-    let left_out = channel["left_out"].as_array().expect("a list");
+    let left_out = list(&channel["left_out"]);
     assert_eq!(left_out.len(), 3);
     for (left, file) in left_out.iter().zip(&files) {
         assert_eq!(left["file"], *file);
-        assert!(left["rms"].as_f64().expect("a number") < 0.5, "{left}");
+        assert!(float(&left["rms"]) < 0.5, "{left}");
     }
     let drift = &channel["drift"];
     assert_eq!(drift.as_array().map(Vec::len), Some(1), "{drift}");
     assert_eq!(drift[0]["lag_s"], 900.0);
-    let per_k = drift[0]["sensors"]["spindle"]
-        .as_f64()
-        .expect("the spindle");
+    let per_k = float(&drift[0]["sensors"]["spindle"]);
     assert!((per_k - 2.0).abs() < 0.05, "{per_k}");
     let expansion = &channel["expansion"][0];
     assert_eq!(expansion["sensor"], "scale");
-    for number in channel["numbers"].as_array().expect("a list") {
+    for number in list(&channel["numbers"]) {
         let is_drift = number["lag_s"].is_number();
         let unit = if is_drift { "um_per_k" } else { "um_per_m_k" };
         assert_eq!(number["unit"], unit);
     }
-    let um_per_m_k = expansion["um_per_m_k"].as_f64().expect("a number");
-    let fixed_mm = expansion["fixed_mm"].as_f64().expect("a number");
+    let um_per_m_k = float(&expansion["um_per_m_k"]);
+    let fixed_mm = float(&expansion["fixed_mm"]);
     assert!((um_per_m_k - 11.0).abs() < 0.3, "{um_per_m_k}");
     assert!((fixed_mm - 200.0).abs() < 15.0, "{fixed_mm}");
     let printed = text(&call);
@@ -288,8 +261,8 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
     let answer = json(&call);
     let channel = &answer["displacements"][0];
     // The noise of the displacement is 0.2 µm, both where the run begins and in each row.
-    for left in channel["left_out"].as_array().expect("a list") {
-        let rms = left["rms"].as_f64().expect("a number");
+    for left in list(&channel["left_out"]) {
+        let rms = float(&left["rms"]);
         assert!((0.15..0.4).contains(&rms), "{left}");
     }
     let machine = std::fs::read_to_string(root().join("examples/thermal/mill.toml"));
@@ -312,7 +285,7 @@ fn wrong_files_and_calls_end_with_status_2() {
         let twice = refused(&["fit-thermal", SPINDLE, &other]);
         assert!(twice.contains("stands twice"), "{other}: {twice}");
     }
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let file = |text: &str| {
         let path = folder.path().join("wrong.csv");
         std::fs::write(&path, text).expect("writable");
@@ -339,7 +312,7 @@ fn wrong_files_and_calls_end_with_status_2() {
         let output = volcomp(&["fit-thermal", path.to_str().expect("UTF-8")]);
         assert_eq!(output.status.code(), Some(2), "{text}");
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(message.contains(expected), "{message}");
+        contains(&message, expected);
     }
     for call in [
         ["--train", "2"],
@@ -350,24 +323,6 @@ fn wrong_files_and_calls_end_with_status_2() {
     ] {
         let output = volcomp(&["fit-thermal", SPINDLE, call[0], call[1]]);
         assert_eq!(output.status.code(), Some(2), "{call:?}");
-    }
-}
-
-/// Seeded numbers from -1 to 1, about evenly.
-struct Draw(u64);
-
-impl Draw {
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        2.0 * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) - 1.0
-    }
-
-    /// About normal, with this standard deviation.
-    fn noise(&mut self, deviation: f64) -> f64 {
-        deviation * (0..12).map(|_| 0.5 * self.next()).sum::<f64>()
     }
 }
 
@@ -404,21 +359,18 @@ fn tests_of(folder: &std::path::Path, seed: u64, um_per_k: f64) -> Vec<String> {
 
 #[test]
 fn worthless_terms_are_not_printed() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let files = tests_of(folder.path(), 1, 0.0);
     let mut call = vec!["fit-thermal"];
     call.extend(files.iter().map(String::as_str));
-    let printed = text(&call).split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(
-        printed.contains("no better than no terms at all"),
-        "{printed}"
-    );
+    let printed = one_line(&text(&call));
+    contains(&printed, "no better than no terms at all");
 }
 
 /// What sensors report as faults names its file, line and column.
 #[test]
 fn faults_of_sensors_are_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let files = tests_of(folder.path(), 3, 3.0);
     let good = std::fs::read_to_string(&files[1]).expect("the file");
     for (value, expected) in [("-127", "expected -60 to 200 °C"), ("85", "there and back")] {
@@ -428,20 +380,17 @@ fn faults_of_sensors_are_refused() {
         lines[70] = cells.join(",");
         std::fs::write(&files[1], lines.join("\n") + "\n").expect("written");
         let message = refused(&["fit-thermal", &files[0], &files[1]]);
-        let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(
-            message.contains("1.csv:71")
-                && message.contains("bed_degc")
-                && message.contains(expected),
-            "{message}"
-        );
+        let message = one_line(&message);
+        contains(&message, "1.csv:71");
+        contains(&message, "bed_degc");
+        contains(&message, expected);
     }
 }
 
 #[test]
 fn a_temperature_that_never_changes_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("still.csv").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("still.csv");
     let written = |spindle: fn(u32) -> f64| {
         let mut text = String::from("time_s,spindle_degc,bed_degc,z_um\n");
         for row in 0..300_u32 {
@@ -457,24 +406,11 @@ fn a_temperature_that_never_changes_is_named() {
         .split_whitespace()
         .collect::<Vec<_>>()
         .join(" ");
-    assert!(
-        said.contains("note: bed_degc: the same value in all rows"),
-        "{said}"
-    );
+    contains(&said, "note: bed_degc: the same value in all rows");
     written(|_| 20.0);
     let message = refused(&["fit-thermal", &path]);
-    let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(
-        message.contains("no temperature changes (spindle_degc, bed_degc)"),
-        "{message}"
-    );
-}
-
-/// What a call says on standard error, without its line breaks.
-fn said(call: &[&str]) -> String {
-    let output = volcomp(call);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    said.split_whitespace().collect::<Vec<_>>().join(" ")
+    let message = one_line(&message);
+    contains(&message, "no temperature changes (spindle_degc, bed_degc)");
 }
 
 /// The file of a test with one number of every row changed.
@@ -494,67 +430,60 @@ fn changed(file: &str, column: usize, change: impl Fn(f64) -> f64) {
 /// Good tests, then one thing wrong with one of them; what is said of it, and nothing of good ones.
 #[test]
 fn inverted_files_dead_sensors_and_other_units_are_named() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let notes = |change: &dyn Fn(&[String])| {
         let files = tests_of(folder.path(), 3, 3.0);
         change(&files);
         let files: Vec<&str> = files.iter().map(String::as_str).collect();
-        said(&[&["fit-thermal"], &files[..]].concat())
+        notes(&[&["fit-thermal"], &files[..]].concat())
     };
     let good = notes(&|_| {});
     for word in ["inverted", "same value", "expected seconds", "expected µm"] {
         assert!(!good.contains(word), "{good}");
     }
     let sign = notes(&|files| changed(&files[1], 3, |z| -z));
-    assert!(
-        sign.contains("1.csv looks inverted: with the opposite sign 0."),
-        "{sign}"
-    );
+    contains(&sign, "1.csv looks inverted: with the opposite sign 0.");
     assert_eq!(sign.matches("inverted").count(), 1, "{sign}");
     let dead = notes(&|files| changed(&files[0], 1, |_| 20.0));
-    assert!(
-        dead.contains("0.csv: the same value in all rows of spindle_degc (20 °C)"),
-        "{dead}"
+    contains(
+        &dead,
+        "0.csv: the same value in all rows of spindle_degc (20 °C)",
     );
     let minutes = notes(&|files| {
         for file in files {
             changed(file, 0, |time_s| time_s / 60.0);
         }
     });
-    assert!(
-        minutes.contains("the longest file lasts 179 s") && minutes.contains("expected seconds"),
-        "{minutes}"
-    );
+    contains(&minutes, "the longest file lasts 179 s");
+    contains(&minutes, "expected seconds");
     let in_mm = notes(&|files| {
         for file in files {
             changed(file, 3, |z| 1e-3 * z);
         }
     });
-    assert!(
-        in_mm.contains("z_um: moves by") && in_mm.contains("expected µm"),
-        "{in_mm}"
-    );
+    contains(&in_mm, "z_um: moves by");
+    contains(&in_mm, "expected µm");
 }
 
 /// Of two files nobody knows which one is wrong.
 #[test]
 fn two_files_of_opposite_sign_are_both_named() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let files = tests_of_an_axis(folder.path());
     changed(&files[1], 5, |x| -x);
     let call = ["fit-thermal", "--error", "EXX", &files[0], &files[1]];
-    let said = said(&call);
+    let said = notes(&call);
     let expected = format!("{} or {} looks inverted", files[0], files[1]);
-    assert!(said.contains(&expected), "{said}");
+    contains(&said, &expected);
     let printed = text(&call);
-    let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(printed.contains("(mean squares differ by "), "{printed}");
+    let printed = one_line(&printed);
+    contains(&printed, "(mean squares differ by ");
 }
 
 /// Heads are read as in all other files, and what is not read is said.
 #[test]
 fn heads_have_their_units_in_any_usual_way() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let files = tests_of_an_axis(folder.path());
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
     let call = [&["fit-thermal", "--error", "dx_um=EXX"], &files[..]].concat();
@@ -580,19 +509,12 @@ fn heads_have_their_units_in_any_usual_way() {
         &files[..],
     ];
     assert_eq!(json(&named.concat()), before);
-    assert!(!said(&call).contains("not read"));
-    let spindle = said(&["fit-thermal", SPINDLE]);
-    assert!(
-        spindle.contains("note: columns that are not read: spindle_rpm"),
-        "{spindle}"
-    );
+    assert!(!notes(&call).contains("not read"));
+    let spindle = notes(&["fit-thermal", SPINDLE]);
+    contains(&spindle, "note: columns that are not read: spindle_rpm");
     let text = std::fs::read_to_string(files[0]).expect("read");
     std::fs::write(files[0], text.replacen("room_degc", "scale_degc", 1)).expect("written");
-    let message = refused(&["fit-thermal", files[0]]);
-    assert!(
-        message.contains("found two columns `scale_degc`"),
-        "{message}"
-    );
+    refuses(&["fit-thermal", files[0]], "found two columns `scale_degc`");
 }
 
 /// Three tests of 8 hours that a logger writes every `every_s`: a spindle that follows its heat with 200 s, and 3 µm/K of it with a
@@ -621,7 +543,7 @@ fn logged_every(folder: &std::path::Path, every_s: u32, gap_s: u32) -> Vec<Strin
 
 #[test]
 fn rows_too_far_apart_and_gaps_are_named() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let said = |every_s, gap_s| {
         let files = logged_every(folder.path(), every_s, gap_s);
         let call = std::iter::once("fit-thermal").chain(files.iter().map(String::as_str));
@@ -632,14 +554,11 @@ fn rows_too_far_apart_and_gaps_are_named() {
     let fine = said(30, 0);
     assert!(!fine.contains("apart"), "{fine}");
     let coarse = said(300, 0);
-    assert!(
-        coarse.contains("are 300 s apart, and the shortest time constant"),
-        "{coarse}"
-    );
-    assert!(coarse.contains("Record the temperatures every"), "{coarse}");
+    contains(&coarse, "are 300 s apart, and the shortest time constant");
+    contains(&coarse, "Record the temperatures every");
     let gap = said(60, 3600);
-    assert!(
-        gap.contains("a gap in the log from 10740 to 14400 s, where rows are usually 60 s apart"),
-        "{gap}"
+    contains(
+        &gap,
+        "a gap in the log from 10740 to 14400 s, where rows are usually 60 s apart",
     );
 }

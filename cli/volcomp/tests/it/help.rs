@@ -4,7 +4,7 @@ use std::{fs, process::Command, sync::Arc};
 
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-use crate::{json, root, text};
+use crate::{Folder, json, root, text};
 
 /// The commands that `volcomp --help` lists.
 pub(crate) fn commands() -> Vec<String> {
@@ -29,8 +29,8 @@ fn examples(command: &str) -> Vec<String> {
 }
 
 /// A folder with the files that the examples name: those of `examples/` and of the demo.
-fn scratch() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
+fn scratch() -> Folder {
+    let folder = Folder::new();
     json(&["demo", "-o", &folder.path().display().to_string()]);
     for entry in fs::read_dir(root().join("examples")).expect("the examples") {
         let path = entry.expect("an entry").path();

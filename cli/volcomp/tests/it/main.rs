@@ -29,15 +29,84 @@ mod width;
 mod wrong_files;
 mod wrong_input;
 
-use std::process::{Command, Output};
+use std::{
+    fs,
+    ops::Deref,
+    process::{Command, Output},
+};
 
 use serde_json::Value;
+use tempfile::TempDir;
 pub(crate) use volcomp_test_support::root;
 
+/// A call as it is typed, with a blank between its words, or word by word.
+pub(crate) trait Call {
+    fn words(&self) -> Vec<&str>;
+}
+
+impl Call for str {
+    fn words(&self) -> Vec<&str> {
+        words(self)
+    }
+}
+
+impl Call for String {
+    fn words(&self) -> Vec<&str> {
+        words(self)
+    }
+}
+
+impl Call for [&str] {
+    fn words(&self) -> Vec<&str> {
+        self.to_vec()
+    }
+}
+
+impl<const N: usize> Call for [&str; N] {
+    fn words(&self) -> Vec<&str> {
+        self.to_vec()
+    }
+}
+
+impl Call for Vec<&str> {
+    fn words(&self) -> Vec<&str> {
+        self.clone()
+    }
+}
+
+/// A folder that is removed at the end of its test.
+pub(crate) struct Folder(TempDir);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().expect("a folder"))
+    }
+
+    /// The path of a file in it.
+    pub(crate) fn file(&self, name: &str) -> String {
+        self.path().join(name).display().to_string()
+    }
+
+    /// Writes a file; its path.
+    pub(crate) fn write(&self, name: &str, text: impl AsRef<[u8]>) -> String {
+        let path = self.file(name);
+        fs::write(&path, text).expect("written");
+        path
+    }
+}
+
+impl Deref for Folder {
+    type Target = TempDir;
+
+    fn deref(&self) -> &TempDir {
+        &self.0
+    }
+}
+
 /// Runs `volcomp` in the repository's root.
-pub(crate) fn volcomp(arguments: &[&str]) -> Output {
+pub(crate) fn volcomp(call: &(impl Call + ?Sized)) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp"))
-        .args(arguments)
+        .args(call.words())
         .current_dir(root())
         .output()
         .expect("the program was built for this test")
@@ -48,36 +117,127 @@ pub(crate) fn words(call: &str) -> Vec<&str> {
     call.split(' ').collect()
 }
 
-/// The JSON document of a call that must succeed.
-pub(crate) fn json(arguments: &[&str]) -> Value {
-    let output = volcomp(&[&["--json"], arguments].concat());
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(is_done(arguments, &output), "{arguments:?}: {stderr}");
-    serde_json::from_slice(&output.stdout).expect("one JSON document")
+/// Runs a call that must succeed: status 0, or 3 where it states a tolerance, which may not be met.
+#[track_caller]
+fn done(call: &(impl Call + ?Sized), first: &[&str]) -> Output {
+    let words = [first, &call.words()].concat();
+    let output = volcomp(&words);
+    let status = output.status.code();
+    let is_done = status == Some(0) || words.contains(&"--tolerance") && status == Some(3);
+    assert!(is_done, "{words:?}: {output:?}");
+    output
 }
 
-/// Status 0, or 3 where the call states a tolerance, which may not be met.
-fn is_done(arguments: &[&str], output: &std::process::Output) -> bool {
-    let states_tolerance = arguments.contains(&"--tolerance");
-    output.status.code() == Some(0) || states_tolerance && output.status.code() == Some(3)
+/// The JSON document of a call that must succeed.
+#[track_caller]
+pub(crate) fn json(call: &(impl Call + ?Sized)) -> Value {
+    serde_json::from_slice(&done(call, &["--json"]).stdout).expect("one JSON document")
 }
 
 /// The text for people of a call that must succeed.
-pub(crate) fn text(arguments: &[&str]) -> String {
-    let output = volcomp(arguments);
-    assert!(is_done(arguments, &output), "{arguments:?}");
-    String::from_utf8(output.stdout).expect("UTF-8")
+#[track_caller]
+pub(crate) fn text(call: &(impl Call + ?Sized)) -> String {
+    String::from_utf8(done(call, &[]).stdout).expect("UTF-8")
+}
+
+/// What a call that must succeed says on standard error, its lines drawn together.
+#[track_caller]
+pub(crate) fn notes(call: &(impl Call + ?Sized)) -> String {
+    one_line(&String::from_utf8_lossy(&done(call, &[]).stderr))
+}
+
+/// A text without its line breaks and indents.
+pub(crate) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A call must have ended with a status and a message that has this part.
+#[track_caller]
+pub(crate) fn ended(output: &Output, status: i32, part: &str) {
+    assert_eq!(output.status.code(), Some(status), "{output:?}");
+    contains(&String::from_utf8_lossy(&output.stderr), part);
 }
 
 /// The message of a call that must be refused: status 2, nothing on standard output.
-pub(crate) fn refused(arguments: &[&str]) -> String {
-    let output = volcomp(arguments);
+#[track_caller]
+pub(crate) fn refused(call: &(impl Call + ?Sized)) -> String {
+    let output = volcomp(call);
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+    let words = call.words();
+    assert_eq!(output.status.code(), Some(2), "{words:?}: {stderr}");
     assert!(
         output.stdout.is_empty(),
-        "{arguments:?} printed on standard output"
+        "{words:?} printed on standard output"
     );
     assert!(!stderr.contains("panicked"), "{stderr}");
     stderr
+}
+
+/// A call must be refused with a message that has this part.
+#[track_caller]
+pub(crate) fn refuses(call: &(impl Call + ?Sized), part: &str) {
+    contains(&refused(call), part);
+}
+
+/// The rows of a table with lines `CASE => EXPECTED`.
+pub(crate) fn cases(table: &str) -> impl Iterator<Item = (&str, &str)> {
+    let rows = table.lines().filter(|row| !row.is_empty());
+    rows.map(|row| row.split_once(" => ").expect("a case and what is expected"))
+}
+
+/// Each call of a table must be refused with a message that has what stands behind its `=>`; names of `files` stand for their paths.
+#[track_caller]
+pub(crate) fn refuse_each(table: &str, files: &[(&str, &str)]) {
+    for (call, expected) in cases(table) {
+        let named = files.iter();
+        let call = named.fold(call.to_owned(), |call, (name, path)| {
+            call.replace(name, path)
+        });
+        refuses(&call, expected);
+    }
+}
+
+#[track_caller]
+pub(crate) fn contains(text: &str, part: &str) {
+    assert!(text.contains(part), "no {part:?} in\n{text}");
+}
+
+/// Seeded numbers from -1 to 1, about evenly.
+pub(crate) struct Draw(pub(crate) u64);
+
+impl Draw {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        2.0 * ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) - 1.0
+    }
+
+    /// About normal, with this standard deviation.
+    pub(crate) fn noise(&mut self, deviation: f64) -> f64 {
+        deviation * (0..12).map(|_| 0.5 * self.next()).sum::<f64>()
+    }
+}
+
+/// A number of a document.
+#[track_caller]
+pub(crate) fn float(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
+}
+
+/// A list of a document.
+#[track_caller]
+pub(crate) fn list(value: &Value) -> &Vec<Value> {
+    value.as_array().expect("a list")
+}
+
+/// A number of a document is near another.
+#[track_caller]
+pub(crate) fn close(value: &Value, expected: f64, tolerance: f64) {
+    let found = value.as_f64().unwrap_or(f64::NAN);
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found}, expected {expected}"
+    );
 }

@@ -4,7 +4,7 @@ use std::{fs, path::Path, process::Command};
 
 use serde_json::Value;
 
-use crate::{json, refused, root, words};
+use crate::{Folder, contains, float, json, notes, refuses, root, text, words};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
@@ -32,7 +32,7 @@ fn uncertain(folder: &Path, threads: &str, file: &str, seed: &str) -> (Value, St
 
 #[test]
 fn the_uncertainty_is_the_same_on_any_number_of_cores() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path();
     json(&["simulate", SHOP, "-o", path.to_str().expect("UTF-8")]);
     let (answer, csv) = uncertain(path, "1", "map.csv", "3");
@@ -41,9 +41,7 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
     assert_ne!(uncertain(path, "2", "map.csv", "4").1, csv);
     assert_eq!(answer["uncertainty"]["trials"], 12);
     // 1 um of noise, five runs each way, over lines that also make slopes and squareness.
-    let largest = answer["uncertainty"]["largest_um"]
-        .as_f64()
-        .unwrap_or(f64::NAN);
+    let largest = float(&answer["uncertainty"]["largest_um"]);
     assert!((0.3..5.0).contains(&largest), "{largest}");
     let mut lines = csv.lines();
     assert_eq!(
@@ -69,32 +67,29 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
 
 #[test]
 fn an_uncertainty_of_another_machine_is_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().to_str().expect("UTF-8");
     json(&["simulate", SHOP, "-o", path]);
     let calibration = folder.path().join("calibration.toml");
     let calibration = calibration.to_str().expect("UTF-8");
     let map = ["map", "-m", "examples/five-axis.toml", "--grid", "2x2x2"];
-    let message = refused(&[&map[..], &["--uncertainty", calibration]].concat());
-    assert!(
-        message.contains("found the structure `w X' b Y Z t`"),
-        "{message}"
+    refuses(
+        &[&map[..], &["--uncertainty", calibration]].concat(),
+        "found the structure `w X' b Y Z t`",
     );
-    let message = refused(&[&map[..], &["--trials", "5"]].concat());
-    assert!(message.contains("--uncertainty"), "{message}");
+    refuses(&[&map[..], &["--trials", "5"]].concat(), "--uncertainty");
 }
 
 /// A grid over no axis would be one node: the refusal says why.
 #[test]
 fn a_machine_without_linear_axes_has_no_map() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("table.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("table.toml");
     let text = "structure = \"w C' b t\"\n[axes]\nC.travel = [0, 360]\n[errors]\nECC = 5.0\n";
     fs::write(&machine, text).expect("written");
-    let message = refused(&["map", "-m", &machine, "--grid", "5x5x5"]);
-    assert!(
-        message.contains("structure `w C' b t`, expected one of the axes X, Y and Z for a map"),
-        "{message}"
+    refuses(
+        &["map", "-m", &machine, "--grid", "5x5x5"],
+        "structure `w C' b t`, expected one of the axes X, Y and Z for a map",
     );
 }
 
@@ -106,7 +101,7 @@ fn rotary_axes_stand_where_at_says() {
     let error = |place: &str| {
         let at = format!("{place},A=-40,C=75");
         let found = json(&["error", "-m", MACHINE, "--at", &at]);
-        let number = |k: usize| found["position_um"][k].as_f64().expect("a number");
+        let number = |k: usize| float(&found["position_um"][k]);
         [number(0), number(1), number(2)]
     };
     let map = json(
@@ -118,7 +113,7 @@ fn rotary_axes_stand_where_at_says() {
     );
     let middle = error("X=300,Y=250,Z=-200");
     for (k, expected) in middle.iter().enumerate() {
-        let found = map["position_um"][k].as_f64().expect("a number");
+        let found = float(&map["position_um"][k]);
         assert!((found - expected).abs() < 1e-6, "{found} {expected}");
     }
     assert_eq!(map["at"]["C"], 75.0);
@@ -128,9 +123,7 @@ fn rotary_axes_stand_where_at_says() {
     );
 
     let diagonals = json(&[&["diagonals", "-m", MACHINE, "--points", "2"][..], &at].concat());
-    let found = diagonals["PPP"]["deviation_um"][1]
-        .as_f64()
-        .expect("a number");
+    let found = float(&diagonals["PPP"]["deviation_um"][1]);
     let (low, high) = (error("X=0,Y=0,Z=-400"), error("X=600,Y=500,Z=0"));
     // The diagonal in workpiece axes: the table's coordinates, C within A, go round with it.
     let ((sin_a, cos_a), (sin_c, cos_c)) = (
@@ -148,31 +141,30 @@ fn rotary_axes_stand_where_at_says() {
     let expected = along(high) - along(low);
     assert!((found - expected).abs() < 1e-3, "{found} {expected}");
 
-    let message = refused(&["map", "-m", MACHINE, "--grid", "2x2x2", "--at", "X=5"]);
-    assert!(
-        message.contains("--at: found X, which goes over its travel here"),
-        "{message}"
+    refuses(
+        &["map", "-m", MACHINE, "--grid", "2x2x2", "--at", "X=5"],
+        "--at: found X, which goes over its travel here",
     );
     for call in [
         &["map", "-m", MACHINE, "--grid", "1x1x1"][..],
         &["diagonals", "-m", MACHINE],
     ] {
-        let output = crate::volcomp(&[call, &["--at", "A=400"]].concat());
-        let words = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            words.contains("outside travel: A = 400 deg, travel -110 to 30 deg"),
-            "{words}"
+        contains(
+            &notes(&[call, &["--at", "A=400"]].concat()),
+            "outside travel: A = 400 deg, travel -110 to 30 deg",
         );
     }
-    let message = refused(&["diagonals", "-m", MACHINE, "--at", "B=5"]);
-    assert!(message.contains("has no axis B"), "{message}");
+    refuses(
+        &["diagonals", "-m", MACHINE, "--at", "B=5"],
+        "has no axis B",
+    );
 }
 
 /// Constants and a rotation of all axes together are where the workpiece lies: 22.9 µm and 40 µrad are errors against the machine's zero, and
 /// none of the form. The same for a model against a truth with another zero.
 #[test]
 fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let machine = |name: &str, errors: &str| {
         let path = folder.path().join(name).display().to_string();
         let text = format!(
@@ -183,7 +175,7 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     };
     // All axes turned by the same angle about Z.
     let turned = machine("turned.toml", "EXX = 22.9\nEC0X = 40.0\nEC0Y = 40.0\n");
-    let number = |map: &Value, key: &str| map[key].as_f64().expect("a number");
+    let number = |map: &Value, key: &str| float(&map[key]);
     for form in ["compiled", "twist"] {
         let map = json(&["map", "-m", &turned, "--grid", "5x4x3", "--model", form]);
         assert!(number(&map, "rms_um") > 300.0, "{map}");
@@ -201,12 +193,10 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     let spread = 50.0 * 2.0_f64.sqrt();
     assert!((number(&map, "form_rms_um") - spread).abs() < 1e-3, "{map}");
     assert!((number(&map, "form_max_um") - 100.0).abs() < 1e-3, "{map}");
-    let shown = crate::text(&["map", "-m", &truth, "--grid", "5x4x3"]);
-    assert!(
-        shown.contains(
-            "after alignment of the workpiece\n  root mean square 70.711 µm, largest 100.000 µm"
-        ),
-        "{shown}"
+    let shown = text(&["map", "-m", &truth, "--grid", "5x4x3"]);
+    contains(
+        &shown,
+        "after alignment of the workpiece\n  root mean square 70.711 µm, largest 100.000 µm",
     );
 }
 
@@ -215,9 +205,9 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
 #[test]
 fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     const TRUTH: &str = "examples/table-tilting.toml";
-    let folder = tempfile::tempdir().expect("a folder");
-    let without = folder.path().join("without.toml").display().to_string();
-    let text = fs::read_to_string(crate::root().join(TRUTH)).expect("the example");
+    let folder = Folder::new();
+    let without = folder.file("without.toml");
+    let text = fs::read_to_string(root().join(TRUTH)).expect("the example");
     let kept: Vec<&str> = text
         .lines()
         .filter(|line| {
@@ -228,7 +218,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
         .collect();
     fs::write(&without, kept.join("\n")).expect("written");
     let judged = |model: &str| json(&["map", "-m", model, "--truth", TRUTH, "--grid", "3x3x3"]);
-    let number = |value: &Value, key: &str| value[key].as_f64().expect("a number");
+    let number = |value: &Value, key: &str| float(&value[key]);
     let (known, unknown) = (judged(TRUTH), judged(&without));
     assert!(
         number(&known, "form_rms_um") < 0.01 && number(&unknown, "form_rms_um") < 0.5,
@@ -244,10 +234,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     assert!(number(unknown, "form_rms_um") < number(unknown, "rms_um"));
     assert!(number(unknown, "form_max_um") > number(unknown, "form_rms_um"));
     let shown = crate::text(&["map", "-m", TRUTH, "--grid", "2x2x2"]);
-    assert!(
-        shown.contains("volumetric error over 4096 poses of all axes:"),
-        "{shown}"
-    );
+    contains(&shown, "volumetric error over 4096 poses of all axes:");
     assert_eq!(judged(TRUTH), judged(TRUTH));
 }
 
@@ -258,7 +245,7 @@ fn arrow_reads_the_parquet_map() {
     let Some(python) = volcomp_test_support::peers::python() else {
         return;
     };
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let [parquet, csv] = ["map.parquet", "map.csv"].map(|name| {
         let path = folder.path().join(name).display().to_string();
         let map = words("map -m examples/gantry.toml --grid 30x20x10 -o");
@@ -284,7 +271,7 @@ fn arrow_reads_the_parquet_map() {
 /// the mean square and 2·5 at the most. On the grid, with C at 0, nothing of it shows.
 #[test]
 fn poses_of_all_axes_have_their_uncertainty() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let travels = "X.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-200, 200]\nC.travel = [-180, 180]\n";
     let machine = format!("structure = \"w C' b X Y Z t\"\n[axes]\n{travels}[errors]\nEX0C = 3\n");
@@ -294,7 +281,7 @@ fn poses_of_all_axes_have_their_uncertainty() {
     let (machine, calibration) = (path("machine.toml"), path("calibration.toml"));
     let map = ["map", "-m", &machine, "--grid", "2x2x2"];
     let asked = ["--uncertainty", &calibration, "--trials", "2000"];
-    let found = crate::json(&[&map[..], &asked].concat());
+    let found = json(&[&map[..], &asked].concat());
     let number = |value: &serde_json::Value| value.as_f64().expect("a number");
     assert!(
         number(&found["uncertainty"]["largest_um"]) < 1e-6,
@@ -312,13 +299,10 @@ fn poses_of_all_axes_have_their_uncertainty() {
         number(&own["at"]["C"]).abs() > 175.0 && number(&own["rms_urad"]) < 1e-6,
         "{own}"
     );
-    let shown = crate::text(&[&map[..], &asked].concat());
-    assert!(
-        shown.contains("standard uncertainty: root mean square 7."),
-        "{shown}"
-    );
+    let shown = text(&[&map[..], &asked].concat());
+    contains(&shown, "standard uncertainty: root mean square 7.");
     // Without it nothing is said.
-    assert!(crate::json(&map)["all_axes"]["uncertainty"].is_null());
+    assert!(json(&map)["all_axes"]["uncertainty"].is_null());
 }
 
 /// The numbers between the tags of an array of a VTK file.
@@ -341,8 +325,8 @@ fn attribute<'v>(vtk: &'v str, name: &str) -> Vec<&'v str> {
 /// Machines that lack an axis: its places in a VTK file hold one node at 0, and X fastest.
 #[test]
 fn vtk_files_hold_each_axis_at_its_own_place() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("m.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("m.toml");
     let map = |structure: &str, travels: &str, file: &str| {
         let text = format!(
             "structure = \"{structure}\"\n[axes]\n{travels}[errors]\nEZZ = {{ poly = [0.0, 0.1] }}\n"
@@ -390,8 +374,8 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
 /// that. The tool stands along Z for all poses.
 #[test]
 fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("m.toml").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("m.toml");
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
                 C.travel = [-180, 180]\n[errors]\nECC = 200.0\nEAC = 50.0\n";
     fs::write(&path, text).expect("written");
@@ -413,9 +397,9 @@ fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
         );
     }
     let shown = crate::text(&call);
-    assert!(
-        shown.contains("  tilt of the tool axis 50.000 µrad, after alignment ")
-            && shown.contains("  rotation about it 200.000 µrad, after alignment "),
-        "{shown}"
+    contains(
+        &shown,
+        "  tilt of the tool axis 50.000 µrad, after alignment ",
     );
+    contains(&shown, "  rotation about it 200.000 µrad, after alignment ");
 }

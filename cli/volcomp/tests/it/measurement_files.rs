@@ -4,39 +4,24 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{json, refused, text, volcomp};
+use crate::{Folder, contains, json, list, refuse_each, refused, refuses, root, text, volcomp};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
-fn written(folder: &tempfile::TempDir, name: &str, text: &str) -> String {
-    let path = folder.path().join(name);
-    fs::write(&path, text).expect("written");
-    path.display().to_string()
-}
-
 #[test]
 fn inspect_takes_several_files_and_tells_the_odd_ones() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let good = written(
-        &folder,
-        "exx.csv",
-        "target_mm,deviation_um\n0,1\n10,2\n20,4\n",
-    );
-    let same = written(
-        &folder,
-        "eyy.csv",
-        "target_mm,deviation_um\n0,-1\n10,-2\n20,-4\n",
-    );
-    let cut = written(&folder, "ezz.rtl", "HEADER::\r\nFile type : rtl\r\n");
-    let log = written(
-        &folder,
+    let folder = Folder::new();
+    let good = folder.write("exx.csv", "target_mm,deviation_um\n0,1\n10,2\n20,4\n");
+    let same = folder.write("eyy.csv", "target_mm,deviation_um\n0,-1\n10,-2\n20,-4\n");
+    let cut = folder.write("ezz.rtl", "HEADER::\r\nFile type : rtl\r\n");
+    let log = folder.write(
         "x.log",
         "A:POS 2026-03-14 10:00:00.5 1.5\nA:POS 2026-03-14 10:00:01.5 2.5\n",
     );
     let output = volcomp(&["--json", "inspect", &good, &same, &cut, &log]);
     assert_eq!(output.status.code(), Some(2));
     let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    let files = document["files"].as_array().expect("a list");
+    let files = list(&document["files"]);
     assert_eq!(files.len(), 4);
     assert_eq!(files[0]["kind"], "table");
     assert_eq!(files[0]["warnings"], Value::Array(Vec::new()));
@@ -54,8 +39,8 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
     );
     assert_eq!(files[3]["channels"][0]["max"], 2.5);
     let shown = text(&["inspect", &good, &log]);
-    assert!(shown.contains("measured minus target"), "{shown}");
-    assert!(shown.contains("A:POS: 2 values from 1.5 to 2.5"), "{shown}");
+    contains(&shown, "measured minus target");
+    contains(&shown, "A:POS: 2 values from 1.5 to 2.5");
     assert_eq!(text(&["inspect", &same]).matches("WARNING").count(), 0);
     assert!(refused(&["inspect", &cut]).contains("ezz.rtl:"));
 }
@@ -63,7 +48,7 @@ fn inspect_takes_several_files_and_tells_the_odd_ones() {
 /// The files of the virtual shop: their names and headers say which error each is, nothing says where lines ran.
 #[test]
 fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let lasers = folder.path().display().to_string();
     json(&["simulate", SHOP, "-o", &lasers]);
     let [machine, drafted, result] = ["machine.toml", "drafted.toml", "result.toml"]
@@ -78,7 +63,7 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
         &drafted,
     ];
     let document = json(&call);
-    let measurements = document["measurements"].as_array().expect("a list");
+    let measurements = list(&document["measurements"]);
     let files = fs::read_dir(folder.path()).expect("a folder").count();
     assert!(
         measurements.len() > 10 && measurements.len() < files,
@@ -89,13 +74,11 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
         measurements.iter().all(|of| of["error"].is_string()),
         "{measurements:?}"
     );
-    let questions = document["questions"].as_array().expect("a list");
+    let questions = list(&document["questions"]);
     assert!(questions.iter().any(|asked| asked["key"] == "point"));
     let message = refused(&["calibrate", &drafted, "-o", &result]);
-    assert!(
-        message.contains("open question") && message.contains("drafted.toml:"),
-        "{message}"
-    );
+    contains(&message, "open question");
+    contains(&message, "drafted.toml:");
     // A draft that is as it was is written once more, one with an answer only where the call says so.
     json(&call);
     let draft = fs::read_to_string(&drafted).expect("the draft");
@@ -103,18 +86,15 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     assert_ne!(answered, draft);
     fs::write(&drafted, &answered).expect("written");
     let message = refused(&call);
-    assert!(
-        message.contains("drafted.toml: the file is there")
-            && message.contains("expected another file, or --replace"),
-        "{message}"
-    );
+    contains(&message, "drafted.toml: the file is there");
+    contains(&message, "expected another file, or --replace");
     let kept = || fs::read_to_string(&drafted).expect("the draft");
     assert_eq!(kept(), answered);
     json(&[&call[..], &["--replace"]].concat());
     assert_eq!(kept(), draft);
     assert!(refused(&["calibrate", &drafted, "--replace", "-o", &result]).contains("--draft"));
     // The draft does not take the place of what it was made from.
-    let laser = folder.path().join("exx.rtl").display().to_string();
+    let laser = folder.file("exx.rtl");
     let call = [
         "calibrate",
         "--draft",
@@ -126,68 +106,47 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     ];
     assert!(refused(&call).contains("expected another file"));
     assert!(refused(&["calibrate", "--draft", &lasers, "-o", &drafted]).contains("--machine"));
-    let empty = tempfile::tempdir().expect("a folder");
+    let empty = Folder::new();
     let nothing = empty.path().display().to_string();
-    let call = [
-        "calibrate",
-        "--draft",
-        &nothing,
-        "--machine",
-        &machine,
-        "-o",
-        &drafted,
-    ];
+    let call = format!("calibrate --draft {nothing} --machine {machine} -o {drafted}");
     assert!(refused(&call).contains("it holds no files"));
 }
 
 /// The error is answered together with what is asked beside it; what falls away with it is told, what comes with it can be answered too.
 #[test]
 fn an_error_is_answered_in_one_call_with_what_follows() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let scan = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
     fs::write(folder.path().join("scan.csv"), scan).expect("written");
     let [files, drafted] =
         ["", "drafted.toml"].map(|name| folder.path().join(name).display().to_string());
-    let call = [
-        "calibrate",
-        "--draft",
-        &files,
-        "--machine",
-        "examples/calibration/machine.toml",
-        "--replace",
-        "-o",
-        &drafted,
-    ];
-    let answered = json(&[&call[..], &["--answer", "at.X=0", "--answer", "error=EXX"]].concat());
+    let call = format!(
+        "calibrate --draft {files} --machine examples/calibration/machine.toml --replace -o {drafted}"
+    );
+    let answered = json(&format!("{call} --answer at.X=0 --answer error=EXX"));
     assert!(
         answered["warnings"]
             .to_string()
             .contains("at.X is not asked of EXX"),
         "{answered}"
     );
-    let answered = json(
-        &[
-            &call[..],
-            &["--answer", "EZX:sign=-1", "--answer", "error=EZX"],
-        ]
-        .concat(),
-    );
+    let answered = json(&format!("{call} --answer EZX:sign=-1 --answer error=EZX"));
     assert_eq!(answered["measurements"][0]["error"], "EZX");
     let text = fs::read_to_string(&drafted).expect("the draft");
-    assert!(text.contains("\nsign = -1\n"), "{text}");
+    contains(&text, "\nsign = -1\n");
 }
 
 /// A folder with two straightnesses and a mill, and the call that drafts them.
-fn straightnesses() -> (tempfile::TempDir, Vec<String>) {
-    let folder = tempfile::tempdir().expect("a folder");
+fn straightnesses() -> (Folder, Vec<String>) {
+    let folder = Folder::new();
     for name in ["eyx.csv", "exy.csv"] {
         let bend = if name == "eyx.csv" { 7 } else { 5 };
         let text = format!("target_mm,deviation_um\n0,0\n50,{bend}\n100,3\n");
-        written(&folder, name, &text);
+        folder.write(name, &text);
     }
-    let mill = fs::read_to_string(crate::root().join("examples/mill.toml")).expect("read");
-    let machine = written(&folder, "m.toml", &mill);
-    let drafted = folder.path().join("drafted.toml").display().to_string();
+    let mill = fs::read_to_string(root().join("examples/mill.toml")).expect("read");
+    let machine = folder.write("m.toml", &mill);
+    let drafted = folder.file("drafted.toml");
     let lasers = folder.path().display().to_string();
     let call = [
         "calibrate",
@@ -257,12 +216,12 @@ fn laser(serial: &str, title: &str) -> String {
 
 #[test]
 fn several_files_end_in_a_table() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     fs::create_dir(folder.path().join("lasers")).expect("made");
-    let one = written(&folder, "lasers/exx.rtl", &laser("12", "EXX"));
-    let other = written(&folder, "lasers/second.rtl", &laser("13", "EXX once more"));
-    written(&folder, "lasers/notes.pdf", "%PDF");
-    let lasers = folder.path().join("lasers").display().to_string();
+    let one = folder.write("lasers/exx.rtl", &laser("12", "EXX"));
+    let other = folder.write("lasers/second.rtl", &laser("13", "EXX once more"));
+    folder.write("lasers/notes.pdf", "%PDF");
+    let lasers = folder.file("lasers");
     let shown = text(&["inspect", &lasers]);
     let (_, overview) = shown.split_once("runs ↑ + ↓").expect("a table");
     for row in [
@@ -305,20 +264,17 @@ fn several_files_end_in_a_table() {
     );
     let output = volcomp(&["inspect", &lasers]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        told.contains("not read") && told.contains("notes.pdf"),
-        "{told}"
-    );
+    contains(&told, "not read");
+    contains(&told, "notes.pdf");
     // Verdicts at the end, each name once, and the serial numbers.
     let output = volcomp(&["iso230", &one, &other, "--tolerance", "B=1.4,E=1"]);
     let (said, told) = (
         String::from_utf8_lossy(&output.stdout).into_owned(),
         String::from_utf8_lossy(&output.stderr).replace("\n  ", " "),
     );
-    assert!(
-        told.contains("different serial numbers") && told.contains("`12`") && told.contains("`13`"),
-        "{told}"
-    );
+    contains(&told, "different serial numbers");
+    contains(&told, "`12`");
+    contains(&told, "`13`");
     assert_eq!(said.matches("reversal error; ").count(), 1, "{said}");
     let (_, verdicts) = said.rsplit_once("verdict").expect("a table");
     assert!(
@@ -328,7 +284,7 @@ fn several_files_end_in_a_table() {
         "{verdicts}"
     );
     // Who is refused is named, for scripts, too.
-    let wrong = written(&folder, "lasers/eyy.rtl", "HEADER::\r\n");
+    let wrong = folder.write("lasers/eyy.rtl", "HEADER::\r\n");
     let output = volcomp(&["--json", "iso230", &one, &wrong]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
@@ -337,44 +293,35 @@ fn several_files_end_in_a_table() {
             && !told.contains("see above"),
         "{told}"
     );
-    let empty = tempfile::tempdir().expect("a folder");
-    let message = refused(&["inspect", &empty.path().display().to_string()]);
-    assert!(
-        message.contains("found a folder without files"),
-        "{message}"
+    let empty = Folder::new();
+    refuses(
+        &["inspect", &empty.path().display().to_string()],
+        "found a folder without files",
     );
 }
 
-/// The example of a circle is told as one wherever targets are expected; points in space, and tables of readings, are none.
 #[test]
 fn a_circle_is_told_as_one() {
-    let circle = "examples/circle.csv";
-    for call in [
-        &["inspect", circle][..],
-        &["iso230", circle],
-        &["fit", circle, "--method", "poly"],
+    refuse_each(
+        "\
+inspect examples/circle.csv => this looks like a circle, which `volcomp iso230 --part 4` evaluates
+iso230 examples/circle.csv => looks like a circle
+fit examples/circle.csv --method poly => looks like a circle",
+        &[],
+    );
+    let folder = Folder::new();
+    for (table, is_circle) in [
+        ("angle,deviation,direction\n1,1,1\n", true),
+        ("y,z\n1,1\n", true),
+        ("x,y,z\n1,1,1\n", false),
+        ("target,x,y\n1,1,1\n", false),
+        ("x,deviation\n1,1\n", false),
     ] {
-        let message = refused(call);
-        assert!(
-            message.contains("this looks like a circle, which `volcomp iso230 --part 4` evaluates"),
-            "{call:?}: {message}"
-        );
-    }
-    let folder = tempfile::tempdir().expect("a folder");
-    for (heads, is_circle) in [
-        ("angle,deviation,direction", true),
-        ("y,z", true),
-        ("x,y,z", false),
-        ("target,x,y", false),
-        ("x,deviation", false),
-    ] {
-        let row = vec!["1"; heads.split(',').count()].join(",");
-        let file = written(&folder, "a.csv", &format!("{heads}\n{row}\n"));
-        let message = refused(&["inspect", &file]);
+        let message = refused(&["inspect", &folder.write("a.csv", table)]);
         assert_eq!(
             message.contains("looks like a circle"),
             is_circle,
-            "{heads}: {message}"
+            "{table}: {message}"
         );
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde_json::json;
 use volcomp_focas::simulator::{Options, Simulator, World};
 
-use crate::{json, refused, text, volcomp};
+use crate::{contains, json, refused, refuses, text, volcomp};
 
 pub(crate) fn simulator() -> Simulator {
     let mut world = World::new(&['X', 'Y', 'C']);
@@ -39,10 +39,7 @@ fn a_device_that_is_not_there_is_a_failed_work() {
     let output = volcomp(&["probe", "focas://127.0.0.1:1", "--within", "0.5"]);
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(
-        message.contains("focas://127.0.0.1:1: no connection"),
-        "{message}"
-    );
+    contains(&message, "focas://127.0.0.1:1: no connection");
     for (url, expected) in [
         ("focas://h?x=1", "found the key `x`"),
         ("modbus://h", "no profile is named"),
@@ -78,10 +75,9 @@ fn a_profile_may_be_a_file() {
     let output = volcomp(&["probe", url, "--within", "0.2"]);
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(message.contains("the module does not answer"), "{message}");
-    let message = refused(&["probe", "modbus://h?profile=nowhere/module.toml"]);
-    assert!(
-        message.contains("nowhere/module.toml: cannot be read"),
-        "{message}"
+    contains(&message, "the module does not answer");
+    refuses(
+        &["probe", "modbus://h?profile=nowhere/module.toml"],
+        "nowhere/module.toml: cannot be read",
     );
 }

@@ -2,35 +2,35 @@
 
 use std::{fs, path::Path};
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{Folder, contains, json, list, refused, root, text, volcomp};
 
-fn copied(folder: &Path) -> String {
+fn copied(folder: &Folder) -> String {
     let from = root().join("examples/calibration");
     for entry in fs::read_dir(from).expect("a folder") {
         let path = entry.expect("a file").path();
-        fs::copy(&path, folder.join(path.file_name().expect("a name"))).expect("copied");
+        fs::copy(&path, folder.path().join(path.file_name().expect("a name"))).expect("copied");
     }
-    folder.join("calibration.toml").display().to_string()
+    folder.file("calibration.toml")
 }
 
 #[test]
 fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
-    let [one, two] = [0, 1].map(|_| tempfile::tempdir().expect("a folder"));
-    let calibrate = |folder: &Path, more: &[&str]| {
+    let [one, two] = [0, 1].map(|_| Folder::new());
+    let calibrate = |folder: &Folder, more: &[&str]| {
         let calibration = copied(folder);
-        let output = folder.join("m.toml").display().to_string();
+        let output = folder.file("m.toml");
         json(&[&["calibrate", &calibration, "-o", &output], more].concat());
         (fs::read(&output).expect("written"), output)
     };
-    let (bytes, machine) = calibrate(one.path(), &[]);
-    assert_eq!(calibrate(two.path(), &[]).0, bytes);
-    let (dated, _) = calibrate(two.path(), &["--date", "2026-11-26"]);
+    let (bytes, machine) = calibrate(&one, &[]);
+    assert_eq!(calibrate(&two, &[]).0, bytes);
+    let (dated, _) = calibrate(&two, &["--date", "2026-11-26"]);
     let dated = String::from_utf8(dated).expect("UTF-8");
-    assert!(dated.contains("date = \"2026-11-26\""), "{dated}");
+    contains(&dated, "date = \"2026-11-26\"");
 
     let states = |call: &[&str]| -> Vec<(String, String)> {
         let answer = json(call);
-        let files = answer["provenance"]["files"].as_array().expect("a list");
+        let files = list(&answer["provenance"]["files"]);
         let word = |of: &serde_json::Value| of.as_str().expect("a word").to_owned();
         (files.iter())
             .map(|file| (word(&file["file"]), word(&file["state"])))
@@ -58,32 +58,22 @@ fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
     }
     let output = volcomp(&call);
     let notes = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
-    assert!(
-        notes.contains("exx.csv: not the file that EXX was found from"),
-        "{notes}"
-    );
+    contains(&notes, "exx.csv: not the file that EXX was found from");
     assert!(!notes.contains("exy.csv: not"), "{notes}");
     // Files elsewhere.
     let elsewhere = two.path().display().to_string();
     let found = states(&["check", &machine, "--files", &elsewhere]);
     assert!(found.iter().all(|(_, state)| state == "same"), "{found:?}");
     let shown = text(&["check", &machine, "--files", &elsewhere]);
-    assert!(shown.contains("Where the errors come from"), "{shown}");
+    contains(&shown, "Where the errors come from");
 }
 
 #[test]
 fn a_day_is_one_of_the_calendar() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let calibration = copied(folder.path());
-    let output = folder.path().join("m.toml").display().to_string();
-    let call = [
-        "calibrate",
-        &calibration,
-        "-o",
-        &output,
-        "--date",
-        "2026-02-30",
-    ];
+    let folder = Folder::new();
+    let calibration = copied(&folder);
+    let output = folder.file("m.toml");
+    let call = format!("calibrate {calibration} -o {output} --date 2026-02-30");
     assert!(refused(&call).contains("--date: found `2026-02-30`"));
     assert!(!Path::new(&output).exists());
 }

@@ -4,12 +4,12 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{json, refused, text, words};
+use crate::{Folder, contains, float, json, list, refused, refuses, text, volcomp};
 
 const CALIBRATION: &str = "examples/calibration/calibration.toml";
 
 fn report(arguments: &[&str]) -> (Value, String) {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().join("report.html");
     let output = path.display().to_string();
     let document = json(&[&["report"], arguments, &["-o", &output]].concat());
@@ -28,9 +28,7 @@ fn a_calibration_makes_a_report() {
         "E=1,EC0Y=1000,R=1",
     ]);
     assert_eq!(document["verdict"], "fail");
-    let outcomes: Vec<&Value> = document["checks"]
-        .as_array()
-        .expect("checks")
+    let outcomes: Vec<&Value> = list(&document["checks"])
         .iter()
         .map(|c| &c["outcome"])
         .collect();
@@ -38,7 +36,7 @@ fn a_calibration_makes_a_report() {
     assert!(outcomes.iter().any(|outcome| *outcome == "pass"));
     assert!(page.contains("4711 &lt;/style&gt;") && page.contains("2026-02-03"));
     assert!(page.contains("exx.csv") && page.ends_with("</html>\n"));
-    assert!(document["before"]["max_um"].as_f64().expect("a number") > 0.0);
+    assert!(float(&document["before"]["max_um"]) > 0.0);
     assert_eq!(document["after"], Value::Null);
 }
 
@@ -52,13 +50,13 @@ fn the_same_call_gives_the_same_bytes() {
 #[test]
 fn a_truth_shows_what_a_compensation_leaves() {
     let (document, page) = report(&[CALIBRATION, "--truth", "examples/calibration/truth.toml"]);
-    let of = |state: &str| document[state]["form_max_um"].as_f64().expect("a number");
+    let of = |state: &str| float(&document[state]["form_max_um"]);
     assert!(of("after") < of("before"), "{document}");
     assert!(page.contains("what the compensation by this model leaves of the stated truth"));
     // V is of another state than the figures of tests, and says so.
     let truth = ["--truth", "examples/calibration/truth.toml"];
     let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
-    for check in report(&judged).0["checks"].as_array().expect("checks") {
+    for check in list(&report(&judged).0["checks"]) {
         assert_eq!(
             check["symbol"] == "V",
             check["of"] == "what the correction leaves",
@@ -67,7 +65,7 @@ fn a_truth_shows_what_a_compensation_leaves() {
     }
     // Against itself nothing is left of a machine but what its correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
-    let after = document["after"]["max_um"].as_f64().expect("a number");
+    let after = float(&document["after"]["max_um"]);
     assert!(after < 0.01, "{document}");
 }
 
@@ -83,8 +81,8 @@ fn observations_and_machine_files_make_reports() {
 
 #[test]
 fn what_is_wrong_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("report.html").display().to_string();
+    let folder = Folder::new();
+    let output = folder.file("report.html");
     let refusal =
         |arguments: &[&str]| refused(&[&["report"], arguments, &["-o", &output]].concat());
     assert!(
@@ -96,37 +94,35 @@ fn what_is_wrong_is_named() {
             .contains("--trials: examples/gantry.toml is a machine file")
     );
     let other = refusal(&[CALIBRATION, "--truth", "examples/gantry.toml"]);
-    assert!(
-        other.contains("examples/gantry.toml: ") && other.contains(CALIBRATION),
-        "{other}"
-    );
+    contains(&other, "examples/gantry.toml: ");
+    contains(&other, CALIBRATION);
     assert!(
         !fs::exists(&output).expect("a folder"),
         "nothing half-written"
     );
     let own = refused(&["report", CALIBRATION, "-o", CALIBRATION]);
-    assert!(own.contains("which this report reads"), "{own}");
+    contains(&own, "which this report reads");
 }
 
 #[test]
 fn people_read_the_verdict() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("report.html").display().to_string();
-    let said = text(&words(&format!(
+    let folder = Folder::new();
+    let output = folder.file("report.html");
+    let said = text(&format!(
         "report {CALIBRATION} -o {output} --tolerance EC0Y=1000"
-    )));
+    ));
     assert!(
         said.starts_with("all stated tolerances are met\n  EC0Y: "),
         "{said}"
     );
-    assert!(said.contains("wrote "), "{said}");
+    contains(&said, "wrote ");
 }
 
 /// At one rotary pose wrong rotary axes are a rigid motion of the workpiece, which alignment takes away; over all axes they are not.
 #[test]
 fn wrong_rotary_axes_do_not_pass() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("rotary.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("rotary.toml");
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, 30.0]\nC.travel = [-360.0, 360.0]\n[errors]\nEX0C = 200.0\nEY0A = 150.0\nEZ0A = 80.0\nEA0C = 300.0\nEXX = { poly = [0.0, 0.001] }\n";
     fs::write(&machine, text).expect("written");
     let (document, _) = report(&[&machine, "--tolerance", "V=5"]);
@@ -157,7 +153,7 @@ fn the_volume_of_a_gantry_has_one_figure() {
 /// Its uncertainty, too: the expanded one of the verdict is twice the largest that the map of the same machine has.
 #[test]
 fn the_uncertainty_of_the_volume_is_one_figure() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (machine, calibration) = (path("machine.toml"), path("calibration.toml"));
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-200, 200]\nC.travel = [-180, 180]\n[errors]\nEX0C = 3\n";
@@ -181,33 +177,28 @@ fn the_uncertainty_of_the_volume_is_one_figure() {
 
 #[test]
 fn the_exit_status_is_that_of_the_verdict() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("report.html").display().to_string();
+    let folder = Folder::new();
+    let output = folder.file("report.html");
     for (limit, status) in [("1000", 0), ("0.001", 3)] {
         let tolerance = format!("V={limit}");
-        let call = [
-            "report",
-            CALIBRATION,
-            "-o",
-            &output,
-            "--tolerance",
-            &tolerance,
-        ];
-        assert_eq!(crate::volcomp(&call).status.code(), Some(status), "{limit}");
+        let call = format!("report {CALIBRATION} -o {output} --tolerance {tolerance}");
+        assert_eq!(volcomp(&call).status.code(), Some(status), "{limit}");
         assert!(fs::exists(&output).expect("a folder"));
     }
     for ending in ["pdf", "txt", "svg"] {
         let output = folder.path().join("report").with_extension(ending);
         let output = output.display().to_string();
-        let message = refused(&["report", "examples/gantry.toml", "-o", &output]);
-        assert!(message.contains("--print-to-pdf"), "{message}");
+        refuses(
+            &["report", "examples/gantry.toml", "-o", &output],
+            "--print-to-pdf",
+        );
     }
 }
 
 /// A machine of which no error is known meets no tolerance, and of one of which some are known it is told that they are some.
 #[test]
 fn what_was_not_measured_is_not_met() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let machine = folder.path().join("bare.toml");
     let axes = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\n";
     fs::write(&machine, axes).expect("written");
@@ -231,7 +222,7 @@ fn what_was_not_measured_is_not_met() {
 /// An unknown that the observations leave open is no error of 0: a rotary table that never turned has its axis anywhere.
 #[test]
 fn what_observations_leave_open_is_not_met() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let write = |name: &str, text: &str| {
         fs::write(folder.path().join(name), text).expect("written");
     };
@@ -262,7 +253,7 @@ fn what_observations_leave_open_is_not_met() {
         .to_string();
     let call = [&observations, "--tolerance", "EX0C=5,EB0C=5,V=50"];
     let (document, page) = report(&call);
-    let checks = document["checks"].as_array().expect("three");
+    let checks = list(&document["checks"]);
     for check in &checks[..2] {
         assert_eq!(check["value"], Value::Null, "{check}");
         assert_eq!(check["outcome"], "not_evaluated", "{check}");
@@ -282,7 +273,7 @@ fn what_observations_leave_open_is_not_met() {
     let rows = rows.collect::<Vec<_>>().concat();
     write("points.csv", &format!("X,Y,Z,C,x,y,z\n{rows}"));
     let (document, _) = report(&[&observations, "--tolerance", "EXX=500,V=500"]);
-    for check in document["checks"].as_array().expect("two") {
+    for check in list(&document["checks"]) {
         assert_eq!(check["of"], "errors that the measurements do not bear out");
         assert_eq!(check["outcome"], "undecided", "{check}");
     }
@@ -293,14 +284,14 @@ fn what_observations_leave_open_is_not_met() {
 #[test]
 fn a_limit_is_of_one_unit() {
     const BOTH: &str = "examples/from-files/five-axis/calibration.toml";
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("report.html").display().to_string();
+    let folder = Folder::new();
+    let output = folder.file("report.html");
     let message = refused(&["report", BOTH, "-o", &output, "--tolerance", "A=30"]);
-    assert!(
-        message.contains("--tolerance: A: found 30 for EXX (µm) and for ECC (µrad)")
-            && message.contains("C.A=… or ECC.A=…"),
-        "{message}"
+    contains(
+        &message,
+        "--tolerance: A: found 30 for EXX (µm) and for ECC (µrad)",
     );
+    contains(&message, "C.A=… or ECC.A=…");
     assert!(!folder.path().join("report.html").exists());
     let (document, _) = report(&[
         BOTH,
@@ -315,12 +306,7 @@ fn a_limit_is_of_one_unit() {
             let of = text("of");
             let error = of.split(',').next().unwrap_or_default().to_owned();
             let unit = text("unit");
-            (
-                error,
-                check["limit"].as_f64().expect("a number"),
-                unit,
-                text("outcome"),
-            )
+            (error, float(&check["limit"]), unit, text("outcome"))
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
@@ -343,11 +329,11 @@ fn a_limit_is_of_one_unit() {
 
 #[test]
 fn a_report_that_is_replaced_is_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("report.html").display().to_string();
+    let folder = Folder::new();
+    let output = folder.file("report.html");
     let told = |options: &[&str]| {
         let call = ["report", "examples/first.toml", "-o", &output];
-        let output = crate::volcomp(&[&call[..], options].concat());
+        let output = volcomp(&[&call[..], options].concat());
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
     };
@@ -378,7 +364,7 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
 #[test]
 fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     const AXES: &str = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n[errors]\n";
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name).display().to_string();
         std::fs::write(&path, format!("{AXES}{text}")).expect("written");

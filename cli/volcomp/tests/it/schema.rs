@@ -4,16 +4,16 @@ use std::{collections::BTreeMap, fs, sync::LazyLock};
 
 use serde_json::Value;
 
-use crate::{help::commands, json, root, volcomp, words};
+use crate::{Folder, cases, help::commands, json, list, root, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 
 /// The schemas that `volcomp schema` writes, by the name of their document.
 static SCHEMAS: LazyLock<BTreeMap<String, Value>> = LazyLock::new(|| {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let document = json(&["schema", &folder.path().display().to_string()]);
-    let files = document["files"].as_array().expect("a list").iter();
+    let files = list(&document["files"]).iter();
     let schemas = files.map(|file| {
         let file = file.as_str().expect("a name");
         let text = fs::read_to_string(folder.path().join(file)).expect("written");
@@ -48,9 +48,9 @@ pub(crate) fn validate(name: &str, document: &Value) {
 #[test]
 #[expect(clippy::too_many_lines, reason = "one call for each document")]
 fn live_documents_follow_their_schemas() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let place = folder.path().display().to_string();
-    let in_folder = |call: &str| json(&words(&call.replace('$', &place)));
+    let in_folder = |call: &str| json(&call.replace('$', &place));
     fs::write(folder.path().join("points.csv"), "X,Y\n0,0\n9000,0\n").expect("written");
     in_folder("demo -o $/demo");
     let calls: &[&str] = &[
@@ -105,25 +105,14 @@ fn live_documents_follow_their_schemas() {
     let simulator = crate::probe::simulator();
     let url = format!("focas://{}", simulator.address());
     validate("probe", &json(&["probe", &url]));
-    for (name, call) in [
-        ("probe-list", "probe --list"),
-        (
-            "calibrate-draft",
-            "calibrate --draft $/demo --machine $/demo/calibrated.toml -o $/drafted.toml",
-        ),
-        (
-            "iso230-circle",
-            "iso230 examples/circle.csv --part 4 --radius-mm 150 --feed 900",
-        ),
-        (
-            "iso230-circle",
-            "iso230 examples/circle.csv examples/circle.csv --part 4",
-        ),
-        (
-            "nc-average",
-            "nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mill.toml --setup examples/setup.toml",
-        ),
-    ] {
+    let table = "
+probe-list => probe --list
+calibrate-draft => calibrate --draft $/demo --machine $/demo/calibrated.toml -o $/drafted.toml
+iso230-circle => iso230 examples/circle.csv --part 4 --radius-mm 150 --feed 900
+iso230-circle => iso230 examples/circle.csv examples/circle.csv --part 4
+nc-average => nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mill.toml --setup examples/setup.toml
+";
+    for (name, call) in cases(table) {
         validate(name, &in_folder(call));
     }
     let mut known: Vec<&str> = calls.iter().map(|call| words(call)[0]).collect();
@@ -167,8 +156,8 @@ fn failure(arguments: &[&str]) -> (Option<i32>, Value) {
 
 #[test]
 fn a_failure_is_one_object_on_standard_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("machine.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("machine.toml");
     let text = fs::read_to_string(root().join(GANTRY)).expect("read");
     fs::write(&machine, text.replace("EC0Y = 12.0", "EC0Y = nan")).expect("written");
     let (status, error) = failure(&["check", &machine]);
@@ -185,7 +174,7 @@ fn a_failure_is_one_object_on_standard_error() {
             .as_str()
             .is_some_and(|m| m.contains("found nan"))
     );
-    let points = folder.path().join("points.csv").display().to_string();
+    let points = folder.file("points.csv");
     fs::write(&points, "X;Y\n1;2\n1;x\n").expect("written");
     let (_, error) = failure(&["error", "-m", GANTRY, "--points", &points]);
     assert_eq!(
@@ -202,8 +191,7 @@ fn a_failure_is_one_object_on_standard_error() {
     assert_eq!((status, &error["kind"]), (Some(1), &"work".into()));
     let (status, error) = failure(&["iso230", "nowhere.csv"]);
     assert_eq!((status, &error["kind"]), (Some(2), &"input".into()));
-    let broken = folder.path().join("broken.csv").display().to_string();
-    fs::write(&broken, "target,run,direction,deviation\n1,1,+,nan\n").expect("written");
+    let broken = folder.write("broken.csv", "target,run,direction,deviation\n1,1,+,nan\n");
     let (_, error) = failure(&["fit", &broken, "--method", "poly"]);
     assert_eq!(error["file"], broken);
     assert_eq!(error["line"], 2);

@@ -4,7 +4,9 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{json, refused, root, text, words};
+use crate::{
+    Folder, close, contains, float, json, list, notes, one_line, refuses, root, text, words,
+};
 
 const BLADE: &str = "examples/blade-mill.toml";
 
@@ -18,52 +20,51 @@ fn names(list: &Value) -> Vec<&str> {
 #[test]
 fn sixty_errors_are_twenty_motions() {
     let found = json(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
-    let errors = found["errors"].as_array().expect("a list");
+    let errors = list(&found["errors"]);
     assert_eq!((errors.len(), &found["positions"]), (60, &243.into()));
     assert_eq!(errors[6]["name"], "SXX");
-    let groups = found["groups"].as_array().expect("groups");
+    let groups = list(&found["groups"]);
     assert_eq!((groups.len(), &found["rank"]), (20, &20.into()));
     assert_eq!(found["motions"][3]["terms"], groups[3]);
     assert_eq!(names(&groups[3]), ["EAX", "SAX", "SAY"]);
     let share: f64 = errors.iter().filter_map(|e| e["share"].as_f64()).sum();
     assert!((share - 1.0).abs() < 1e-12);
-    let null = found["indistinguishable"].as_array().expect("a list");
+    let null = list(&found["indistinguishable"]);
     assert_eq!(null.len(), 40);
     let half = 0.5_f64.sqrt();
     for (name, weight) in [("EXX constant", half), ("SXX", -half)] {
-        let found = null[0][name].as_f64().expect("a weight");
+        let found = float(&null[0][name]);
         assert!((found - weight).abs() < 1e-9, "{}", null[0]);
     }
     // Without --assembly: six error motions and the location errors that move something.
     let found = json(&["sensitivity", "-m", BLADE, "--grid", "2"]);
     assert_eq!(found["errors"].as_array().map(Vec::len), Some(44));
     let shown = text(&["sensitivity", "-m", BLADE, "--assembly", "--grid", "3"]);
-    assert!(shown.contains("20 distinct motions"), "{shown}");
-    assert!(
-        shown.contains("rotation about X, line carried by Z: EAZ EAA SAA SAB"),
-        "{shown}"
+    contains(&shown, "20 distinct motions");
+    contains(
+        &shown,
+        "rotation about X, line carried by Z: EAZ EAA SAA SAB",
     );
 }
 
 #[test]
 fn positions_of_a_file_are_judged() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let points = folder.path().join("p.csv").display().to_string();
-    fs::write(&points, "X,Y\n0,0\n100,0\n").expect("written");
-    let found = json(&words(&format!(
+    let folder = Folder::new();
+    let points = folder.write("p.csv", "X,Y\n0,0\n100,0\n");
+    let found = json(&format!(
         "sensitivity -m examples/first.toml --points {points}"
-    )));
+    ));
     assert_eq!(found["positions"], 2);
     // ECX of w X' b Y Z t, tip at the origin: the table turns under the tool, which stands 0 and 100 mm away from it.
-    let errors = found["errors"].as_array().expect("a list");
+    let errors = list(&found["errors"]);
     let ecx = errors.iter().find(|e| e["name"] == "ECX").expect("ECX");
-    assert!((ecx["position_max_um"].as_f64().expect("a number") - 0.1).abs() < 1e-12);
-    assert!((ecx["orientation_rms_urad"].as_f64().expect("a number") - 1.0).abs() < 1e-12);
+    close(&ecx["position_max_um"], 0.1, 1e-12);
+    close(&ecx["orientation_rms_urad"], 1.0, 1e-12);
     fs::write(&points, "X,Y\n").expect("written");
-    let message = refused(&words(&format!(
-        "sensitivity -m examples/first.toml --points {points}"
-    )));
-    assert!(message.contains("found 0 poses"), "{message}");
+    refuses(
+        &format!("sensitivity -m examples/first.toml --points {points}"),
+        "found 0 poses",
+    );
 }
 
 #[test]
@@ -74,7 +75,7 @@ fn the_published_formulas_are_printed() {
         shown.starts_with("dX = EXX + SXX + EXY + SXY - (y + Yt)*(ECX + SCX + SCY) - Yt*ECY\n"),
         "{shown}"
     );
-    assert!(shown.contains("Xt = 120, Yt = 80."), "{shown}");
+    contains(&shown, "Xt = 120, Yt = 80.");
     let found = json(&call);
     assert_eq!(found["formulas"][5]["name"], "dC");
     assert_eq!(found["formulas"][0]["terms"][1]["lever"], "y + Yt");
@@ -92,15 +93,15 @@ fn the_published_formulas_are_printed() {
 #[test]
 fn axes_are_found_and_a_singular_pose_is_named() {
     let trunnion = "examples/trunnion.toml";
-    let found = json(&words(&format!(
+    let found = json(&format!(
         "axes -m {trunnion} --tip 0,0,-50 --tool-axis 0,0.6,0.8"
-    )));
-    let solutions = found["solutions"].as_array().expect("a list");
+    ));
+    let solutions = list(&found["solutions"]);
     assert_eq!(solutions.len(), 3);
     assert_eq!(found["singular"], false);
     let tilt = -(0.6_f64.asin().to_degrees());
     for (solution, c) in solutions.iter().zip([0.0, -360.0, 360.0]) {
-        let number = |axis: &str| solution[axis].as_f64().expect("a coordinate");
+        let number = |axis: &str| float(&solution[axis]);
         assert!((number("A") - tilt).abs() < 1e-9 && (number("C") - c).abs() < 1e-9);
         // The tip lies on the crossing of both centre lines, where only the slides move it.
         for (axis, mm) in [("X", 300.0), ("Y", 250.0), ("Z", -300.0)] {
@@ -113,24 +114,16 @@ fn axes_are_found_and_a_singular_pose_is_named() {
         (&true.into(), vec!["C"])
     );
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,-50"]);
-    assert!(shown.contains("Singular pose: C does not turn"), "{shown}");
+    contains(&shown, "Singular pose: C does not turn");
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
-    assert!(shown.contains("beyond the travel of Z"), "{shown}");
+    contains(&shown, "beyond the travel of Z");
     // A rotary axis between Z and X turns one along the other.
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().join("machine.toml");
     let machine = "structure = \"w Z' B' b X Y t\"\n[axes]\nZ.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
     fs::write(&path, machine).expect("written");
     let path = path.display().to_string();
-    let call = [
-        "axes",
-        "-m",
-        &path,
-        "--tip",
-        "0,2,30",
-        "--tool-axis",
-        "1,0,0",
-    ];
+    let call = format!("axes -m {path} --tip 0,2,30 --tool-axis 1,0,0");
     let found = json(&call);
     assert_eq!(
         (&found["singular"], names(&found["free"])),
@@ -139,9 +132,7 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     let moves = &found["dependent_moves"][0];
     assert_eq!(moves.as_object().map(serde_json::Map::len), Some(2));
     assert!(text(&call).contains("the linear axes X, Z are dependent here"));
-    let found = json(&words(
-        "axes -m examples/first.toml --tip 1,2,3 --tool-axis 1,0,0",
-    ));
+    let found = json("axes -m examples/first.toml --tip 1,2,3 --tool-axis 1,0,0");
     assert_eq!(found["solutions"].as_array().map(Vec::len), Some(0));
     assert!(
         found["unreachable"]
@@ -158,19 +149,18 @@ fn axes_are_found_and_a_singular_pose_is_named() {
         ("--tip", "1,2,nan", "expected three finite numbers"),
         ("--tip", "1e10,0,0", "tool tip is [10000000000, 0, 0]"),
     ] {
-        let message = refused(&["axes", "-m", trunnion, option, value]);
-        assert!(message.contains(expected), "{message}");
+        refuses(&["axes", "-m", trunnion, option, value], expected);
     }
-    let message = refused(&words(&format!(
-        "axes -m {trunnion} --tip 0,0,0 --tool-axis 0,0,0"
-    )));
-    assert!(message.contains("--tool-axis: found `0,0,0`"), "{message}");
+    refuses(
+        &format!("axes -m {trunnion} --tip 0,0,0 --tool-axis 0,0,0"),
+        "--tool-axis: found `0,0,0`",
+    );
 }
 
 /// What `dh` prints, put into a machine file, places the axes where they were.
 #[test]
 fn a_printed_table_makes_the_same_machine() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     for machine in [
         "trunnion",
         "five-axis",
@@ -190,12 +180,7 @@ fn a_printed_table_makes_the_same_machine() {
                     row["axis"], row["theta_deg"], row["d_mm"], row["a_mm"], row["alpha_deg"]
                 )
             };
-            let rows: Vec<String> = dh["rows"]
-                .as_array()
-                .expect("rows")
-                .iter()
-                .map(row)
-                .collect();
+            let rows: Vec<String> = list(&dh["rows"]).iter().map(row).collect();
             let base = &dh["base"];
             let text = fs::read_to_string(root().join(&file)).expect("the machine file");
             let table = format!(
@@ -206,12 +191,11 @@ fn a_printed_table_makes_the_same_machine() {
                 vector(&base["z"]),
                 rows.join(", ")
             );
-            let copy = folder.path().join("m.toml").display().to_string();
-            fs::write(&copy, table).expect("written");
+            let copy = folder.write("m.toml", table);
             let found = json(&[&["error", "-m", &copy], &at[..]].concat());
             for key in ["position_um", "rotation_urad"] {
                 for k in 0..3 {
-                    let number = |document: &Value| document[key][k].as_f64().expect("a number");
+                    let number = |document: &Value| float(&document[key][k]);
                     let off = (number(&found) - number(&expected)).abs();
                     assert!(
                         off < 1e-9,
@@ -226,7 +210,7 @@ fn a_printed_table_makes_the_same_machine() {
 #[test]
 fn a_turning_frame_is_told() {
     let shown = text(&["check", BLADE]);
-    assert!(shown.contains("its error motions turn"), "{shown}");
+    contains(&shown, "its error motions turn");
     let found = json(&["check", BLADE]);
     assert_eq!(found["axes"][3]["motion_frame"], "turning");
     assert_eq!(found["axes"][0]["motion_frame"], Value::Null);
@@ -238,8 +222,8 @@ fn effects_of_the_values_of_the_machine_file() {
     let call = ["sensitivity", "-m", "examples/gantry.toml", "--values"];
     let found = json(&call);
     assert_eq!(found["values"], true);
-    let errors = found["errors"].as_array().expect("a list");
-    let number = |effect: &Value, key: &str| effect[key].as_f64().expect("a number");
+    let errors = list(&found["errors"]);
+    let number = |effect: &Value, key: &str| float(&effect[key]);
     let sizes: Vec<f64> = errors
         .iter()
         .map(|e| number(e, "position_rms_um"))
@@ -252,12 +236,12 @@ fn effects_of_the_values_of_the_machine_file() {
     assert!((number(of("EXX"), "position_rms_um") - rms).abs() < 1e-9);
     assert_eq!(number(of("EBX"), "share"), 0.0);
     let printed = text(&call);
-    assert!(printed.contains("Zero or not stated: EZX"), "{printed}");
+    contains(&printed, "Zero or not stated: EZX");
     let printed = text(&call[..3]);
-    let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(
-        printed.contains("Of these 17 motions of 24 errors, each taken as constant, position and orientation of the tool tell 12 combinations apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21 errors."),
-        "{printed}"
+    let printed = one_line(&printed);
+    contains(
+        &printed,
+        "Of these 17 motions of 24 errors, each taken as constant, position and orientation of the tool tell 12 combinations apart. Against X and Y as reference axes EB0X EC0X EA0Y are zero by definition, which leaves 21 errors.",
     );
 }
 
@@ -270,46 +254,44 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     };
     for grid in ["3", "4", "5", "8"] {
         let found = call(grid);
-        let errors = found["errors"].as_array().expect("errors");
+        let errors = list(&found["errors"]);
         let of = errors
             .iter()
             .find(|error| error["name"] == "ECC")
             .expect("ECC");
-        let rms = of["orientation_rms_urad"].as_f64().expect("a number");
+        let rms = float(&of["orientation_rms_urad"]);
         assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-6, "{grid}: {rms}");
     }
     // A turn as some controls state it.
-    let folder = tempfile::tempdir().expect("a folder");
-    let nearly = folder.path().join("nearly.toml").display().to_string();
-    let text = std::fs::read_to_string(crate::root().join("examples/trunnion.toml")).expect("read");
+    let folder = Folder::new();
+    let nearly = folder.file("nearly.toml");
+    let text = std::fs::read_to_string(root().join("examples/trunnion.toml")).expect("read");
     let text = text.replace("travel = [-360.0, 360.0]", "travel = [0.0, 359.999]");
     std::fs::write(&nearly, text).expect("written");
     let found = json(&["sensitivity", "-m", &nearly, "--grid", "3", "--values"]);
-    let errors = found["errors"].as_array().expect("errors");
+    let errors = list(&found["errors"]);
     let of = errors
         .iter()
         .find(|error| error["name"] == "ECC")
         .expect("ECC");
-    let rms = of["orientation_rms_urad"].as_f64().expect("a number");
+    let rms = float(&of["orientation_rms_urad"]);
     assert!((rms - 12.0 / 2.0_f64.sqrt()).abs() < 1e-2, "{rms}");
-    let output = crate::volcomp(&["sensitivity", "-m", "examples/trunnion.toml", "--grid", "2"]);
-    let words = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        words.contains("--grid 2: C turns all the way round"),
-        "{words}"
+    contains(
+        &notes(&["sensitivity", "-m", "examples/trunnion.toml", "--grid", "2"]),
+        "--grid 2: C turns all the way round",
     );
 }
 
 /// One node of an axis that turns all the way round is the middle of its travel, as of any other axis.
 #[test]
 fn one_node_of_a_turn_is_the_middle() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("turning.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("turning.toml");
     let text = "structure = \"w C' b X t\"\n[axes]\nC.travel = [0, 360]\nX.travel = [0, 400]\n[errors]\nECC = { poly = [0.0, 1.0] }\nEXX = { poly = [0.0, 0.1] }\n";
     std::fs::write(&machine, text).expect("written");
     let found = json(&["sensitivity", "-m", &machine, "--grid", "1", "--values"]);
     assert_eq!(found["positions"], 1);
-    let errors = found["errors"].as_array().expect("errors");
+    let errors = list(&found["errors"]);
     let of = |name: &str, key: &str| {
         let error = errors.iter().find(|error| error["name"] == name);
         error.expect("there")[key].as_f64().expect("a number")
@@ -321,8 +303,8 @@ fn one_node_of_a_turn_is_the_middle() {
 /// An axis 0.02 mm beside the origin: its lever is a weight of 0.00001, which would print as zero. JSON has it.
 #[test]
 fn weights_that_would_print_as_zero_are_left_out_and_said() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("m.toml").display().to_string();
+    let folder = Folder::new();
+    let path = folder.file("m.toml");
     let machine = |offset_mm: f64| {
         let text = format!(
             "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
@@ -336,7 +318,7 @@ fn weights_that_would_print_as_zero_are_left_out_and_said() {
     let (_, sums) = near.split_once("move it nowhere:").expect("sums");
     assert!(sums.contains(said) && !sums.contains("0.0000 "), "{near}");
     let document = json(&["sensitivity", "-m", &path]);
-    let weights = document["indistinguishable"].as_array().expect("a list");
+    let weights = list(&document["indistinguishable"]);
     let mut weights = weights.iter().filter_map(|null| null.as_object()).flatten();
     let is_small = |weight: &Value| weight.as_f64().is_some_and(|w| w.abs() < 5e-5);
     assert!(weights.any(|(_, weight)| is_small(weight)), "{document}");

@@ -7,11 +7,11 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::{refused, root, words};
+use crate::{Folder, refuses, root};
 
 #[test]
 fn it_prints_where_it_listens_and_serves_the_page_there() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let example = root().join("examples/calibration/machine.toml");
     fs::copy(example, folder.path().join("machine.toml")).expect("copied");
     let mut program = Command::new(env!("CARGO_BIN_EXE_volcomp"))
@@ -44,11 +44,12 @@ fn it_prints_where_it_listens_and_serves_the_page_there() {
 
 #[test]
 fn a_folder_that_is_not_there_and_an_address_of_others_are_refused() {
-    let message = refused(&["studio", "no-such-folder", "--no-browser"]);
-    assert!(message.contains("no-such-folder"), "{message}");
-    let message = refused(&words("studio examples --no-browser --listen 0.0.0.0:0"));
-    assert!(
-        message.contains("expected an address of this computer"),
-        "{message}"
+    refuses(
+        &["studio", "no-such-folder", "--no-browser"],
+        "no-such-folder",
+    );
+    refuses(
+        "studio examples --no-browser --listen 0.0.0.0:0",
+        "expected an address of this computer",
     );
 }

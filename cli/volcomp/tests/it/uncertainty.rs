@@ -2,20 +2,14 @@
 
 use std::fs;
 
-use serde_json::Value;
-
-use crate::{json, refused, root, text};
+use crate::{Folder, contains, float, json, refused, refuses, root, text, volcomp};
 
 const OBSERVATIONS: &str = "examples/identification/observations.toml";
 const TRIALS: &str = "120";
 
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(f64::NAN)
-}
-
 /// A machine file of what the observations of the example show.
-fn identified(folder: &std::path::Path) -> String {
-    let machine = folder.join("found.toml").display().to_string();
+fn identified(folder: &Folder) -> String {
+    let machine = folder.file("found.toml");
     json(&["identify", OBSERVATIONS, "-o", &machine]);
     machine
 }
@@ -23,9 +17,9 @@ fn identified(folder: &std::path::Path) -> String {
 /// The three uncertainties of position at every node of the map, µm.
 fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     let csv = csv.display().to_string();
-    json(&crate::words(&format!(
+    json(&format!(
         "map -m {machine} --grid 3x3x2 --trials {TRIALS} --uncertainty {from} -o {csv}"
-    )));
+    ));
     let text = fs::read_to_string(csv).expect("written");
     let row = |line: &str| {
         let numbers: Vec<f64> = line
@@ -41,21 +35,20 @@ fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
 /// is one whose readings are drawn.
 #[test]
 fn bands_of_the_covariance_are_those_of_repeated_identifications() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let machine = identified(folder);
+    let folder = Folder::new();
+    let machine = identified(&folder);
     let examples = root().join("examples/identification");
     for entry in fs::read_dir(&examples).expect("a folder") {
         let path = entry.expect("an entry").path();
-        fs::copy(&path, folder.join(path.file_name().expect("a name"))).expect("copied");
+        fs::copy(&path, folder.path().join(path.file_name().expect("a name"))).expect("copied");
     }
     let observations = fs::read_to_string(root().join(OBSERVATIONS)).expect("read");
-    let again = folder.join("again.toml");
+    let again = folder.path().join("again.toml");
     let calibration = format!("{observations}\n[uncertainty]\nreading_um = 0.0\n");
     fs::write(&again, calibration).expect("written");
-    let drawn = mapped(&machine, OBSERVATIONS, &folder.join("drawn.csv"));
+    let drawn = mapped(&machine, OBSERVATIONS, &folder.path().join("drawn.csv"));
     let again = again.display().to_string();
-    let repeated = mapped(&machine, &again, &folder.join("repeated.csv"));
+    let repeated = mapped(&machine, &again, &folder.path().join("repeated.csv"));
     assert_eq!(drawn.len(), 18);
     // Four standard deviations of the ratio of two spreads over 120 draws each.
     let allowed = 4.0 / 120.0_f64.sqrt();
@@ -71,11 +64,10 @@ fn bands_of_the_covariance_are_those_of_repeated_identifications() {
 /// Where only X, Y and Z correct, the correction is minus the position error: it is as uncertain.
 #[test]
 fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let machine = identified(folder);
-    let nodes = mapped(&machine, OBSERVATIONS, &folder.join("map.csv"));
-    let output = folder.join("c.csv").display().to_string();
+    let folder = Folder::new();
+    let machine = identified(&folder);
+    let nodes = mapped(&machine, OBSERVATIONS, &folder.path().join("map.csv"));
+    let output = folder.file("c.csv");
     let at = ["--at", "X=2100,Y=1200,Z=600", "--axes", "X,Y,Z"];
     let from = ["--uncertainty", OBSERVATIONS, "--trials", TRIALS];
     let call = [
@@ -88,33 +80,31 @@ fn a_correction_of_linear_axes_is_as_uncertain_as_the_error() {
     let uncertainty = &answer["uncertainty"];
     let last = nodes.last().expect("nodes");
     for (axis, expected) in ["X", "Y", "Z"].into_iter().zip(last) {
-        let found = number(&uncertainty[axis]);
+        let found = float(&uncertainty[axis]);
         assert!(
             (found / expected - 1.0).abs() < 1e-2,
             "{axis}: {found} {expected}"
         );
     }
     // Axes that are held are not corrected.
-    assert_eq!(number(&uncertainty["B"]), 0.0);
+    assert_eq!(float(&uncertainty["B"]), 0.0);
     let csv = fs::read_to_string(&output).expect("written");
     let mut lines = csv.lines().map(|line| line.split(','));
     let (names, mut cells) = (lines.next().expect("names"), lines.next().expect("a row"));
     let place = names.into_iter().position(|n| n == "Y_u_correction_um");
     let cell = cells.nth(place.expect("a column")).expect("a cell");
     let cell: f64 = cell.parse().expect("a number");
-    assert!((cell - number(&uncertainty["Y"])).abs() < 1e-8);
+    assert!((cell - float(&uncertainty["Y"])).abs() < 1e-8);
     let shown = text(&call);
-    assert!(
-        shown.contains("corrected") && shown.contains(" u\n"),
-        "{shown}"
-    );
+    contains(&shown, "corrected");
+    contains(&shown, " u\n");
     let without = json(&[&["correct", "-m", &machine][..], &at[..]].concat());
     assert!(without.get("uncertainty").is_none());
 }
 
 /// What the program says besides its answer.
-fn notes(call: &[&str]) -> Vec<String> {
-    let output = crate::volcomp(call);
+fn notes(call: &str) -> Vec<String> {
+    let output = volcomp(call);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{said}");
     // A note that was folded goes on in lines that are indented.
@@ -132,22 +122,14 @@ fn notes(call: &[&str]) -> Vec<String> {
 /// What nothing measured is named by an uncertainty in the words of `calibrate`; from observations too.
 #[test]
 fn what_nothing_measured_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let machine = folder.path().join("m.toml").display().to_string();
+    let folder = Folder::new();
+    let machine = folder.file("m.toml");
     let calibration = "examples/calibration/calibration.toml";
-    let of_calibration = notes(&["calibrate", calibration, "-o", &machine]);
+    let of_calibration = notes(&format!("calibrate {calibration} -o {machine}"));
     let from = |file| {
-        notes(&[
-            "map",
-            "-m",
-            &machine,
-            "--grid",
-            "2x2x2",
-            "--trials",
-            "2",
-            "--uncertainty",
-            file,
-        ])
+        notes(&format!(
+            "map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {file}"
+        ))
     };
     let of_map = from(calibration);
     let not_measured =
@@ -160,17 +142,9 @@ fn what_nothing_measured_is_named() {
     let heading = "errors that were not measured are in the uncertainty as if they were known";
     assert_eq!(of_map.iter().filter(|note| *note == heading).count(), 1);
     let machine = "examples/identification/machine.toml";
-    let of_observations = notes(&[
-        "map",
-        "-m",
-        machine,
-        "--grid",
-        "2x2x2",
-        "--trials",
-        "2",
-        "--uncertainty",
-        OBSERVATIONS,
-    ]);
+    let of_observations = notes(&format!(
+        "map -m {machine} --grid 2x2x2 --trials 2 --uncertainty {OBSERVATIONS}"
+    ));
     // The unknowns of the file are EYX, EBX and EXX of X, all location errors but EA0B.
     assert!(
         of_observations.contains(&"not measured, taken as 0: EZX EAX ECX".to_owned()),
@@ -193,24 +167,21 @@ fn what_nothing_measured_is_named() {
 fn observations_of_another_machine_are_refused() {
     let call = ["-m", "examples/five-axis.toml", "--at", "X=1"];
     let from = ["--uncertainty", OBSERVATIONS];
-    let message = refused(&[&["correct"], &call[..], &from[..]].concat());
-    assert!(
-        message.contains("found the structure `w b X Y Z C B t`"),
-        "{message}"
+    refuses(
+        &[&["correct"], &call[..], &from[..]].concat(),
+        "found the structure `w b X Y Z C B t`",
     );
-    let message = refused(&[&["correct"], &call[..], &["--trials", "5"]].concat());
-    assert!(message.contains("--uncertainty"), "{message}");
+    refuses(
+        &[&["correct"], &call[..], &["--trials", "5"]].concat(),
+        "--uncertainty",
+    );
 }
 
 /// What a call says besides its answer.
 fn said(machine: &str, from: &str) -> String {
-    let output = crate::volcomp(&crate::words(&format!(
+    crate::notes(&format!(
         "map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"
-    )));
-    assert!(output.status.success(), "{output:?}");
-    // Notes are broken at blanks.
-    let words = String::from_utf8_lossy(&output.stderr).into_owned();
-    words.split_whitespace().collect::<Vec<_>>().join(" ")
+    ))
 }
 
 /// A machine file with one change, and without the checksum that no longer fits.
@@ -224,9 +195,8 @@ fn with_change(text: &str, from: &str, to: &str) -> String {
 /// A file that did not make the machine: by its name, by the values of errors, wherever they stand, or by the place of an axis.
 #[test]
 fn a_file_that_did_not_make_the_machine_is_noted() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let machine = identified(folder);
+    let folder = Folder::new();
+    let machine = identified(&folder);
     let own = said(&machine, OBSERVATIONS);
     assert!(
         !own.contains("was not made from") && !own.contains("is of the machine"),
@@ -234,15 +204,15 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     );
 
     let text = fs::read_to_string(&machine).expect("written");
-    let other = folder.join("other.toml").display().to_string();
+    let other = folder.file("other.toml");
     let changed = |from: &str, to: &str| {
         fs::write(&other, with_change(&text, from, to)).expect("written");
     };
     changed("fork-head", "another");
     let words = said(&other, OBSERVATIONS);
-    assert!(
-        words.contains("is of the machine \"fork-head\", --machine is \"another\""),
-        "{words}"
+    contains(
+        &words,
+        "is of the machine \"fork-head\", --machine is \"another\"",
     );
     // The first, the last and a curve in the middle, by values: the others agree.
     let value = |name: &str| -> f64 {
@@ -266,28 +236,28 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
             "{words}"
         );
         let words = String::from_utf8(
-            crate::volcomp(&crate::words(&format!(
+            volcomp(&format!(
                 "correct -m {other} --at X=100 --trials 4 --uncertainty {OBSERVATIONS}"
-            )))
+            ))
             .stderr,
         )
         .expect("UTF-8");
-        assert!(words.contains("was not made"), "{words}");
+        contains(&words, "was not made");
     }
     // A point of an axis elsewhere is another machine.
     let output = {
         changed("400.0]", "410.0]");
-        refused(&crate::words(&format!(
+        refused(&format!(
             "map -m {other} --grid 2x2x2 --uncertainty {OBSERVATIONS}"
-        )))
+        ))
     };
-    assert!(output.contains("point of axis"), "{output}");
+    contains(&output, "point of axis");
 }
 
 /// The same with a calibration: a curve that was changed, and an error that no measurement of the file knows.
 #[test]
 fn a_calibration_that_did_not_make_the_machine_is_noted() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path();
     let shop = "examples/calibration/shop.toml";
     json(&["simulate", shop, "-o", path.to_str().expect("UTF-8")]);
@@ -308,10 +278,8 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     let other = path.join("other.toml").display().to_string();
     fs::write(&other, lines.join("\n")).expect("written");
     let words = said(&other, &calibration);
-    assert!(
-        words.contains("was not made from") && words.contains("at most EYY by"),
-        "{words}"
-    );
+    contains(&words, "was not made from");
+    contains(&words, "at most EYY by");
     // Errors at another point of a linear axis, and another travel.
     for (from, to, expected) in [
         (
@@ -327,7 +295,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     ] {
         fs::write(&other, with_change(&text, from, to)).expect("written");
         let words = said(&other, &calibration);
-        assert!(words.contains(expected), "{words}");
+        contains(&words, expected);
     }
     // Assembly errors and thermal terms that the machine of the file has not.
     let unsigned = text
@@ -346,7 +314,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
     ] {
         fs::write(&other, format!("{unsigned}\n{table}\n")).expect("written");
         let words = said(&other, &calibration);
-        assert!(words.contains(expected), "{words}");
+        contains(&words, expected);
         assert!(!own.contains(&expected[..30]), "{own}");
     }
 }

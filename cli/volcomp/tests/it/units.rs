@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::{Value, json};
 
-use crate::{json, refused, text};
+use crate::{Folder, contains, json, list, refused, refuses, text};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
@@ -27,7 +27,7 @@ fn ending_in(document: &Value, unit: &str) -> Vec<String> {
 
 #[test]
 fn angles_stand_under_keys_of_angles() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let lasers = folder.path().join("lasers");
     json(&["simulate", SHOP, "-o", &lasers.display().to_string()]);
     let file = |name: &str| lasers.join(name).display().to_string();
@@ -49,9 +49,9 @@ fn angles_stand_under_keys_of_angles() {
     assert_eq!(symbols(&angles, "_urad"), symbols(&lengths, "_um"));
     assert!(symbols(&lengths, "_um").contains(&"A_forward".to_owned()));
 
-    let machine = folder.path().join("m.toml").display().to_string();
+    let machine = folder.file("m.toml");
     let answer = json(&["calibrate", &file("calibration.toml"), "-o", &machine]);
-    for curve in answer["curves"].as_array().expect("a list") {
+    for curve in list(&answer["curves"]) {
         let is_angular = curve["error"]
             .as_str()
             .is_some_and(|e| "ABC".contains(&e[1..2]));
@@ -65,7 +65,7 @@ fn angles_stand_under_keys_of_angles() {
     ] {
         let message = refused(&["iso230", &file(name), "--unit", unit]);
         let said = format!("{name}: found deviations in {found}, expected {expected}");
-        assert!(message.contains(&said), "{message}");
+        contains(&message, &said);
     }
     assert_eq!(
         json(&["iso230", &file("eay.rta"), "--unit", "urad"]),
@@ -76,7 +76,7 @@ fn angles_stand_under_keys_of_angles() {
 /// The same deviations stated in other units are the same evaluation.
 #[test]
 fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let write = |factor: f64| {
         let rows = [[0.0, 1.5], [10.0, -2.25], [20.0, 4.0]].map(|[target, micro]| {
             let deviation = micro * factor;
@@ -105,9 +105,7 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
             (range.expect("a number") - 6.25).abs() < 1e-9,
             "{unit}: {range:?}"
         );
-        let fit = json(&[
-            "fit", "--unit", unit, &file, "--method", "poly", "--order", "1",
-        ]);
+        let fit = json(&format!("fit --unit {unit} {file} --method poly --order 1"));
         assert!(
             !fit[format!("residual_{answered}")].is_null(),
             "{unit}: {fit}"
@@ -124,13 +122,13 @@ fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
     );
     let message = refused(&["fit", "--unit", "um", &stated, "--method", "poly"]);
     let said = "stated.csv: found deviations in mm, expected µm (--unit um)";
-    assert!(message.contains(said), "{message}");
+    contains(&message, said);
 }
 
 /// A table of a spreadsheet in a country of decimal commas, with a column that nobody reads.
 #[test]
 fn tables_with_semicolons_and_decimal_commas_are_read() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
         fs::write(&path, text).expect("written");
@@ -143,7 +141,7 @@ fn tables_with_semicolons_and_decimal_commas_are_read() {
     );
     let mut expected = json(&["iso230", "--unit", "urad", &plain]);
     assert_eq!(expected["E_forward_urad"], 2.5);
-    let told = expected["notes"].as_array().expect("a list").clone();
+    let told = list(&expected["notes"]).clone();
     let all = expected["notes"].to_string();
     for said in [
         "3 targets over 21 mm: ISO 230-2:2014 asks for 5 at least",
@@ -151,7 +149,7 @@ fn tables_with_semicolons_and_decimal_commas_are_read() {
         "A and R need at least two runs in a direction",
         "only one direction was run",
     ] {
-        assert!(all.contains(said), "{all}");
+        contains(&all, said);
     }
     let columns = json!("columns that are not read: Operator");
     expected["notes"] = [vec![columns], told].concat().into();
@@ -170,9 +168,8 @@ fn tables_with_semicolons_and_decimal_commas_are_read() {
     );
     assert!(!notes(&stated).contains("deviations is not stated"));
     let mixed = write("mixed.csv", "target;deviation\n0;1,5\n1.234;2,25\n");
-    let message = refused(&["inspect", &mixed]);
-    assert!(
-        message.contains("mixed.csv:3: target: found `1.234`, expected a number with a decimal comma as in line 2"),
-        "{message}"
+    refuses(
+        &["inspect", &mixed],
+        "mixed.csv:3: target: found `1.234`, expected a number with a decimal comma as in line 2",
     );
 }

@@ -4,65 +4,58 @@ use std::{fmt::Write as _, fs};
 
 use serde_json::Value;
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{Folder, contains, float, json, list, refused, refuses, root, text, volcomp};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(f64::NAN)
-}
 
 /// The goals after correction; the sizes before are those of the paper, below.
 #[test]
 fn the_demo_reaches_its_goals() {
     let answer = json(&["demo"]);
-    let lines = answer["lines"].as_array().expect("a list");
+    let lines = list(&answer["lines"]);
     for line in lines {
         // The floor does not have the noise of tilts that are summed up.
         let from_tilts =
             ["EYX", "EZX", "EXY", "EZY"].contains(&line["error"].as_str().expect("a name"));
         let most = if from_tilts { 2.2 } else { 1.5 };
-        assert!(number(&line["times_floor"]) <= most, "{line}");
+        assert!(float(&line["times_floor"]) <= most, "{line}");
         // Noise of the mean and 1 um output cannot leave nothing.
-        assert!(number(&line["floor_um"]) > 0.9, "{line}");
+        assert!(float(&line["floor_um"]) > 0.9, "{line}");
     }
     let mean = &answer["mean_percent"];
-    assert!(number(&mean["positioning"]) <= -94.0, "{mean}");
-    assert!(number(&mean["straightness"]) <= -90.0, "{mean}");
-    assert!(number(&mean["diagonals"]) <= -95.0, "{mean}");
+    assert!(float(&mean["positioning"]) <= -94.0, "{mean}");
+    assert!(float(&mean["straightness"]) <= -90.0, "{mean}");
+    assert!(float(&mean["diagonals"]) <= -95.0, "{mean}");
     let irregular = &answer["irregular_curve"];
-    let third = number(&irregular["polynomial_um"]) / 3.0;
-    assert!(number(&irregular["mls_um"]) <= third, "{irregular}");
-    for squareness in answer["squareness"].as_array().expect("a list") {
-        assert!(
-            number(&squareness["after_urad"]).abs() < 2.0,
-            "{squareness}"
-        );
+    let third = float(&irregular["polynomial_um"]) / 3.0;
+    assert!(float(&irregular["mls_um"]) <= third, "{irregular}");
+    for squareness in list(&answer["squareness"]) {
+        assert!(float(&squareness["after_urad"]).abs() < 2.0, "{squareness}");
     }
 }
 
 /// The published sizes before, and better than the paper's figure in every row that it prints.
 #[test]
 fn the_published_gantry_is_passed_in_every_row() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let kept = folder.path().display().to_string();
     let answer = json(&["demo", "-o", &kept]);
     let published = &answer["published"];
-    let lines = published["lines"].as_array().expect("a list");
+    let lines = list(&published["lines"]);
     assert_eq!(lines.len(), 9);
     for line in lines {
-        let (before, printed) = (number(&line["before_um"]), number(&line["paper_before_um"]));
+        let (before, printed) = (float(&line["before_um"]), float(&line["paper_before_um"]));
         assert!((before - printed).abs() < 0.5, "{line}");
         if !line["paper_after_um"].is_null() {
             assert!(
-                number(&line["after_um"]) < number(&line["paper_after_um"]),
+                float(&line["after_um"]) < float(&line["paper_after_um"]),
                 "{line}"
             );
         }
     }
     let printed = |line: &&Value| !line["paper_after_um"].is_null();
     assert_eq!(lines.iter().filter(printed).count(), 8);
-    let residuals = published["residuals"].as_array().expect("a list");
+    let residuals = list(&published["residuals"]);
     assert_eq!(residuals.len(), 15, "five methods on X, Y and Z");
     let mut rows = 0;
     for row in residuals
@@ -70,7 +63,7 @@ fn the_published_gantry_is_passed_in_every_row() {
         .filter(|row| !row["paper_min_um"].is_null())
     {
         rows += 1;
-        let size = |min: &str, max: &str| number(&row[max]) - number(&row[min]);
+        let size = |min: &str, max: &str| float(&row[max]) - float(&row[min]);
         assert!(
             size("min_um", "max_um") < size("paper_min_um", "paper_max_um"),
             "{row}"
@@ -80,7 +73,7 @@ fn the_published_gantry_is_passed_in_every_row() {
     let of = |error: &str, method: &str| {
         let row = |row: &&Value| row["error"] == error && row["method"] == method;
         let row = residuals.iter().find(row).expect("a row");
-        number(&row["max_um"]).max(-number(&row["min_um"]))
+        float(&row["max_um"]).max(-float(&row["min_um"]))
     };
     for error in ["EXX", "EYY", "EZZ"] {
         for order in 6..=8 {
@@ -92,18 +85,11 @@ fn the_published_gantry_is_passed_in_every_row() {
         }
     }
     // The pitch that two heights of Y show is nearly linear: the tilts as measured against their own line.
-    let pitch = json(&[
-        "fit",
-        &format!("{kept}/eay.rta"),
-        "--method",
-        "poly",
-        "--order",
-        "1",
-    ]);
+    let pitch = json(&format!("fit {kept}/eay.rta --method poly --order 1"));
     let left = &pitch["residual_urad"];
     let span = json(&["iso230", &format!("{kept}/eay.rta")]);
-    let left = number(&left["max"]) - number(&left["min"]);
-    assert!(left < 0.1 * number(&span["M_urad"]), "{left} {span}");
+    let left = float(&left["max"]) - float(&left["min"]);
+    assert!(left < 0.1 * float(&span["M_urad"]), "{left} {span}");
     let text = text(&["demo"]);
     assert!(
         text.lines().all(|line| line.chars().count() <= 80),
@@ -116,21 +102,21 @@ fn the_published_gantry_is_passed_in_every_row() {
 /// of the range, which left 5.6, 10.0 and 4.8 %.
 #[test]
 fn the_demo_with_moving_least_squares_alone() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let kept = folder.path().display().to_string();
     let answer = json(&["demo", "--curve", "mls", "-o", &kept]);
     let calibrated = fs::read_to_string(folder.path().join("calibrated.toml")).expect("kept");
     let curves = calibrated.lines().filter(|line| line.starts_with('E'));
     for curve in curves.filter(|line| line.contains('{')) {
-        assert!(curve.contains("mls"), "{curve}");
+        contains(&curve, "mls");
         assert!(!curve.contains("bspline") && !curve.contains("poly"));
     }
     let mean = &answer["mean_percent"];
-    assert!(number(&mean["positioning"]) <= -95.0, "{mean}");
-    assert!(number(&mean["straightness"]) <= -91.0, "{mean}");
-    assert!(number(&mean["diagonals"]) <= -96.0, "{mean}");
+    assert!(float(&mean["positioning"]) <= -95.0, "{mean}");
+    assert!(float(&mean["straightness"]) <= -91.0, "{mean}");
+    assert!(float(&mean["diagonals"]) <= -96.0, "{mean}");
     // The settings are stated, they are those of the kept machine, and not all alike.
-    let settings = answer["curves"].as_array().expect("a list");
+    let settings = list(&answer["curves"]);
     assert_eq!(settings.len(), 36, "18 errors, two directions");
     let of = |setting: &Value| {
         format!(
@@ -152,13 +138,10 @@ fn the_demo_with_moving_least_squares_alone() {
     );
     let printed = text(&["demo", "--curve", "mls"]);
     assert!(printed.lines().all(|line| line.len() <= 80), "{printed}");
-    assert!(
-        printed.contains("moving least squares  direction  order  support"),
-        "{printed}"
-    );
+    contains(&printed, "moving least squares  direction  order  support");
     // What was kept says how it was fitted: calibrated once more it is the same machine.
-    let again = folder.path().join("again.toml").display().to_string();
-    let calibration = folder.path().join("calibration.toml").display().to_string();
+    let again = folder.file("again.toml");
+    let calibration = folder.file("calibration.toml");
     json(&["calibrate", &calibration, "-o", &again]);
     assert_eq!(fs::read_to_string(again).expect("written"), calibrated);
 }
@@ -167,7 +150,7 @@ fn the_demo_with_moving_least_squares_alone() {
 /// default setting.
 #[test]
 fn the_automatic_mode_meets_2_um_on_the_demo() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     json(&["simulate", SHOP, "-o", &folder.path().display().to_string()]);
     for file in ["exx.rtl", "eyy.rtl", "ezz.rtl"] {
         let path = folder.path().join(file).display().to_string();
@@ -176,31 +159,28 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
         let automatic = json(&[&fit[..], &["--auto", "--residual-um", "2", "--scan"]].concat());
         assert_eq!(automatic["meets_required"], true, "{file}");
         for end in ["min", "max"] {
-            assert!(
-                number(&automatic["residual_um"][end]).abs() <= 2.0,
-                "{file}"
-            );
+            assert!(float(&automatic["residual_um"][end]).abs() <= 2.0, "{file}");
         }
-        let leave_one_out = number(&automatic["leave_one_out_um"]);
+        let leave_one_out = float(&automatic["leave_one_out_um"]);
         assert!(
-            leave_one_out <= number(&default["leave_one_out_um"]),
+            leave_one_out <= float(&default["leave_one_out_um"]),
             "{file}"
         );
         // The scan has the setting that was taken.
-        let scan = automatic["scan"].as_array().expect("a list");
+        let scan = list(&automatic["scan"]);
         let curve = &automatic["curve"]["mls"];
         let is_taken = |trial: &&Value| {
             trial["order"] == curve["order"]
-                && (number(&trial["support"]) - number(&curve["support"])).abs() < 1e-9
+                && (float(&trial["support"]) - float(&curve["support"])).abs() < 1e-9
         };
         let taken: Vec<&Value> = scan.iter().filter(is_taken).collect();
         assert_eq!(taken.len(), 1, "{file}");
         assert_eq!(taken[0]["leave_one_out_rms"], automatic["leave_one_out_um"]);
         let meeting = scan
             .iter()
-            .filter(|trial| number(&trial["max_residual"]) <= 2.0);
+            .filter(|trial| float(&trial["max_residual"]) <= 2.0);
         let least = meeting
-            .map(|trial| number(&trial["leave_one_out_rms"]))
+            .map(|trial| float(&trial["leave_one_out_rms"]))
             .fold(f64::INFINITY, f64::min);
         assert!((least - leave_one_out).abs() < 1e-6, "{file}");
     }
@@ -208,22 +188,22 @@ fn the_automatic_mode_meets_2_um_on_the_demo() {
 
 #[test]
 fn laser_files_make_a_machine_file() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let lasers = folder.path().join("lasers");
     let answer = json(&["simulate", SHOP, "-o", &lasers.display().to_string()]);
-    let files = answer["files"].as_array().expect("a list");
+    let files = list(&answer["files"]);
     assert_eq!(files.len(), 22, "{files:?}");
     for name in ["eyy-2.rtl", "eay.rta", "machine.toml", "calibration.toml"] {
         assert!(lasers.join(name).is_file(), "{name}");
     }
     let calibration = lasers.join("calibration.toml").display().to_string();
-    let machine = folder.path().join("found.toml").display().to_string();
+    let machine = folder.file("found.toml");
     let told = text(&["calibrate", &calibration, "-o", &machine]);
     let told = told.replace(&folder.path().display().to_string(), "[folder]");
     insta::assert_snapshot!(told);
     let answer = json(&["calibrate", &calibration, "-o", &machine]);
     // The straightness files are told once, together; nothing else is odd.
-    let [told] = &answer["warnings"].as_array().expect("a list")[..] else {
+    let [told] = &list(&answer["warnings"])[..] else {
         panic!("{}", answer["warnings"]);
     };
     let told = told.as_str().expect("a text");
@@ -232,12 +212,12 @@ fn laser_files_make_a_machine_file() {
         "{told}"
     );
     assert_eq!(answer["file"], machine);
-    let curves = answer["curves"].as_array().expect("a list");
+    let curves = list(&answer["curves"]);
     assert_eq!(curves.len(), 36, "18 errors in two directions");
     // The reversals of the truth, 3, -2 and 2.5 um.
     for (error, reversal) in [("EXX", 3.0), ("EYY", -2.0), ("EZZ", 2.5)] {
         let curve = curves.iter().find(|c| c["error"] == error).expect("fitted");
-        let found = number(&curve["reversal"]);
+        let found = float(&curve["reversal"]);
         assert!((found - reversal).abs() < 2.0, "{error}: {found}");
     }
     json(&["error", "-m", &machine, "--at", "X=100,Y=100,Z=100"]);
@@ -245,11 +225,11 @@ fn laser_files_make_a_machine_file() {
 
 #[test]
 fn broken_shops_are_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let shop = folder.path().join("shop.toml");
     let truth = root().join("cli/volcomp/demo/truth.toml");
     fs::copy(truth, folder.path().join("truth.toml")).expect("copied");
-    let out = folder.path().join("out").display().to_string();
+    let out = folder.file("out");
     let line = "[[measurement]]\nerror = \"EXX\"\n";
     for (text, expected) in [
         (String::new(), "key `machine` is missing"),
@@ -297,8 +277,10 @@ fn broken_shops_are_refused() {
     }
     fs::write(&shop, format!("machine = \"truth.toml\"\n{line}")).expect("written");
     let file = truth_path(&folder);
-    let message = refused(&["simulate", &shop.display().to_string(), "-o", &file]);
-    assert!(message.contains("cannot be made a folder"), "{message}");
+    refuses(
+        &["simulate", &shop.display().to_string(), "-o", &file],
+        "cannot be made a folder",
+    );
     let output = volcomp(&["simulate", &shop.display().to_string(), "-o", &out]);
     assert_eq!(output.status.code(), Some(0));
 }
@@ -309,23 +291,23 @@ fn truth_path(folder: &tempfile::TempDir) -> String {
 
 #[test]
 fn inspect_says_what_a_file_holds() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let lasers = folder.path().display().to_string();
     json(&["simulate", SHOP, "-o", &lasers]);
-    let file = folder.path().join("eay.rta").display().to_string();
+    let file = folder.file("eay.rta");
     let answer = json(&["inspect", &file]);
     assert_eq!(answer["unit"], "urad");
     assert_eq!(answer["readings"], 210);
     assert_eq!(answer["runs_backward"], 5);
     insta::assert_snapshot!(text(&["inspect", &file]).replace(&lasers, "FOLDER"));
-    let machine = folder.path().join("machine.toml").display().to_string();
+    let machine = folder.file("machine.toml");
     assert!(refused(&["inspect", &machine]).contains("machine.toml"));
 }
 
 /// A map of a billion nodes, interrupted: status 130 and no unfinished file.
 #[test]
 fn an_interrupt_leaves_nothing_half_written() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let map = folder.path().join("map.csv");
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .args([
@@ -359,7 +341,7 @@ fn an_interrupt_leaves_nothing_half_written() {
 /// Where the others within the support hardly weigh against a target there is no leave-one-out error, and the table says so.
 #[test]
 fn settings_without_a_leave_one_out_error_are_told() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new();
     let path = folder.path().join("uneven.csv");
     let mut table = "target,deviation\n".to_owned();
     // Clusters of targets: seen from the last one, others stand just inside of the edge of some supports.
@@ -369,19 +351,9 @@ fn settings_without_a_leave_one_out_error_are_told() {
     }
     fs::write(&path, table).expect("written");
     let path = path.display().to_string();
-    let call = [
-        "fit",
-        &path,
-        "--method",
-        "mls",
-        "--scan",
-        "--order",
-        "1",
-        "--support",
-        "1",
-    ];
+    let call = format!("fit {path} --method mls --scan --order 1 --support 1");
     let answer = json(&call);
-    let scan = answer["scan"].as_array().expect("a list");
+    let scan = list(&answer["scan"]);
     let without = scan
         .iter()
         .filter(|trial| trial["leave_one_out_rms"].is_null());
@@ -400,5 +372,5 @@ fn settings_without_a_leave_one_out_error_are_told() {
             .count(),
         without
     );
-    assert!(said.contains("x no leave-one-out error"), "{said}");
+    contains(&said, "x no leave-one-out error");
 }

@@ -2,7 +2,7 @@
 
 use std::{fs, process::Command};
 
-use crate::{root, volcomp};
+use crate::{Folder, root, text, volcomp};
 
 /// The machine files of `examples/`.
 fn machines() -> Vec<String> {
@@ -20,7 +20,7 @@ fn machines() -> Vec<String> {
 }
 
 /// Standard output and notes of a call, judged line by line.
-fn fits(arguments: &[&str]) {
+fn fits(arguments: &str) {
     let output = volcomp(arguments);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
@@ -44,108 +44,64 @@ fn fits(arguments: &[&str]) {
 
 #[test]
 fn every_machine_in_every_command() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let points = path("points.csv");
-    fs::write(
-        &points,
+    let folder = Folder::new();
+    let place = folder.file("");
+    folder.write(
+        "points.csv",
         "X,Y,Z\n1,2,3\n99999,-99999,99999\n-12345.678,0,0\n0,0,-1\n",
-    )
-    .expect("written");
-    let far = "X=-99999.5,Y=99999.5,Z=-99999.5";
+    );
     for machine in &machines() {
-        let machine = machine.as_str();
-        fits(&["check", machine]);
-        for command in ["error", "correct"] {
-            for at in ["X=1", far] {
-                fits(&[command, "-m", machine, "--at", at]);
-            }
-            fits(&[command, "-m", machine, "--points", &points]);
+        for call in [
+            "check M",
+            "error -m M --at X=1",
+            "error -m M --at X=-99999.5,Y=99999.5,Z=-99999.5",
+            "error -m M --points $points.csv",
+            "correct -m M --at X=1",
+            "correct -m M --at X=-99999.5,Y=99999.5,Z=-99999.5",
+            "correct -m M --points $points.csv",
+            "correct -m M --points $points.csv -o $out.csv",
+            "correct -m M --points $out.csv -o $again.csv",
+            "diagonals -m M",
+            "diagonals -m M --truth M --resolution 0.123",
+            "map -m M --grid 3x3x3",
+            "map -m M --grid 3x3x3 --compensated",
+            "compile M -o $m.blob",
+        ] {
+            fits(&call.replace('M', machine).replace('$', &place));
         }
-        fits(&[
-            "correct",
-            "-m",
-            machine,
-            "--points",
-            &points,
-            "-o",
-            &path("out.csv"),
-        ]);
-        fits(&[
-            "correct",
-            "-m",
-            machine,
-            "--points",
-            &path("out.csv"),
-            "-o",
-            &path("again.csv"),
-        ]);
-        fits(&["diagonals", "-m", machine]);
-        fits(&[
-            "diagonals",
-            "-m",
-            machine,
-            "--truth",
-            machine,
-            "--resolution",
-            "0.123",
-        ]);
-        fits(&["map", "-m", machine, "--grid", "3x3x3"]);
-        fits(&["map", "-m", machine, "--grid", "3x3x3", "--compensated"]);
-        fits(&["compile", machine, "-o", &path("m.blob")]);
     }
 }
 
 #[test]
 fn every_measurement_in_every_command() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let demo = path("demo");
-    fits(&["demo", "-o", &demo]);
-    fits(&[
-        "calibrate",
-        &format!("{demo}/calibration.toml"),
-        "-o",
-        &path("m.toml"),
-    ]);
-    fits(&[
-        "calibrate",
-        "examples/calibration/calibration.toml",
-        "-o",
-        &path("n.toml"),
-    ]);
-    fits(&[
-        "identify",
-        "examples/identification/observations.toml",
-        "-o",
-        &path("o.toml"),
-    ]);
-    fits(&[
-        "simulate",
-        "examples/calibration/shop.toml",
-        "-o",
-        &path("lasers"),
-    ]);
+    let folder = Folder::new();
+    let place = folder.file("");
+    for call in [
+        "demo -o $demo",
+        "calibrate $demo/calibration.toml -o $m.toml",
+        "calibrate examples/calibration/calibration.toml -o $n.toml",
+        "identify examples/identification/observations.toml -o $o.toml",
+        "simulate examples/calibration/shop.toml -o $lasers",
+        "inspect $demo/exx.rtl",
+        "inspect $demo/eay.rta",
+        "iso230 $demo/exx.rtl",
+        "iso230 $demo/eay.rta",
+        "fit-thermal fitting/fit/tests/data/spindle-2min.csv --displacement ch1_um",
+        "probe --list",
+    ] {
+        fits(&call.replace('$', &place));
+    }
     for file in ["exx.rtl", "eay.rta"] {
-        let file = format!("{demo}/{file}");
-        fits(&["inspect", &file]);
-        fits(&["iso230", &file]);
         for method in ["poly", "chebyshev", "mls", "bspline"] {
             // The curve itself is one line of a machine file, however long.
-            let output = volcomp(&["fit", &file, "--method", method, "--at", "0,4000"]);
-            let shown = String::from_utf8_lossy(&output.stdout).into_owned();
+            let shown = text(&format!(
+                "fit {place}demo/{file} --method {method} --at 0,4000"
+            ));
             for line in shown.lines().skip(1) {
                 assert!(line.chars().count() <= 80, "{line}");
             }
         }
     }
-    fits(&[
-        "fit-thermal",
-        "fitting/fit/tests/data/spindle-2min.csv",
-        "--displacement",
-        "ch1_um",
-    ]);
-    fits(&["probe", "--list"]);
 }
 
 /// A reader that goes away is no failure, a narrow terminal and no colours change nothing.

@@ -109,20 +109,6 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_without_a_range_still_shows_its_value() {
-        for values in [
-            vec![],
-            vec![3.0],
-            vec![f64::NAN, 3.0, f64::INFINITY],
-            vec![0.0, 0.0],
-        ] {
-            let scale = Scale::over(values, [0.0, 100.0], 0.1);
-            assert!(scale.values[0] < scale.values[1], "{scale:?}");
-            assert!(scale.at(3.0).is_finite());
-        }
-    }
-
-    #[test]
     fn a_number_has_a_minus_sign_and_no_negative_zero() {
         assert_eq!(short(-0.001, 2), "0.00");
         assert_eq!(short(-1.5, 1), "−1.5");

@@ -5,7 +5,12 @@ use volcomp_report::{
     WarningKind, checks, tolerances, volume,
 };
 
-use crate::Shop;
+use crate::{Shop, machine};
+
+/// The report of a machine file with these lines.
+fn stated(more: &str) -> Report {
+    Report::of_machine("machine.toml", &machine(more), &Stated::default())
+}
 
 #[test]
 fn runs_stand_where_their_curve_is() {
@@ -98,11 +103,8 @@ fn one_run_has_a_band_of_its_residuals() {
     let shop = Shop::new();
     shop.write("exx.csv", &crate::csv(17, 50.0, 1, |x, _| 0.02 * x));
     let report = shop.report();
-    let curve = report
-        .curves
-        .iter()
-        .find(|curve| curve.error == "EXX")
-        .expect("EXX");
+    let mut curves = report.curves.iter();
+    let curve = curves.find(|curve| curve.error == "EXX").expect("EXX");
     let band = curve.branches[0].band.as_ref().expect("a band");
     assert_eq!(band.source, BandSource::Residuals);
     let page = volcomp_report::html(&report);
@@ -114,7 +116,7 @@ fn one_run_has_a_band_of_its_residuals() {
 fn a_figure_near_its_limit_is_undecided() {
     let shop = Shop::new();
     let stated = "[uncertainty]\nlaser_um_per_m = 0.5\n";
-    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let text = shop.read("calibration.toml");
     shop.write(
         "calibration.toml",
         &text.replacen("[[measurement]]", &format!("{stated}[[measurement]]"), 1),
@@ -148,7 +150,7 @@ fn a_figure_near_its_limit_is_undecided() {
 #[test]
 fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     let shop = Shop::new();
-    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let text = shop.read("calibration.toml");
     let judged = |uncertainty: &str| {
         shop.write(
             "calibration.toml",
@@ -231,7 +233,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         "exx.csv",
         &crate::csv(17, 50.0, 5, |x, _| 20.0 * (x / 40.0).sin()),
     );
-    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let text = shop.read("calibration.toml");
     let parabola = "file = \"exx.csv\"\ncurve = { poly = { order = 2 } }\n";
     shop.write(
         "calibration.toml",
@@ -346,7 +348,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
 #[test]
 fn what_a_squareness_is_judged_by() {
     let shop = Shop::new();
-    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let text = shop.read("calibration.toml");
     let judged = |text: &str| {
         shop.write("calibration.toml", text);
         let report = shop.report();
@@ -370,36 +372,24 @@ fn what_a_squareness_is_judged_by() {
         (own.uncertainty, own.outcome),
         (Some(10.0), Verdict::Undecided)
     );
-    let exx = std::fs::read_to_string(shop.folder.path().join("exx.csv")).expect("read");
+    let exx = shop.read("exx.csv");
     let forward = exx.lines().filter(|line| !line.contains(",-,"));
     shop.write("exx.csv", &(forward.collect::<Vec<_>>().join("\n") + "\n"));
+    let told = |of: &String| of.ends_with("is not known: EXX");
     let (_, report) = judged(&text);
-    assert!(
-        report
-            .not_measured
-            .iter()
-            .any(|of| of.ends_with("is not known: EXX"))
-    );
+    assert!(report.not_measured.iter().any(told));
     // The machine file tells it, too: neither it alone nor as the truth passes as a whole machine.
     let (_, calibration) = shop.calibrated();
     let written = calibration.machine.to_toml();
     let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
     let report = Report::of_machine("machine.toml", &machine, &Stated::default());
-    let told = |of: &String| of.ends_with("is not known: EXX");
-    assert!(
-        report.not_measured.iter().any(told),
-        "{:?}",
-        report.not_measured
-    );
+    assert!(report.not_measured.iter().any(told));
 }
 
 /// What [assembly] turns an axis by is a part of its squareness: the location error alone is no figure of it.
 #[test]
 fn no_location_is_judged_beside_assembly_errors() {
-    let axes = crate::MACHINE;
-    let text = format!("{axes}[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
-    let machine = volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine");
-    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+    let report = stated("[assembly]\nY = [0, 0, 0, 0, 0, 50]\n[errors]\nEXX = 3.0\n");
     let found = checks(&report, &tolerances("EC0Y=1").expect("one"));
     assert_eq!(
         (found[0].value, found[0].outcome),
@@ -441,9 +431,7 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
             100.0,
         ),
     ] {
-        let text = format!("{}[errors]\n{error} = {curve}\n", crate::MACHINE);
-        let machine = volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine");
-        let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+        let report = stated(&format!("[errors]\n{error} = {curve}\n"));
         let tolerances = tolerances(&format!("{error}=10")).expect("one");
         let found = &checks(&report, &tolerances)[0];
         let value = found.value.expect("evaluated");
@@ -456,9 +444,9 @@ fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
 #[test]
 fn the_uncertainty_counts_the_longest_tool() {
     let machine = |tools: &str, slope: f64| {
-        let errors = format!("[errors]\nEAX = {{ poly = [{slope:?}] }}\n");
-        let text = format!("{}{tools}{errors}", crate::MACHINE);
-        volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine")
+        machine(&format!(
+            "{tools}[errors]\nEAX = {{ poly = [{slope:?}] }}\n"
+        ))
     };
     let drawn_with = |tools: &str| {
         let tolerance = volcomp_model::Tolerance::from_nm(1.0);
@@ -625,15 +613,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
 
 #[test]
 fn a_machine_file_has_curves_without_readings_and_says_so() {
-    let machine = volcomp_model::Machine::parse(
-        &format!(
-            "{}[errors]\nEXX = {{ poly = [0.0, 0.02] }}\nEA0Z = 5.0\n",
-            crate::MACHINE
-        ),
-        "machine.toml",
-    )
-    .expect("a machine");
-    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+    let report = stated("[errors]\nEXX = { poly = [0.0, 0.02] }\nEA0Z = 5.0\n");
     assert!(report.curves[0].lines.is_empty() && report.curves[0].branches[0].fit.is_none());
     assert_eq!(report.squareness[0].angle_urad, 5.0);
     assert!(!report.squareness[0].measured);
@@ -643,8 +623,7 @@ fn a_machine_file_has_curves_without_readings_and_says_so() {
         told[3].starts_with("EC0Y was not measured and is taken as 0"),
         "{told:?}"
     );
-    let none = volcomp_model::Machine::parse(crate::MACHINE, "machine.toml").expect("a machine");
-    let report = Report::of_machine("machine.toml", &none, &Stated::default());
+    let report = stated("");
     let warning = &report.warnings[0].text;
     assert!(
         warning.starts_with("no error of this machine is known"),

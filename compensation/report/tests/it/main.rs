@@ -10,9 +10,15 @@ use std::{fmt::Write as _, fs, path::Path};
 
 use tempfile::TempDir;
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_model::Machine;
 use volcomp_report::{Report, Stated};
 
 pub(crate) const MACHINE: &str = "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n";
+
+/// The machine with more lines in its file.
+pub(crate) fn machine(more: &str) -> Machine {
+    Machine::parse(&format!("{MACHINE}{more}"), "machine.toml").expect("a machine")
+}
 
 /// Deviations of runs there and back, with a scatter that is the same each time.
 pub(crate) fn csv(
@@ -74,6 +80,10 @@ impl Shop {
 
     pub(crate) fn write(&self, name: &str, text: &str) {
         fs::write(self.folder.path().join(name), text).expect("written");
+    }
+
+    pub(crate) fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.folder.path().join(name)).expect("read")
     }
 
     pub(crate) fn calibrated(&self) -> (CalibrationFile, Calibration) {

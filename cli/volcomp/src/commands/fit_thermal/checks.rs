@@ -9,7 +9,7 @@ use std::{
 use volcomp_fit::{ThermalGap, ThermalRecord, ThermalRun, ThermalSearch, search_thermal};
 
 use super::{Channel, columns::Columns, is_angular};
-use crate::commands::fixed;
+use crate::commands::{fixed, range};
 
 /// The temperatures of a machine, °C. Kelvin, and the values by which loggers report a fault, are outside.
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
@@ -135,11 +135,9 @@ pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
     notes
 }
 
-/// The largest less the smallest of some values.
+/// The largest less the smallest of some values; 0 of none.
 fn spread(values: &[f64]) -> f64 {
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    (most - least).max(0.0)
+    range(values.iter().copied()).max(0.0)
 }
 
 /// The columns of sensors whose temperature is the same in all rows of all files.

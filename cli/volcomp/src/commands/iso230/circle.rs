@@ -15,12 +15,13 @@ use volcomp_metrology::{
 };
 
 use super::Arguments;
-use super::judged::{CIRCULAR, Judgement, decision_text, quantities_text, tolerances};
 use crate::{
     commands::{
-        Answer, fixed,
-        several::{Evaluated, evaluated},
-        table, table_text,
+        Answer,
+        evaluation::{
+            CIRCULAR, Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances,
+        },
+        fixed, table, table_text,
     },
     failure::Failure,
     table::to_the_left,
@@ -264,7 +265,6 @@ fn text(document: &CircularTest, with_names: bool) -> String {
                 fixed(100.0 * signature.share, 1),
             ]);
         }
-        // Writing to a string never fails.
         let _ = write!(text, "\n{}", table_text(&rows));
     }
     if let Some(rms) = document.rms_left_um {

@@ -10,17 +10,18 @@ use volcomp_metrology::{
 };
 
 use super::Arguments;
-use super::judged::{DIAGONALS, Judgement, decision_text, quantities_text, tolerances};
-use super::rows::{self, Row};
 use crate::{
     commands::{
-        Answer, fixed,
-        several::{RefusedFile, some_refused},
-        table, table_text,
+        Answer,
+        evaluation::{
+            DIAGONALS, Judgement, RefusedFile, Row, decision_text, open_rows, quantities_text,
+            some_refused, tolerances, write_rows,
+        },
+        fixed, table, table_text,
     },
     failure::Failure,
     points::numbers,
-    table::folded,
+    table::{folded, or_dash},
     unit,
 };
 
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         None => None,
     };
     let csv = match &arguments.csv {
-        Some(path) => Some(rows::open(path, &arguments.files)?),
+        Some(path) => Some(open_rows(path, &arguments.files)?),
         None => None,
     };
     let (mut notes, mut measured, mut refused) = (Vec::new(), Vec::new(), Vec::new());
@@ -139,7 +140,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let unit = DeviationUnit::Um;
     let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, none);
     if let Some(output) = csv {
-        rows::write(output, &rows_of(&found, &refused))?;
+        write_rows(output, &rows_of(&found, &refused))?;
     }
     let failed = some_refused(&refused, arguments.files.len());
     let document = MeasuredDiagonals {
@@ -225,17 +226,16 @@ fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
 }
 
 fn text(document: &MeasuredDiagonals) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| fixed(v, 2));
     let mut rows = table(&["", "length mm", "E", "E ↑", "E ↓", "B", "M", "growth"]);
     for m in &document.found.diagonals {
         rows.add_row([
             m.diagonal.name().to_owned(),
             fixed(m.length_mm, 2),
-            number(m.result.e),
-            number(m.result.e_forward),
-            number(m.result.e_backward),
-            number(m.result.b),
-            number(m.result.m),
+            or_dash(m.result.e, 2),
+            or_dash(m.result.e_forward, 2),
+            or_dash(m.result.e_backward, 2),
+            or_dash(m.result.b, 2),
+            or_dash(m.result.m, 2),
             fixed(m.growth_um, 2),
         ]);
     }
@@ -246,7 +246,6 @@ fn text(document: &MeasuredDiagonals) -> String {
         fixed(document.found.scale_um_per_m, 2)
     );
     for hint in &document.found.squareness {
-        // Writing to a string never fails.
         let _ = writeln!(text, "hint: {} {} µrad", hint.error, fixed(hint.urad, 1));
     }
     for refused in &document.refused {

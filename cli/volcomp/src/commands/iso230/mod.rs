@@ -2,15 +2,12 @@
 
 pub(crate) mod circle;
 pub(crate) mod diagonals;
-pub(crate) mod judged;
-mod options;
 pub(crate) mod positioning;
-pub(crate) mod rows;
 
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use volcomp_metrology::{Edition, MotionKind};
+use volcomp_metrology::{Edition, Environment, MotionKind, REFERENCE_DEGC, UncertaintyInputs};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use super::Answer;
@@ -18,6 +15,10 @@ use crate::{failure::Failure, unit::Unit};
 
 /// Evaluates tests by ISO 230: positioning, circles, diagonals
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp iso230 exx.rtl --standard all --tolerance A=90,B=5
+  volcomp --json iso230 circle.csv --part 4 --radius-mm 150")]
 pub(crate) struct Arguments {
     /// Measurement files: .csv, .rtl, .rta, .pos, a report or a log; of circles .csv
     #[arg(required = true)]
@@ -47,7 +48,7 @@ pub(crate) struct Arguments {
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
     #[command(flatten)]
-    uncertainty: options::UncertaintyOptions,
+    uncertainty: UncertaintyOptions,
     #[command(flatten)]
     diagonals: diagonals::DiagonalOptions,
     #[command(flatten)]
@@ -104,35 +105,30 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let part = arguments.part;
-    let refuse = |option: &str, expected: &str| {
-        Err(Failure::Input(format!(
-            "{option}: found --part {part}, expected --part {expected}"
-        )))
-    };
-    if part != 4
-        && let Some(option) = arguments.circle.given()
-    {
-        return refuse(option, "4");
-    }
-    if part != 6
-        && let Some(option) = arguments.diagonals.given()
-    {
-        return refuse(option, "6");
-    }
-    if part != 2 && arguments.uncertainty.stated() {
-        return refuse("options of the measurement uncertainty", "2");
-    }
-    if part != 2 && arguments.edition.is_some() {
-        return refuse("--edition", "2");
-    }
-    if part != 2 && arguments.standard != Standard::Iso {
-        return refuse("--standard", "2");
-    }
-    if part != 2 && arguments.axis.is_some() {
-        return refuse("--axis", "2");
-    }
-    if part != 2 && arguments.error.is_some() {
-        return refuse("--error", "2");
+    let uncertain = arguments.uncertainty.stated();
+    // Each option is of one part.
+    for (option, of) in [
+        (arguments.circle.given(), 4),
+        (arguments.diagonals.given(), 6),
+        (
+            uncertain.then_some("options of the measurement uncertainty"),
+            2,
+        ),
+        (arguments.edition.map(|_| "--edition"), 2),
+        (
+            (arguments.standard != Standard::Iso).then_some("--standard"),
+            2,
+        ),
+        (arguments.axis.map(|_| "--axis"), 2),
+        (arguments.error.map(|_| "--error"), 2),
+    ] {
+        if let Some(option) = option
+            && part != of
+        {
+            return Err(Failure::Input(format!(
+                "{option}: found --part {part}, expected --part {of}"
+            )));
+        }
     }
     if let (Some(axis), Some(error)) = (arguments.axis, arguments.error)
         && axis != error.axis
@@ -141,13 +137,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         return Err(Failure::Input(message));
     }
     if part == 4 && arguments.unit.is_some() {
-        return refuse("--unit", "2 or 6: circles state units in their header");
+        let message =
+            "--unit: found --part 4, expected --part 2 or 6: circles state units in their header";
+        return Err(Failure::Input(message.to_owned()));
     }
-    if arguments.uncertainty.stated() && arguments.standard == Standard::Vdi {
+    if uncertain && arguments.standard == Standard::Vdi {
         let message = "options of the measurement uncertainty: found --standard vdi, which states none, expected iso, asme or all";
         return Err(Failure::Input(message.to_owned()));
     }
-    if arguments.uncertainty.stated() && !arguments.edition().states_uncertainty() {
+    if uncertain && !arguments.edition().states_uncertainty() {
         let message = "options of the measurement uncertainty: found --edition 1997, expected 2006 or 2014, which have the annex on it";
         return Err(Failure::Input(message.to_owned()));
     }
@@ -155,5 +153,63 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         4 => circle::run(arguments),
         6 => diagonals::run(arguments),
         _ => positioning::run(arguments),
+    }
+}
+
+/// Inputs of the measurement uncertainty; what is not stated is left out, and said.
+#[derive(clap::Args, Default, PartialEq)]
+#[command(next_help_heading = "Measurement uncertainty")]
+pub(crate) struct UncertaintyOptions {
+    /// Uncertainty of the instrument by its calibration (k = 2): the part that grows with the length, µm/m
+    #[arg(long, value_name = "UM_PER_M")]
+    device_um_per_m: Option<f64>,
+    /// The part of it that does not grow, µm
+    #[arg(long, value_name = "UM")]
+    device_um: Option<f64>,
+    /// By how much the beam may run off the axis over its length, mm
+    #[arg(long, value_name = "MM")]
+    misalignment_mm: Option<f64>,
+    /// Range within which the temperature of the machine is known, K
+    #[arg(long, value_name = "K")]
+    temperature_range_k: Option<f64>,
+    /// Expansion coefficient of the machine, µm/(m·K); without it that of the file
+    #[arg(long, value_name = "UM_PER_M_K")]
+    expansion: Option<f64>,
+    /// Range within which that coefficient is known, µm/(m·K)
+    #[arg(long, value_name = "UM_PER_M_K")]
+    expansion_range: Option<f64>,
+    /// Temperature of the machine, °C; without it the material temperature of the file that is farthest from 20 °C
+    #[arg(long, value_name = "DEGC", allow_hyphen_values = true)]
+    machine_degc: Option<f64>,
+    /// Range of a drift test as long as the measurement, µm
+    #[arg(long, value_name = "UM")]
+    environment_um: Option<f64>,
+}
+
+impl UncertaintyOptions {
+    /// Whether any of them is given.
+    pub(crate) fn stated(&self) -> bool {
+        *self != Self::default()
+    }
+
+    /// The inputs, with what the file knows of its surroundings.
+    pub(crate) fn inputs(&self, environment: &Environment) -> UncertaintyInputs {
+        let sensors = environment.material_temperature.iter().flatten();
+        let farthest = sensors
+            .flat_map(|sensor| [sensor.start, sensor.end])
+            .map(|degc| degc - REFERENCE_DEGC)
+            .max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let of_file = environment.expansion_coefficient.map(|c| c.start);
+        UncertaintyInputs {
+            device_um_per_m: self.device_um_per_m,
+            device_um: self.device_um,
+            misalignment_mm: self.misalignment_mm,
+            temperature_range_k: self.temperature_range_k,
+            // A coefficient of 0 in a file says that nothing was compensated, not what the machine is made of.
+            expansion_um_per_m_k: self.expansion.or(of_file.filter(|c| *c > 0.0)),
+            expansion_range_um_per_m_k: self.expansion_range,
+            from_20_degc_k: self.machine_degc.map(|t| t - REFERENCE_DEGC).or(farthest),
+            environment_um: self.environment_um,
+        }
     }
 }

@@ -15,16 +15,15 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::judged::{Judgement, decision_text, quantities_text, tolerances};
 use super::{Arguments, Standard};
 use crate::{
     commands::{
-        Answer, fixed,
-        several::{Evaluated, evaluated},
-        table, table_text,
+        Answer,
+        evaluation::{Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances},
+        fixed, table, table_text,
     },
     failure::Failure,
-    table::folded,
+    table::{folded, or_dash},
     unit,
 };
 
@@ -306,7 +305,7 @@ fn quantities(
 }
 
 fn number(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| fixed(value, 2))
+    or_dash(value, 2)
 }
 
 fn text(

@@ -4,7 +4,7 @@ use std::{fmt::Write, path::Path};
 
 use volcomp_model::MapGrid;
 
-use super::node::Node;
+use super::Node;
 use crate::{failure::Failure, output::OutputFile};
 
 /// The arrays of a node in a file besides its place, names with units: errors (µm, µrad) and their standard
@@ -170,7 +170,6 @@ impl TextFormat {
     pub(super) fn lines(self, pass: usize, axes: usize, nodes: &[Node]) -> String {
         let mut text = String::new();
         for node in nodes {
-            // Writing to a String cannot fail.
             let _ = match self {
                 Self::Csv => csv_line(&mut text, axes, node),
                 Self::Vtk(_) => {
@@ -214,7 +213,6 @@ fn vti_head(grid: &MapGrid) -> String {
     for place in 0..3 {
         let nodes = nodes_along(grid, place);
         let step = nodes.get(1).map_or(1.0, |second| second - nodes[0]);
-        // Writing to a String cannot fail.
         let _ = write!(extent, "0 {} ", nodes.len() - 1);
         let _ = write!(origin, "{} ", nodes[0]);
         let _ = write!(spacing, "{step} ");
@@ -234,7 +232,6 @@ fn vtr_head(grid: &MapGrid) -> String {
         let nodes = nodes_along(grid, place);
         let name = ["X_mm", "Y_mm", "Z_mm"][place];
         let shown: Vec<String> = nodes.iter().map(ToString::to_string).collect();
-        // Writing to a String cannot fail.
         let _ = write!(extent, "0 {} ", nodes.len() - 1);
         let _ = writeln!(
             coordinates,

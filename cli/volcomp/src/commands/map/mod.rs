@@ -1,27 +1,21 @@
 //! `volcomp map`: the error on a grid over the travels, and its uncertainty.
 
 mod field;
-mod model;
-mod node;
 #[cfg(feature = "parquet")]
 mod parquet;
-mod rigid;
-mod work;
 
-use std::{fmt::Write, path::PathBuf};
+use std::{fmt::Write, path::PathBuf, str::FromStr};
 
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_kinematics::Form;
-use volcomp_model::MapGrid;
-
-use self::{
-    field::Field,
-    model::Model,
-    node::Node,
-    rigid::{AllAxes, Beside, all_axes},
-    work::{Found, Largest, Work},
+use volcomp_kinematics::{Form, State, nalgebra::Vector3, volumetric_error};
+use volcomp_model::{
+    Ensemble, ErrorField, Lengths, Machine, MapGrid, RigidSums, Temperatures, Tolerance,
+    UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
 };
+
+use self::field::{Field, TextFormat};
 use super::{
     Answer, ByAxis, fixed, machine_notes,
     not_counted::{NotCounted, all_over, words},
@@ -31,6 +25,7 @@ use crate::{
     compensation::{Compensated, Compensation, CompensationArguments},
     failure::Failure,
     points::{MachineArguments, OthersArguments},
+    progress,
     table::folded,
 };
 
@@ -41,6 +36,10 @@ use crate::{
 /// volumetric error over poses of all axes, after one best-fit rigid-body alignment of the workpiece: it is that of `report` for this tool, does not depend on
 /// the grid, and with --uncertainty has its uncertainty. Ctrl-C leaves no unfinished file.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp map -m gantry.toml --grid 21x21x21 -o map.vti
+  volcomp map -m calibrated.toml --grid 5x5x5 --truth truth.toml")]
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
@@ -265,7 +264,6 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
     describe(&mut text, error, map.largest_um, map.position_um, &map.at);
     let um = [map.rms_um, map.form_rms_um, map.form_max_um].map(|um| fixed(um, 3));
     let [rms, form, most] = um;
-    // Writing to a String cannot fail.
     let _ = writeln!(
         text,
         "root mean square {rms} µm; after alignment of the workpiece\n  root mean square {form} µm, largest {most} µm"
@@ -279,7 +277,6 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
             text += &folded(&not_counted, "  ");
         }
     }
-    // Writing to a String cannot fail.
     let _ = match map.tolerance_nm {
         Some(nm) => writeln!(
             text,
@@ -312,7 +309,6 @@ fn over_all_axes(of: &AllAxes) -> String {
     );
     if let Some(u) = &of.uncertainty {
         let [rms, largest, turn] = [u.rms_um, u.largest_um, u.rms_urad].map(|size| fixed(size, 3));
-        // Writing to a String cannot fail.
         let _ = writeln!(
             text,
             "  standard uncertainty: root mean square {rms} µm, largest {largest} µm\n    of the whole rotation {turn} µrad; the largest at {}",
@@ -332,7 +328,6 @@ fn pose_text(at: &ByAxis) -> String {
 fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], at: &ByAxis) {
     let at = at.iter().map(|(name, place)| format!("{name}={place}"));
     let at: Vec<String> = at.collect();
-    // Writing to a String cannot fail.
     let _ = writeln!(
         text,
         "{what} {} µm [{}, {}, {}]\n  at {}",
@@ -362,4 +357,420 @@ fn parse_grid(text: &str) -> Result<[usize; 3], Failure> {
                 "--grid: found `{text}`, expected three counts of nodes from 1: 21x21x21"
             ))
         })
+}
+
+/// The form of the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Model {
+    /// The chain with the curves of the machine file.
+    Form(Form),
+    /// The compiled machine: curves as piecewise cubics, errors to first order.
+    Compiled,
+}
+
+impl FromStr for Model {
+    type Err = &'static str;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match name {
+            "compiled" => Ok(Self::Compiled),
+            _ => name
+                .parse()
+                .map(Self::Form)
+                .map_err(|_| "unknown model form, expected compiled, exact, htm or twist"),
+        }
+    }
+}
+
+impl Model {
+    /// The name on the command line.
+    fn name(self) -> String {
+        match self {
+            Self::Form(form) => form.to_string(),
+            Self::Compiled => "compiled".to_owned(),
+        }
+    }
+
+    /// How far a compiled curve may be from its source, nm and nrad.
+    fn tolerance_nm(self) -> Option<f64> {
+        (self == Self::Compiled).then(|| Tolerance::default().linear_mm * 1e6)
+    }
+
+    /// The function that computes the error at a state: position (mm) and rotation (rad) in workpiece axes.
+    fn errors<'a>(
+        self,
+        machine: &'a Machine,
+        temperatures: &Temperatures,
+    ) -> Result<ErrorAt<'a>, Failure> {
+        match self {
+            Self::Form(form) => {
+                let source = machine.source(temperatures);
+                Ok(Box::new(move |state| {
+                    let found = volumetric_error(machine.chain(), &source, state, form);
+                    let (p, r) = (found.position_mm, found.rotation_rad);
+                    [p.x, p.y, p.z, r.x, r.y, r.z]
+                }))
+            }
+            Self::Compiled => {
+                let compiled = machine.compile_at(Tolerance::default(), temperatures)?;
+                Ok(Box::new(move |state| compiled.evaluate(state).into_six()))
+            }
+        }
+    }
+}
+
+/// One node of the map: where it is, and the error of the tool there in workpiece axes, mm and rad.
+#[derive(Clone, Copy)]
+struct Node {
+    /// Coordinates along the axes of the grid, mm.
+    at_mm: [f64; 3],
+    /// Where the tip is to be, in workpiece axes, mm.
+    tip_mm: Vector3<f64>,
+    /// Position (mm) and rotation (rad) error.
+    error: [f64; 6],
+    /// Standard uncertainty of the six, where it was asked for.
+    uncertainty: Option<[f64; 6]>,
+}
+
+impl Node {
+    /// The error in the units of the files: three of position in µm, three of rotation in µrad.
+    fn in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.error)
+    }
+
+    /// The standard uncertainty in the units of the files; zero where it was not asked for.
+    fn uncertainty_in_file_units(&self) -> [f64; 6] {
+        in_file_units(&self.uncertainty.unwrap_or_default())
+    }
+}
+
+/// Three lengths in mm and three angles in rad, as µm and µrad.
+fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
+    let [x, y, z, a, b, c] = six;
+    [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
+}
+
+/// Nodes that one core takes at a time.
+const CHUNK: usize = 4096;
+
+/// Computes position (mm) and rotation (rad) at a state.
+type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
+
+/// The inputs from which a node is computed.
+struct Work<'a> {
+    machine: &'a Machine,
+    errors: ErrorAt<'a>,
+    ensemble: Option<&'a Ensemble>,
+    grid: &'a MapGrid,
+}
+
+impl Work<'_> {
+    /// Every node once: in chunks on all cores, written in order.
+    fn go_through(&self, pass: usize, field: &mut Field, found: &mut Found) -> Result<(), Failure> {
+        let bar = progress::bar(self.grid.len(), "nodes");
+        let format = field.text_format().map(|(format, _)| format);
+        let count = self.grid.len();
+        // With an uncertainty a node takes as long as hundreds without.
+        let size = if self.ensemble.is_some() {
+            CHUNK / 64
+        } else {
+            CHUNK
+        };
+        let at_once = size * 4 * rayon::current_num_threads();
+        for from in (0..count).step_by(at_once) {
+            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(size).collect();
+            let chunks: Vec<Chunk> = starts
+                .into_par_iter()
+                .map(|start| self.chunk(start..count.min(start + size), pass, format))
+                .collect();
+            for chunk in &chunks {
+                field.write(&chunk.nodes, &chunk.text)?;
+                found.largest.take(&chunk.largest);
+                if pass == 0 {
+                    found.sums.merge(&chunk.sums);
+                    found.lengths.merge(&chunk.lengths);
+                }
+                bar.inc(chunk.nodes.len() as u64);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// What the nodes show after one alignment of them all: every node once more.
+    fn beside(&self, found: &Found) -> Beside {
+        let motion = found.sums.motion();
+        let count = self.grid.len();
+        let mut left = Lengths::default();
+        let at_once = CHUNK * 4 * rayon::current_num_threads();
+        for from in (0..count).step_by(at_once) {
+            let starts: Vec<usize> = (from..count.min(from + at_once)).step_by(CHUNK).collect();
+            let of_chunk = |start: usize| {
+                let mut left = Lengths::default();
+                for index in start..count.min(start + CHUNK) {
+                    let (_, state) = self.grid.node(self.machine, index);
+                    let tip_mm = self.machine.chain().ideal_tip_mm(&state);
+                    left.take(&motion.left_mm(&tip_mm, &position(&(self.errors)(&state))));
+                }
+                left
+            };
+            let chunks: Vec<Lengths> = starts.into_par_iter().map(of_chunk).collect();
+            for chunk in &chunks {
+                left.merge(chunk);
+            }
+        }
+        Beside {
+            as_they_are: found.lengths,
+            left,
+        }
+    }
+
+    fn chunk(
+        &self,
+        nodes: core::ops::Range<usize>,
+        pass: usize,
+        format: Option<TextFormat>,
+    ) -> Chunk {
+        let nodes: Vec<Node> = nodes.map(|index| self.node(index)).collect();
+        let mut largest = Largest::default();
+        let (mut sums, mut lengths) = (RigidSums::default(), Lengths::default());
+        for node in &nodes {
+            largest.see(node);
+            let error = position(&node.error);
+            sums.take(&node.tip_mm, &error);
+            lengths.take(&error);
+        }
+        let lines = |format: TextFormat| format.lines(pass, self.grid.axes.len(), &nodes);
+        Chunk {
+            text: format.map(lines).unwrap_or_default(),
+            largest,
+            sums,
+            lengths,
+            nodes,
+        }
+    }
+
+    fn node(&self, index: usize) -> Node {
+        let (at_mm, state) = self.grid.node(self.machine, index);
+        Node {
+            at_mm,
+            tip_mm: self.machine.chain().ideal_tip_mm(&state),
+            error: (self.errors)(&state),
+            uncertainty: self.ensemble.map(|e| e.standard_uncertainty(&state)),
+        }
+    }
+}
+
+struct Chunk {
+    nodes: Vec<Node>,
+    text: String,
+    largest: Largest,
+    sums: RigidSums,
+    lengths: Lengths,
+}
+
+/// What all nodes show.
+#[derive(Default)]
+struct Found {
+    largest: Largest,
+    /// Their position errors, for the alignment.
+    sums: RigidSums,
+    lengths: Lengths,
+}
+
+/// The nodes with the largest position error and its largest uncertainty; of equal ones the first.
+#[derive(Clone, Copy, Default)]
+struct Largest {
+    error: Option<(f64, Node)>,
+    uncertainty: Option<(f64, Node)>,
+}
+
+impl Largest {
+    fn see(&mut self, node: &Node) {
+        keep(&mut self.error, length(&node.error), node);
+        if let Some(uncertainty) = &node.uncertainty {
+            keep(&mut self.uncertainty, length(uncertainty), node);
+        }
+    }
+
+    fn take(&mut self, other: &Self) {
+        for (into, found) in [
+            (&mut self.error, &other.error),
+            (&mut self.uncertainty, &other.uncertainty),
+        ] {
+            if let Some((length, node)) = found {
+                keep(into, *length, node);
+            }
+        }
+    }
+}
+
+fn keep(most: &mut Option<(f64, Node)>, length: f64, node: &Node) {
+    if most.as_ref().is_none_or(|(before, _)| length > *before) {
+        *most = Some((length, *node));
+    }
+}
+
+/// Length of the position error, mm.
+fn length([x, y, z, ..]: &[f64; 6]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+/// The volumetric error over poses of all axes, the same ones each time.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxes {
+    /// Number of poses.
+    pub(crate) poses: usize,
+    /// Root of the mean square of the length of the position error, µm.
+    pub(crate) rms_um: f64,
+    /// Length of the largest position error, µm.
+    pub(crate) max_um: f64,
+    /// Root of the mean square after alignment of the workpiece, µm.
+    pub(crate) form_rms_um: f64,
+    /// Largest error of the tool tip after alignment, searched from the worst poses, µm.
+    pub(crate) form_max_um: f64,
+    /// The pose of that error, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Largest tilt of the tool axis after alignment, µrad.
+    pub(crate) tilt_max_urad: f64,
+    /// Root of the mean square of the rotation error, µrad.
+    pub(crate) rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_rms_urad: f64,
+    /// Root of the mean square of the tilt of the tool axis: the part of the rotation error across it, µrad.
+    pub(crate) tilt_rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_tilt_rms_urad: f64,
+    /// Root of the mean square of the rotation error about the tool axis, which no tool that turns shows, µrad.
+    pub(crate) about_tool_rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_about_tool_rms_urad: f64,
+    /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty: Option<AllAxesUncertainty>,
+}
+
+/// The standard uncertainty (k = 1) of the errors over poses of all axes.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxesUncertainty {
+    /// Root of the mean square of its length, position, µm.
+    pub(crate) rms_um: f64,
+    /// The largest length, position, µm.
+    pub(crate) largest_um: f64,
+    /// The pose with the largest, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Root of the mean square of its length, rotation, µrad.
+    pub(crate) rms_urad: f64,
+    /// The largest length, rotation, µrad.
+    pub(crate) largest_urad: f64,
+}
+
+/// How large errors of position are as they are, and after alignment, mm.
+#[derive(Clone, Copy)]
+struct Beside {
+    as_they_are: Lengths,
+    left: Lengths,
+}
+
+/// How large rotations are: whole, across the tool axis, which they tilt, and about it, which no tool that turns shows.
+#[derive(Clone, Copy, Default)]
+struct Turns {
+    whole: Lengths,
+    tilt: Lengths,
+    about_tool: Lengths,
+}
+
+impl Turns {
+    fn take(&mut self, turn: &Vector3<f64>, tool_axis: &Vector3<f64>) {
+        let about = tool_axis * tool_axis.dot(turn);
+        self.whole.take(turn);
+        self.tilt.take(&(turn - about));
+        self.about_tool.take(&about);
+    }
+}
+
+/// The position part of an error.
+fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(*x, *y, *z)
+}
+
+/// The errors over poses of all axes, and with an ensemble their uncertainty.
+fn all_axes(
+    machine: &Machine,
+    errors: &ErrorAt<'_>,
+    ensemble: Option<&Ensemble>,
+) -> Result<AllAxes, Failure> {
+    let field = ErrorField {
+        tool: "",
+        machine,
+        errors,
+    };
+    let volumetric = volumetric(&[field])?;
+    let motion = volumetric.alignment;
+    let poses = poses_of_all_axes(machine)?;
+    let found: Vec<[f64; 6]> = poses.par_iter().map(errors).collect();
+    let chain = machine.chain();
+    let tools = poses
+        .iter()
+        .map(|pose| chain.ideal_pose(pose).rotation * chain.tool_axis());
+    let [mut turns, mut turns_left] = [Turns::default(); 2];
+    for (tool_axis, error) in tools.zip(&found) {
+        let [.., a, b, c] = *error;
+        let turn = Vector3::new(a, b, c);
+        let tool_axis = &tool_axis;
+        turns.take(&turn, tool_axis);
+        turns_left.take(&motion.left_rad(&turn), tool_axis);
+    }
+    Ok(AllAxes {
+        poses: volumetric.poses,
+        rms_um: 1e3 * volumetric.rms_mm,
+        max_um: 1e3 * volumetric.max_mm,
+        form_rms_um: 1e3 * volumetric.position_rms_mm,
+        form_max_um: 1e3 * volumetric.position.value,
+        at: volumetric.position.at.into_iter().collect(),
+        tilt_max_urad: 1e6 * volumetric.tilt.value,
+        rms_urad: 1e6 * turns.whole.rms(),
+        form_rms_urad: 1e6 * turns_left.whole.rms(),
+        tilt_rms_urad: 1e6 * turns.tilt.rms(),
+        form_tilt_rms_urad: 1e6 * turns_left.tilt.rms(),
+        about_tool_rms_urad: 1e6 * turns.about_tool.rms(),
+        form_about_tool_rms_urad: 1e6 * turns_left.about_tool.rms(),
+        uncertainty: ensemble.map(|ensemble| {
+            uncertainty(
+                machine,
+                ensemble,
+                &poses[..UNCERTAINTY_POSES.min(poses.len())],
+            )
+        }),
+    })
+}
+
+/// How uncertain the errors are over poses of all axes.
+fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
+    let bar = progress::bar(poses.len(), "poses");
+    let of = |pose: &State| {
+        let six = ensemble.standard_uncertainty(pose);
+        bar.inc(1);
+        six
+    };
+    let found: Vec<[f64; 6]> = poses.par_iter().map(of).collect();
+    bar.finish_and_clear();
+    let [mut lengths, mut turns] = [Lengths::default(); 2];
+    let mut most: Option<(f64, &State)> = None;
+    for (six, pose) in found.iter().zip(poses) {
+        let [.., a, b, c] = *six;
+        let length = position(six);
+        lengths.take(&length);
+        turns.take(&Vector3::new(a, b, c));
+        if most.is_none_or(|(before, _)| length.norm() > before) {
+            most = Some((length.norm(), pose));
+        }
+    }
+    AllAxesUncertainty {
+        rms_um: 1e3 * lengths.rms(),
+        largest_um: 1e3 * lengths.max(),
+        at: most.map_or_else(ByAxis::new, |(_, pose)| machine.coordinates(pose)),
+        rms_urad: 1e6 * turns.rms(),
+        largest_urad: 1e6 * turns.max(),
+    }
 }

@@ -1,0 +1,504 @@
+//! `volcomp correct`: what must be added to a command.
+
+use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
+
+use csv::WriterBuilder;
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_document::{Column, CsvTable};
+use volcomp_kinematics::{CorrectionOptions, State, correct};
+use volcomp_model::{Ensemble, Machine, Temperatures};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+
+use super::{
+    Answer, ByAxis, in_degrees, machine_notes, micro, micrometres, microradians,
+    not_counted::{NotCounted, words},
+    outside::{Outside, joined, outside, outside_note, remarks},
+    uncertainty::UncertaintyArguments,
+};
+use crate::{
+    failure::Failure,
+    output::OutputFile,
+    points::{ApproachArguments, MachineArguments, PointArguments, axis},
+    table::{fixed, folded, table, table_text},
+};
+
+/// The correction at a position: what must be added to the command
+///
+/// Corrections are in µm for linear and in µrad for rotary axes. The corrected position, in mm and deg, is the command
+/// with the correction added.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  volcomp correct -m five-axis.toml --at X=100,Y=50,B=30,C=45
+  volcomp correct -m gantry.toml --points points.csv -o corrected.csv")]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: MachineArguments,
+    #[command(flatten)]
+    points: PointArguments,
+    #[command(flatten)]
+    approach: ApproachArguments,
+    /// The axes that may move to correct: X,Y,Z; default: what the machine file says, else one axis of each direction
+    #[arg(long, alias = "correct", value_delimiter = ',')]
+    axes: Vec<String>,
+    /// CSV file for the positions, corrected positions (mm, deg) and corrections (µm, µrad), with every column of
+    /// --points; columns of an earlier correction are replaced
+    #[arg(long, short)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    uncertainty: UncertaintyArguments,
+}
+
+/// The correction at one commanded position.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct CorrectionAt {
+    /// The correction to be added to the command: µm for linear axes, µrad for rotary axes.
+    correction: ByAxis,
+    /// The standard uncertainty (k = 1) of the correction: µm for linear axes, µrad for rotary axes; only with
+    /// `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uncertainty: Option<ByAxis>,
+    /// The errors that the observations do not determine, which the uncertainty does not count, the one that moves the tool most
+    /// first; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_counted: Option<Vec<NotCounted>>,
+    /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
+    residual_um: [f64; 3],
+    /// Error of the tool axis that the correction leaves, in workpiece axes, µrad.
+    residual_axis_urad: [f64; 3],
+    /// How many Newton steps were taken.
+    iterations: usize,
+    /// Whether these steps brought what the axes can correct below 1e-5 µm and 1e-4 µrad.
+    converged: bool,
+    /// Whether a direction of the tool axis cannot be corrected: near a singular pose, or with fewer than two
+    /// rotary axes.
+    singular: bool,
+    /// Whether the pose is within about 6° of a singular one of two rotary axes, where rotary corrections are more
+    /// than ten times the error of the tool axis, or leave a direction of it out.
+    near_singular: bool,
+    /// The commanded position, mm or deg.
+    command: ByAxis,
+    /// The command with the correction added, mm or deg.
+    corrected: ByAxis,
+    #[serde(flatten)]
+    outside: Outside,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let (machine, temperatures) = arguments.machine.read()?;
+    let states = arguments.points.states(&machine, &arguments.approach)?;
+    let options = options(&machine, &arguments.axes)?;
+    let file = match &arguments.output {
+        Some(path) => {
+            let mut inputs = vec![(arguments.machine.machine.as_path(), "--machine")];
+            inputs.extend(arguments.points.points.as_deref().map(|p| (p, "--points")));
+            Some(OutputFile::open_beside(path, &inputs)?)
+        }
+        None => None,
+    };
+    let mut uncertain = Vec::new();
+    let ensemble = match arguments.uncertainty.read(&machine, &mut uncertain)? {
+        Some(measured) => {
+            let from = &arguments.uncertainty;
+            Some(from.ensemble(&measured, &machine, &mut uncertain)?)
+        }
+        None => None,
+    };
+    let (ensemble, open) = ensemble.unzip();
+    let columns = Columns::new(&machine, states.table(), ensemble.is_some());
+    let row = |state: &State| CorrectionAt {
+        uncertainty: ensemble
+            .as_ref()
+            .map(|ensemble| uncertainty(ensemble, &machine, state, &options)),
+        not_counted: open.as_ref().map(|open| open.at(&[*state])),
+        ..evaluate(&machine, state, &temperatures, &options)
+    };
+    let rows: Vec<CorrectionAt> = states.states().iter().map(row).collect();
+    if let Some(file) = file {
+        file.write_whole(&columns.csv(&rows)?)?;
+    }
+    let rotary = movable_rotary(&machine, &options);
+    let text = text(&machine, &rows, rotary);
+    let notes = [
+        states.note(),
+        outside_note(rows.iter().map(|row| &row.outside)),
+        one_rotary_note(&machine, &options),
+        not_converged_note(&rows),
+        arguments.output.as_ref().and(columns.replaced_note()),
+    ];
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    notes.extend(machine_notes(&machine, &temperatures));
+    notes.extend(uncertain);
+    Answer::new(&states.document(rows), text, notes)
+}
+
+fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, Failure> {
+    let mut options = machine.correction_options();
+    if letters.is_empty() {
+        return Ok(options);
+    }
+    let mut names: Vec<AxisName> = Vec::new();
+    for letter in letters {
+        let name = axis("--axes", letter.trim())?;
+        if names.contains(&name) {
+            return Err(Failure::Input(format!(
+                "--axes: axis {name} stands twice, expected axis letters, each once: X,Y,Z"
+            )));
+        }
+        machine.index_of(name)?;
+        names.push(name);
+    }
+    // Each letter once: never more than there are.
+    options.correct = Some(names.into_iter().collect());
+    Ok(options)
+}
+
+fn evaluate(
+    machine: &Machine,
+    state: &State,
+    temperatures: &Temperatures,
+    options: &CorrectionOptions,
+) -> CorrectionAt {
+    let found = machine.correction_at(state, temperatures, options);
+    let joints = machine.chain().joints().iter().enumerate();
+    let by_axis = |value: &dyn Fn(usize, AxisKind) -> f64| {
+        let values = joints
+            .clone()
+            .map(|(index, joint)| (joint.name, value(index, joint.kind)));
+        values.collect()
+    };
+    CorrectionAt {
+        uncertainty: None,
+        not_counted: None,
+        correction: by_axis(&|index, kind| micro(kind, found.delta[index])),
+        residual_um: micrometres(&found.residual_mm),
+        residual_axis_urad: microradians(&found.residual_axis),
+        iterations: found.iterations,
+        converged: found.converged,
+        singular: found.tool_axis_partial,
+        near_singular: found.near_singular,
+        command: machine.coordinates(state),
+        corrected: by_axis(&|index, kind| in_degrees(kind, state.q[index] + found.delta[index])),
+        outside: outside(machine, state),
+    }
+}
+
+/// The standard uncertainty of the correction of each axis, µm or µrad: the spread over the drawn machines, each of which
+/// is corrected exactly.
+fn uncertainty(
+    ensemble: &Ensemble,
+    machine: &Machine,
+    state: &State,
+    options: &CorrectionOptions,
+) -> ByAxis {
+    let spread = ensemble.uncertainty_of(|drawn| {
+        let found = correct(drawn.chain(), drawn, state, options);
+        std::array::from_fn::<f64, MAX_AXES, _>(|index| found.delta[index])
+    });
+    let joints = machine.chain().joints().iter().zip(spread);
+    joints
+        .map(|(joint, spread)| (joint.name, micro(joint.kind, spread)))
+        .collect()
+}
+
+/// With a single rotary axis the tool axis is never wholly corrected, which is said once.
+fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<String> {
+    (movable_rotary(machine, options) == 1).then(|| {
+        "one rotary axis may move: the tool axis is corrected in one direction only".to_owned()
+    })
+}
+
+/// Names the positions whose correction the solver did not bring to an end.
+fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
+    let open = rows.iter().filter(|row| !row.converged).count();
+    (open > 0).then(|| {
+        format!(
+            "{open} of {} corrections did not converge: what they leave is in the residual; check the errors of the machine file near these positions",
+            rows.len()
+        )
+    })
+}
+
+/// How many rotary axes may move to correct.
+fn movable_rotary(machine: &Machine, options: &CorrectionOptions) -> usize {
+    options.correctors(machine.chain()).rotary().len()
+}
+
+/// The length of a vector.
+fn norm(v: &[f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// The text for people. `rotary` is how many rotary axes may move.
+fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
+    match rows {
+        [row] => one(row, rotary),
+        _ => many(machine, rows, rotary),
+    }
+}
+
+fn one(row: &CorrectionAt, rotary: usize) -> String {
+    let mut header = vec!["axis", "command", "correction", "corrected", ""];
+    if row.uncertainty.is_some() {
+        header.push("u");
+    }
+    let mut axes = table(&header);
+    for (&name, correction) in &row.correction {
+        let number = |values: &ByAxis, digits| {
+            let value = values.get(&name).copied().unwrap_or(0.0);
+            fixed(value, digits)
+        };
+        let mut cells = vec![
+            name.to_string(),
+            number(&row.command, 4),
+            format!("{} {}", fixed(*correction, 3), name.kind().micro_symbol()),
+            number(&row.corrected, 6),
+            name.kind().coordinate_unit().to_owned(),
+        ];
+        if let Some(uncertainty) = &row.uncertainty {
+            let symbol = name.kind().micro_symbol();
+            cells.push(format!("{} {symbol}", number(uncertainty, 3)));
+        }
+        axes.add_row(cells);
+    }
+    let mut text = table_text(&axes);
+    let _ = write!(
+        text,
+        "\nresidual {} µm, tool axis {} µrad{}",
+        fixed(norm(&row.residual_um), 3),
+        fixed(norm(&row.residual_axis_urad), 3),
+        if is_singular(row, rotary) {
+            " (singular: not fully correctable here)"
+        } else if row.near_singular {
+            " (near a singular pose: large rotary corrections)"
+        } else {
+            ""
+        }
+    );
+    text.push('\n');
+    let outside = row.outside.words();
+    let not_counted = words(row.not_counted.as_deref().unwrap_or_default(), "here");
+    for sentence in [outside, not_counted] {
+        if !sentence.is_empty() {
+            text += &folded(&sentence, "");
+        }
+    }
+    text
+}
+
+fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
+    let mut names: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
+    names.sort_unstable();
+    let mut header = vec![String::new()];
+    header.extend(
+        names
+            .iter()
+            .map(|name| format!("{name} {}", name.kind().micro_symbol())),
+    );
+    if rows.iter().any(|row| row.uncertainty.is_some()) {
+        let uncertain = names.iter();
+        header.extend(uncertain.map(|name| format!("u {name} {}", name.kind().micro_symbol())));
+    }
+    header.extend(["residual µm", "axis µrad"].map(str::to_owned));
+    let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (index, row) in rows.iter().enumerate() {
+        let mut cells = vec![(index + 1).to_string()];
+        cells.extend(row.correction.values().map(|value| fixed(*value, 3)));
+        if let Some(uncertainty) = &row.uncertainty {
+            cells.extend(uncertainty.values().map(|value| fixed(*value, 3)));
+        }
+        cells.push(fixed(norm(&row.residual_um), 3));
+        cells.push(fixed(norm(&row.residual_axis_urad), 3));
+        table.add_row(cells);
+    }
+    let said = rows.iter().map(|row| {
+        let singular = if is_singular(row, rotary) {
+            Some("singular, the tool axis is not fully correctable")
+        } else {
+            row.near_singular
+                .then_some("near singular, rotary corrections are large")
+        };
+        let singular = singular.map(str::to_owned);
+        let parts = singular.into_iter().chain([row.outside.words()]);
+        let parts: Vec<String> = parts.filter(|part| !part.is_empty()).collect();
+        parts.join("; ")
+    });
+    let not_counted = worst(rows);
+    let not_counted = words(&not_counted, "at one of these positions");
+    let mut text = table_text(&table) + &remarks(said);
+    if !not_counted.is_empty() {
+        text += &folded(&not_counted, "");
+    }
+    text
+}
+
+/// What the uncertainties do not count, each at the position where it moves the tool most.
+fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
+    let mut all: Vec<NotCounted> = rows
+        .iter()
+        .filter_map(|row| row.not_counted.clone())
+        .flatten()
+        .collect();
+    all.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
+    let mut seen = BTreeSet::new();
+    all.retain(|of| seen.insert(of.unknown.clone()));
+    all
+}
+
+/// Whether the tool axis cannot be corrected at a pose where other poses of the machine can.
+fn is_singular(row: &CorrectionAt, rotary: usize) -> bool {
+    row.singular && rotary >= 2
+}
+
+/// The columns of the file. Separator and decimal mark are those of the table that was read.
+struct Columns<'t> {
+    table: Option<&'t CsvTable>,
+    /// The columns of the table that are written as they were read.
+    carried: Vec<(Column, &'t str)>,
+    /// The names of columns of the table in whose place new ones are written.
+    replaced: Vec<&'t str>,
+    /// The axes in the order of their columns.
+    axes: Vec<AxisName>,
+    /// Whether uncertainties are written.
+    uncertain: bool,
+}
+
+impl<'t> Columns<'t> {
+    /// The columns for a machine, with those of the table that was read.
+    fn new(machine: &Machine, table: Option<&'t CsvTable>, uncertain: bool) -> Self {
+        let mut axes: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
+        axes.sort_unstable();
+        let written = written(&axes, uncertain);
+        let read = table.map(CsvTable::columns).into_iter().flatten();
+        let (replaced, carried): (Vec<_>, Vec<_>) =
+            read.partition(|(_, name)| written.iter().any(|new| new.eq_ignore_ascii_case(name)));
+        Self {
+            table,
+            carried,
+            replaced: replaced.into_iter().map(|(_, name)| name).collect(),
+            axes,
+            uncertain,
+        }
+    }
+
+    /// Says which columns of the table are not carried over because new ones have their names.
+    fn replaced_note(&self) -> Option<String> {
+        (!self.replaced.is_empty()).then(|| {
+            let names = self.replaced.join(", ");
+            format!("columns of --points that are computed anew: {names}")
+        })
+    }
+
+    /// The file: one row for each correction.
+    fn csv(&self, corrections: &[CorrectionAt]) -> Result<Vec<u8>, Failure> {
+        // `,`, `;` and the tab are one byte each.
+        let separator = self.table.map_or(',', CsvTable::separator);
+        let mut writer = WriterBuilder::new()
+            .delimiter(u8::try_from(separator).unwrap_or(b','))
+            .from_writer(Vec::new());
+        let failed = |e: csv::Error| Failure::Work(format!("the CSV file: {e}"));
+        writer.write_record(self.header()).map_err(failed)?;
+        let mut read = self.table.map(CsvTable::rows);
+        for correction in corrections {
+            let row = read.as_mut().and_then(Iterator::next);
+            let mut cells: Vec<String> = match row {
+                Some(row) => {
+                    let carried = self.carried.iter();
+                    carried
+                        .map(|(column, _)| row.cell(*column).text().to_owned())
+                        .collect()
+                }
+                None => self.numbers(correction.command.values()),
+            };
+            cells.extend(self.numbers(correction.corrected.values()));
+            cells.extend(self.numbers(correction.correction.values()));
+            if let Some(uncertainty) = &correction.uncertainty {
+                cells.extend(self.numbers(uncertainty.values()));
+            }
+            if let Some(not_counted) = &correction.not_counted {
+                let told: Vec<String> = not_counted.iter().map(|of| self.told(of)).collect();
+                cells.push(told.join(" / "));
+            }
+            cells.push(self.number(norm(&correction.residual_um)));
+            cells.push(self.number(norm(&correction.residual_axis_urad)));
+            cells.push(correction.singular.to_string());
+            cells.push(joined(&correction.outside.outside_range));
+            cells.push(joined(&correction.outside.outside_travel));
+            writer.write_record(cells).map_err(failed)?;
+        }
+        let written = writer.into_inner();
+        written.map_err(|e| Failure::Work(format!("the CSV file: {}", e.error())))
+    }
+
+    fn header(&self) -> Vec<String> {
+        let mut header: Vec<String> = if self.table.is_some() {
+            let names = self.carried.iter().map(|(_, name)| (*name).to_owned());
+            names.collect()
+        } else {
+            let axes = self.axes.iter();
+            axes.map(|axis| format!("{axis}_{}", axis.kind().coordinate_unit()))
+                .collect()
+        };
+        header.extend(written(&self.axes, self.uncertain));
+        header
+    }
+
+    fn numbers<'a>(&self, values: impl Iterator<Item = &'a f64>) -> Vec<String> {
+        values.map(|value| self.number(*value)).collect()
+    }
+
+    /// What an error that the uncertainty does not count moves the tool by here.
+    fn told(&self, of: &NotCounted) -> String {
+        format!(
+            "{} {} um per {} {}",
+            of.unknown,
+            self.number((of.moves_um * 1e3).round() / 1e3),
+            of.size,
+            of.unit
+        )
+    }
+
+    fn number(&self, value: f64) -> String {
+        let text = fixed(value, 9);
+        let text = if text.contains('e') {
+            text.as_str()
+        } else {
+            text.trim_end_matches('0').trim_end_matches('.')
+        };
+        if self.table.is_some_and(CsvTable::has_decimal_comma) {
+            text.replace('.', ",")
+        } else {
+            text.to_owned()
+        }
+    }
+}
+
+/// The names of the columns that are computed.
+fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
+    let corrected = axes
+        .iter()
+        .map(|axis| format!("{axis}_corrected_{}", axis.kind().coordinate_unit()));
+    let correction = axes.iter().map(|axis| {
+        let unit = axis.kind().micro_unit();
+        format!("{axis}_correction_{unit}")
+    });
+    let uncertainty = axes.iter().filter(|_| uncertain).map(|axis| {
+        let unit = axis.kind().micro_unit();
+        format!("{axis}_u_correction_{unit}")
+    });
+    let not_counted = uncertain.then(|| "u_not_counted".to_owned());
+    let others = [
+        "residual_um",
+        "residual_axis_urad",
+        "singular",
+        "outside_range",
+        "outside_travel",
+    ];
+    corrected
+        .chain(correction)
+        .chain(uncertainty)
+        .chain(not_counted)
+        .chain(others.map(str::to_owned))
+        .collect()
+}
