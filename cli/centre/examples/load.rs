@@ -34,7 +34,7 @@ use volcomp_centre::{
     keys::{Key, write_secret},
     models::NewModel,
     records::{Machine, Origin},
-    rollout::{NewRollout, Phase, Rollout, Rules},
+    rollout::{Phase, Rules},
     store::Store,
 };
 use volcomp_fleet::{
@@ -435,20 +435,10 @@ fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
         ..Rules::default()
     };
     let start = Instant::now();
-    let begin = |id| {
-        let by = "load".to_owned();
-        Rollout::new(
-            id,
-            NewRollout {
-                model: new.model.sha256.clone(),
-                machines: &machines,
-                rules,
-                by,
-                since_s: 0.0,
-            },
-        )
-    };
-    let id = bench.store.start_rollout(begin).unwrap().id;
+    let begun = bench
+        .store
+        .begin_rollout(&new.model.sha256, &machines, rules, "load");
+    let id = begun.unwrap().id;
     loop {
         std::thread::sleep(Duration::from_millis(100));
         let state = bench.store.rollout(id).unwrap().unwrap();

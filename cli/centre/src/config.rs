@@ -7,24 +7,10 @@ use std::{
 };
 
 use serde::Deserialize;
-use volcomp_document::{Document, InputErrors, Mistakes, ReadError};
+use volcomp_document::{Document, Mistakes};
 use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, wrong_address};
 
-use crate::{
-    rollout::{NoRules, Rules},
-    store::Keep,
-};
-
-/// Why there is no configuration.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ConfigError {
-    /// Places in the file.
-    #[error(transparent)]
-    Input(#[from] InputErrors),
-    #[error(transparent)]
-    Read(#[from] ReadError),
-}
+use crate::{Error, rollout::Rules, store::Keep};
 
 /// The table `[store]`.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -89,7 +75,6 @@ impl NatsConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct KeysConfig {
     pub folder: PathBuf,
-    /// The name of the key that signs.
     pub sign_with: String,
 }
 
@@ -112,7 +97,6 @@ pub struct ServerConfig {
     pub store: PathBuf,
     certificate: Option<PathBuf>,
     key: Option<PathBuf>,
-    /// The name of the cluster.
     pub cluster: Option<String>,
     pub cluster_listen: String,
     pub routes: Vec<String>,
@@ -160,7 +144,6 @@ impl PageConfig {
     }
 }
 
-/// The configuration.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -176,10 +159,7 @@ pub struct Config {
 
 impl Config {
     /// Reads a configuration file. Paths in it are relative to its folder.
-    ///
-    /// # Errors
-    /// What is wrong, with file, line and key.
-    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+    pub fn read(path: &Path) -> Result<Self, Error> {
         let document = Document::read(path)?;
         let (mut config, mut mistakes) = document.structure::<Self>(|key| {
             (key == "store.postgres")
@@ -250,16 +230,8 @@ impl Config {
         ] {
             mistakes.range(key, days, 1.0..=36_600.0);
         }
-        if let Err(NoRules {
-            key,
-            found,
-            expected,
-        }) = self.rollout.check()
-        {
-            mistakes.add(
-                &format!("rollout.{key}"),
-                format!("found {found}, expected {expected}"),
-            );
+        if let Err((key, why)) = self.rollout.check() {
+            mistakes.add(&format!("rollout.{key}"), why);
         }
         if server.certificate.is_some() != server.key.is_some() {
             mistakes.add(

@@ -4,6 +4,7 @@ mod machine;
 
 use std::{
     collections::HashMap,
+    fmt::Display,
     net::{SocketAddr, TcpListener as StdListener},
     path::Path,
     sync::Arc,
@@ -13,20 +14,20 @@ use std::{
 use tempfile::TempDir;
 use tokio::task::JoinHandle;
 use volcomp_fleet::{
-    Identity, Keeping, LinkSettings, MachineId, MachineUser, ServerSettings,
-    server::{Server, ServerError},
+    Identity, Keeping, LinkSettings, MachineId, MachineUser, ServerSettings, server::Server,
 };
 use volcomp_model::Machine as ModelMachine;
 
 use self::machine::Simulated;
 use crate::{
-    engine::{Engine, EngineError, Running, Settings},
+    Error,
+    engine::{Engine, Running, Settings},
     http::{PageSettings, PageState, router},
     keys::Key,
-    models::{NewModel, NoModel},
+    models::NewModel,
     records::{Machine, Origin},
     rollout::{Rules, Step, Wish},
-    store::{Keep, Store, StoreError},
+    store::{Keep, Store},
     users::{Password, Role, Token, hash},
 };
 
@@ -54,46 +55,23 @@ const MACHINES: [(&str, &str, &str, &str); 3] = [
 const SITE: &str = "demo";
 const ADMIN: &str = "demo";
 
-/// Why there is no demonstration.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum DemoError {
-    /// The server does not run.
-    #[error(transparent)]
-    Server(#[from] ServerError),
-    /// A file, a folder or a socket.
-    #[error("{what}: {source}")]
-    Io {
-        what: String,
-        /// Why it failed.
-        source: std::io::Error,
-    },
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Engine(#[from] EngineError),
-    /// A built-in model is none.
-    #[error(transparent)]
-    Model(#[from] NoModel),
-    /// There are no random numbers, or keys.
-    #[error("a key: {0}")]
-    Key(String),
+fn drawn() -> Result<Token, Error> {
+    Token::draw().map_err(key)
 }
 
-fn drawn() -> Result<Token, DemoError> {
-    Token::draw().map_err(|e| DemoError::Key(e.to_string()))
+fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Error {
+    let file = what.into();
+    |source| Error::File { file, source }
 }
 
-fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> DemoError {
-    let what = what.into();
-    |source| DemoError::Io { what, source }
+/// There are no random numbers, or keys.
+fn key(error: impl Display) -> Error {
+    Error::Failed(format!("a key: {error}"))
 }
 
 /// A running demonstration, to be ended with [`Demo::end`]. The server ends and the folder goes when it is dropped.
 pub struct Demo {
-    /// The address of the page.
     pub address: SocketAddr,
-    /// The name with which to log in.
     pub user: &'static str,
     /// The password, drawn for this demonstration.
     pub password: String,
@@ -106,10 +84,7 @@ pub struct Demo {
 
 impl Demo {
     /// Starts it on the runtime of the caller; the page listens on `listen`.
-    ///
-    /// # Errors
-    /// What is missing, or does not start.
-    pub async fn start(listen: SocketAddr) -> Result<Self, DemoError> {
+    pub async fn start(listen: SocketAddr) -> Result<Self, Error> {
         let folder = tempfile::tempdir().map_err(io("a temporary folder"))?;
         let std = StdListener::bind(listen).map_err(io(format!("the page on {listen}")))?;
         std.set_nonblocking(true).map_err(io("the page"))?;
@@ -117,7 +92,7 @@ impl Demo {
         let listener = tokio::net::TcpListener::from_std(std).map_err(io("the page"))?;
 
         let pair = || nkeys::KeyPair::new_user();
-        let seed = |pair: &nkeys::KeyPair| pair.seed().map_err(|e| DemoError::Key(e.to_string()));
+        let seed = |pair: &nkeys::KeyPair| pair.seed().map_err(key);
         let centre = pair();
         let machines: Vec<(Machine, nkeys::KeyPair, &str)> = MACHINES
             .iter()
@@ -143,7 +118,8 @@ impl Demo {
         };
         let at = folder.path().to_owned();
         let started = tokio::task::spawn_blocking(move || Server::start(&settings, &at)).await;
-        let server = started.map_err(|e| DemoError::Key(e.to_string()))??;
+        let server = started.map_err(key)?;
+        let server = server.map_err(|error| Error::Failed(error.to_string()))?;
 
         let (store, password) = prepared(folder.path(), &machines)?;
         let link = |seed: String| LinkSettings {
@@ -151,7 +127,7 @@ impl Demo {
             seed,
             roots: None,
         };
-        let key = Key::create(folder.path(), "demo").map_err(|e| DemoError::Key(e.to_string()))?;
+        let key = Key::create(folder.path(), "demo").map_err(key)?;
         let trusted = key.key.verifying_key();
         let settings = Settings {
             link: link(seed(&centre)?),
@@ -163,7 +139,7 @@ impl Demo {
         let engine = Engine::start(Arc::clone(&store), settings).await?;
         let mut tasks = Vec::new();
         for (machine, user, model) in &machines {
-            let truth = ModelMachine::parse(model, "built-in").map_err(NoModel::from)?;
+            let truth = ModelMachine::parse(model, "built-in")?;
             let instance: String = drawn()?.text().chars().take(16).collect();
             let simulated = Simulated::new(machine, truth, instance, trusted);
             tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
@@ -223,7 +199,7 @@ fn notice() -> String {
     )
 }
 
-fn built_in(text: &str, machine: &str) -> Result<NewModel, NoModel> {
+fn built_in(text: &str, machine: &str) -> Result<NewModel, Error> {
     let name = format!("{machine}.toml");
     NewModel::of_text(text.to_owned(), machine, Origin::File { name }, ADMIN)
 }
@@ -234,13 +210,12 @@ fn registered(
     control: &str,
     model: &str,
     user: &nkeys::KeyPair,
-) -> Result<Machine, DemoError> {
-    let wrong = |e: volcomp_fleet::UnknownId| DemoError::Key(e.to_string());
+) -> Result<Machine, Error> {
     let NewModel { model, .. } = built_in(model, name)?;
     Ok(Machine {
         identity: Identity {
-            site: SITE.parse().map_err(wrong)?,
-            machine: name.parse().map_err(wrong)?,
+            site: SITE.parse().map_err(key)?,
+            machine: name.parse().map_err(key)?,
         },
         serial: serial.to_owned(),
         structure: model.structure,
@@ -261,7 +236,7 @@ fn registered(
 fn prepared(
     folder: &Path,
     machines: &[(Machine, nkeys::KeyPair, &str)],
-) -> Result<(Arc<Store>, String), DemoError> {
+) -> Result<(Arc<Store>, String), Error> {
     let store = Store::open(&folder.join("centre.sqlite"))?;
     // 80 bits, in groups that can be typed.
     let letters: Vec<char> = drawn()?.text().chars().take(20).collect();
@@ -270,10 +245,9 @@ fn prepared(
         .map(|group| group.iter().collect())
         .collect();
     let password = groups.join("-");
-    let key = |e: &dyn std::fmt::Display| DemoError::Key(e.to_string());
-    let chosen = Password::chosen(password.clone()).map_err(|e| key(&e))?;
-    let hashed = hash(&chosen).map_err(|e| key(&e))?;
-    let admin = ADMIN.parse().map_err(|e| key(&e))?;
+    let chosen = Password::chosen(password.clone()).map_err(key)?;
+    let hashed = hash(&chosen).map_err(key)?;
+    let admin = ADMIN.parse().map_err(key)?;
     store.add_user(&admin, Role::Admin, &hashed, "centre", "demo")?;
     for (machine, _, text) in machines {
         store.put_machine(machine, ADMIN)?;
@@ -328,7 +302,7 @@ async fn confirm(store: Arc<Store>) {
     }
 }
 
-fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), StoreError> {
+fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Error> {
     let mut waiting = Vec::new();
     for id in store.open_rollouts()? {
         let Some(rollout) = store.rollout(id)? else {
@@ -347,7 +321,7 @@ fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Stor
             let (id, machine, hash) = one.clone();
             match store.wish(id, &Wish::Confirm { machine, hash }, BY) {
                 // It has gone on, or stopped, since it was looked at.
-                Ok(()) | Err(StoreError::NotConfirmed { .. }) => {}
+                Ok(()) | Err(Error::NotConfirmed(_)) => {}
                 Err(error) => return Err(error),
             }
             // The engine takes it up within a second; where it does not, it is wished again after the same while.

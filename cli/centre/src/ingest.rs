@@ -13,11 +13,11 @@ use serde::de::DeserializeOwned;
 use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Received};
 
 use crate::{
+    Error,
     instance::{Header, Instances},
-    point,
-    records::{ConditionMade, Live},
+    records::{Live, Made, Point},
     rollout::Observation,
-    store::{Store, StoreError, history, machines::put_live, models},
+    store::{Store, history, machines::put_live, models},
 };
 
 /// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
@@ -31,7 +31,6 @@ const LARGEST_UM: f64 = 1e9;
 pub struct Heard {
     /// The last of it.
     pub live: Option<Live>,
-    /// Its gateways.
     pub instances: Instances,
     /// What happened since the last look.
     pub since: Since,
@@ -49,7 +48,6 @@ fn corrects(condition: &Condition) -> bool {
 /// What was heard since the last look.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Since {
-    /// How many conditions.
     pub conditions: u64,
     /// The guard was faulted: its reasons.
     pub faulted: Option<String>,
@@ -72,13 +70,11 @@ impl Since {
 /// What a batch brought beside rows.
 #[derive(Debug, Default)]
 pub struct Taken {
-    /// Messages that were new.
     pub stored: u64,
     /// Messages that were stored before.
     pub twice: u64,
 }
 
-/// Takes what machines say.
 pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
     /// Of these the store does not have the last yet.
@@ -88,10 +84,7 @@ pub struct Ingest {
 
 impl Ingest {
     /// Goes on with what the store holds.
-    ///
-    /// # Errors
-    /// The database cannot be read, or a row holds what this program does not write.
-    pub fn of(store: &Store) -> Result<Self, StoreError> {
+    pub fn of(store: &Store) -> Result<Self, Error> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
         for (machine, live) in store.live()? {
             machines.entry(machine).or_default().live = Some(live);
@@ -111,7 +104,7 @@ impl Ingest {
     ///
     /// # Errors
     /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. The same batch may be given again.
-    pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
+    pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, Error> {
         let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
         let taken = store.write(|database| {
             let mut taken = Taken::default();
@@ -142,7 +135,7 @@ impl Ingest {
                     }
                 }
             }
-            Ok::<_, StoreError>(taken)
+            Ok(taken)
         })?;
         self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
@@ -151,10 +144,7 @@ impl Ingest {
 
     /// Stores the last of each machine that was heard since this was called before: once a second is enough, since every
     /// message is stored by itself.
-    ///
-    /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. It may be called again.
-    pub fn store_live(&mut self, store: &Store) -> Result<(), StoreError> {
+    pub fn store_live(&mut self, store: &Store) -> Result<(), Error> {
         if self.changed.is_empty() {
             return Ok(());
         }
@@ -164,7 +154,7 @@ impl Ingest {
             for live in heard {
                 put_live(database, live)?;
             }
-            Ok::<_, StoreError>(())
+            Ok(())
         })?;
         self.changed.clear();
         Ok(())
@@ -175,7 +165,6 @@ impl Ingest {
         self.machines.iter()
     }
 
-    /// A machine that was heard.
     pub fn machine(&self, machine: &MachineId) -> Option<&Heard> {
         self.machines.get(machine)
     }
@@ -191,23 +180,22 @@ impl Ingest {
     pub fn look(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
-    ) -> BTreeMap<MachineId, (Observation, Since)> {
+    ) -> (BTreeMap<MachineId, Observation>, BTreeMap<MachineId, Since>) {
         let look = |(machine, heard): (&MachineId, &mut Heard)| {
             let since = std::mem::take(&mut heard.since);
             let (sum, count) = since.residual;
+            let live = heard.live.as_ref();
             let seen = Observation {
                 heard: (heard.told)
                     .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
-                version: heard.live.as_ref().map_or(0, |live| live.version),
-                corrects: (heard.live.as_ref())
-                    .and_then(|live| live.condition.as_ref())
-                    .is_some_and(corrects),
+                version: live.map_or(0, |live| live.version),
+                corrects: (live.and_then(|live| live.condition.as_ref())).is_some_and(corrects),
                 faulted: since.faulted.clone(),
                 residual_um: (count > 0).then(|| sum / count as f64),
             };
-            (machine.clone(), (seen, since))
+            ((machine.clone(), seen), (machine.clone(), since))
         };
-        self.machines.iter_mut().map(look).collect()
+        self.machines.iter_mut().map(look).unzip()
     }
 
     /// Counts the messages that are missing for good. To be called once a minute.
@@ -235,7 +223,7 @@ fn one(
     taken: &mut Taken,
     heard: &mut Heard,
     message: &Received,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let machine = &message.identity.machine;
     let read = match message.kind {
         Kind::Condition => read(message).map(Body::Condition),
@@ -274,7 +262,7 @@ fn one(
     match body {
         Body::Condition(envelope) => {
             let condition = envelope.body;
-            let text = serde_json::to_string(&point::of(&condition, at_s))?;
+            let text = serde_json::to_string(&Point::of(&condition, at_s))?;
             history::add_recent(database, machine, at_s, &text)?;
             heard.since.conditions += 1;
             if condition.state == "faulted" {
@@ -293,7 +281,7 @@ fn one(
             let waited = Duration::try_from_secs_f64(made.late_s).unwrap_or_default();
             let made_at = Instant::now().checked_sub(waited);
             heard.told = heard.told.max(made_at);
-            live.made = Some(ConditionMade {
+            live.made = Some(Made {
                 at_s: message.stored_s - made.late_s,
                 late_s: made.late_s,
             });

@@ -5,40 +5,21 @@ use rusqlite::Connection;
 use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
 
 use crate::{
+    Error,
     clock::now_s,
-    drift::{in_force, may_be_in_force},
     keys::Key,
-    models::{NoModel, fits},
+    models::fits,
     records::{Machine, Model, Version},
     store::{
-        Issued, Store, StoreError,
+        Issued, Store,
         machines::{live_of, machine_named},
         models::{
             add_version, change_version, clear_desired, model_of, newest, newest_version,
             next_version, text_of, versions_of,
         },
     },
+    versions::{in_force, may_be_in_force},
 };
-
-/// Why nothing is issued.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum NotIssued {
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The model does not fit the machine.
-    #[error(transparent)]
-    Model(#[from] NoModel),
-    /// There is no such machine or model.
-    #[error("found no {what} {name}")]
-    Missing { what: &'static str, name: String },
-    /// The machine has no model yet.
-    #[error("{machine} has no model yet: expected a roll-out first")]
-    NoModelYet { machine: MachineId },
-    /// The manifest cannot be written.
-    #[error(transparent)]
-    Manifest(#[from] volcomp_fleet::NotADesired),
-}
 
 /// What is to be issued.
 #[derive(Clone, Debug)]
@@ -46,20 +27,13 @@ pub struct Order<'a> {
     pub machine: &'a Machine,
     pub model: &'a Model,
     pub text: &'a str,
-    /// The hash that a person has confirmed.
     pub confirm: Option<String>,
-    /// In this roll-out.
     pub rollout: Option<u64>,
-    /// By this person.
     pub by: &'a str,
 }
 
 /// Issues a manifest within a transaction.
-pub(crate) fn issue(
-    database: &Connection,
-    key: &Key,
-    order: &Order<'_>,
-) -> Result<Issued, NotIssued> {
+pub(crate) fn issue(database: &Connection, key: &Key, order: &Order<'_>) -> Result<Issued, Error> {
     let Order { machine, model, .. } = order;
     fits(model, machine)?;
     let name = &machine.identity.machine;
@@ -104,27 +78,14 @@ pub(crate) fn issue(
     })
 }
 
-/// Issues the model that a machine has in force once more, with the settings that it has now: after it was enabled or disabled, or
-/// its intervals were changed. The running centre sends it within a second.
-///
-/// # Errors
-/// There is no such machine, or it has no model.
-pub fn reissue(
-    store: &Store,
-    key: &Key,
-    machine: &MachineId,
-    by: &str,
-) -> Result<Issued, NotIssued> {
-    store.write(|database| reissue_in(database, key, machine, by))
-}
-
-/// The same within a transaction: the machine and its model are those that it has in this transaction.
-pub(crate) fn reissue_in(
+/// Issues the model that a machine has in force once more, with the settings that it has in this transaction: after it was enabled
+/// or disabled, or its intervals were changed.
+fn reissue(
     database: &Connection,
     key: &Key,
     machine: &MachineId,
     by: &str,
-) -> Result<Issued, NotIssued> {
+) -> Result<Issued, Error> {
     // What is under its key goes with its settings: what it waits for, or has. A model that was refused, or that waits for a
     // person, is not sent again by the way: the settings go with the one that is in force, also where nothing is under its key.
     // It stays the model of its roll-out: settings make nothing good.
@@ -141,7 +102,7 @@ pub(crate) fn reissue_in(
             in_force(&versions, live.as_ref()).cloned().or(newest)
         }
     };
-    let version = version.ok_or_else(|| NotIssued::NoModelYet {
+    let version = version.ok_or_else(|| Error::NoModelYet {
         machine: machine.clone(),
     })?;
     issue_again(database, key, machine, &version.model, version.rollout, by)
@@ -155,11 +116,11 @@ fn issue_again(
     sha256: &str,
     rollout: Option<u64>,
     by: &str,
-) -> Result<Issued, NotIssued> {
+) -> Result<Issued, Error> {
     let known = machine_named(database, name)?;
-    let known = known.ok_or_else(|| missing("machine", name.as_str()))?;
-    let model = model_of(database, sha256)?.ok_or_else(|| missing("model", sha256))?;
-    let text = text_of(database, sha256)?.ok_or_else(|| missing("model", sha256))?;
+    let known = known.ok_or_else(|| Error::missing("machine", name))?;
+    let model = model_of(database, sha256)?.ok_or_else(|| Error::missing("model", sha256))?;
+    let text = text_of(database, sha256)?.ok_or_else(|| Error::missing("model", sha256))?;
     let order = Order {
         machine: &known,
         model: &model,
@@ -178,7 +139,7 @@ pub(crate) fn withdraw(
     key: &Key,
     machine: &MachineId,
     rollout: u64,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let of_it = |version: &Version| version.rollout == Some(rollout);
     let newest = newest_version(database, machine)?;
     let is_to_be = |newest: &Version| of_it(newest) && newest.outcome != Some(Outcome::Activated);
@@ -203,13 +164,13 @@ pub(crate) fn withdraw(
             let (model, rollout) = (&before.model, before.rollout);
             issue_again(database, key, machine, model, rollout, "centre")
         }
-        None => Err(NotIssued::NoModelYet {
+        None => Err(Error::NoModelYet {
             machine: machine.clone(),
         }),
     };
     match issued {
         Ok(_) => Ok(()),
-        Err(NotIssued::Store(error)) => Err(error),
+        Err(error) if error.is_of_database() => Err(error),
         // It has had none, or one that fits it no longer.
         Err(_) => clear_desired(database, machine),
     }
@@ -223,18 +184,15 @@ pub fn differs(machine: &Machine, newest: &Version) -> bool {
 
 /// Issues the model of a machine once more where its newest manifest tells other settings than those that it is registered
 /// with. `None`: it tells them already.
-///
-/// # Errors
-/// There is no such machine, or it has no model.
 pub fn settle(
     store: &Store,
     key: &Key,
     machine: &MachineId,
     by: &str,
-) -> Result<Option<Issued>, NotIssued> {
+) -> Result<Option<Issued>, Error> {
     store.write(|database| {
         let known = machine_named(database, machine)?;
-        let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
+        let known = known.ok_or_else(|| Error::missing("machine", machine))?;
         // Where nothing is under its key it goes on with what it has.
         let newest = if let Some(newest) = newest_version(database, machine)? {
             Some(newest)
@@ -242,23 +200,18 @@ pub fn settle(
             let versions = versions_of(database, machine)?;
             in_force(&versions, live_of(database, machine)?.as_ref()).cloned()
         };
-        let newest = newest.ok_or_else(|| NotIssued::NoModelYet {
+        let newest = newest.ok_or_else(|| Error::NoModelYet {
             machine: machine.clone(),
         })?;
         if !differs(&known, &newest) {
             return Ok(None);
         }
-        reissue_in(database, key, machine, by).map(Some)
+        reissue(database, key, machine, by).map(Some)
     })
 }
 
-/// Something is not there.
-pub(crate) fn missing(what: &'static str, name: &str) -> NotIssued {
-    NotIssued::Missing {
-        what,
-        name: name.to_owned(),
-    }
-}
+#[cfg(test)]
+pub(crate) use tests::Place;
 
 #[cfg(test)]
 mod tests {
@@ -272,15 +225,16 @@ mod tests {
         records::{Live, Origin},
     };
 
-    struct Place {
+    /// A store with a machine and a key.
+    pub(crate) struct Place {
         _folder: tempfile::TempDir,
-        store: Store,
+        pub(crate) store: Store,
         key: Key,
         machine: Machine,
     }
 
     impl Place {
-        fn new() -> Self {
+        pub(crate) fn new() -> Self {
             let folder = tempfile::tempdir().expect("writable");
             let store = Store::open(&folder.path().join("centre.db")).expect("a store");
             let identity = Identity {
@@ -302,7 +256,7 @@ mod tests {
             }
         }
 
-        fn name(&self) -> &MachineId {
+        pub(crate) fn name(&self) -> &MachineId {
             &self.machine.identity.machine
         }
 
@@ -311,7 +265,7 @@ mod tests {
             clippy::needless_pass_by_value,
             reason = "what became of it is built where it is told"
         )]
-        fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
+        pub(crate) fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
             let text = format!(
                 "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
             );
@@ -337,7 +291,7 @@ mod tests {
                     answered_s,
                     ..newest
                 };
-                Ok::<_, NotIssued>(change_version(database, &answered)?)
+                change_version(database, &answered)
             });
             issued.expect("issued");
             new.model.sha256
@@ -384,7 +338,8 @@ mod tests {
         // It has taken the new one meanwhile, and not the old one again yet.
         let live = Live::new(place.name().clone(), 1.0, 2);
         place.store.put_live(&[live]).expect("stored");
-        let issued = reissue(&place.store, &place.key, place.name(), "anna").expect("issued");
+        let again = |database: &Connection| reissue(database, &place.key, place.name(), "anna");
+        let issued = place.store.write(again).expect("issued");
         assert_eq!((issued.version, issued.model), (4, old));
     }
 
@@ -400,7 +355,7 @@ mod tests {
             ..place.machine.clone()
         };
         place.store.put_machine(&disabled, "anna").expect("stored");
-        assert!(matches!(settle(), Err(NotIssued::NoModelYet { .. })));
+        assert!(matches!(settle(), Err(Error::NoModelYet { .. })));
         let live = Live::new(place.name().clone(), 1.0, 1);
         place.store.put_live(&[live]).expect("stored");
         let issued = settle().expect("issued").expect("other settings");

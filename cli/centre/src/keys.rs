@@ -10,47 +10,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use crate::Error;
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
-use volcomp_document::{PrivateError, private};
+use volcomp_document::private;
 use volcomp_fleet::SigningKey;
 
 /// The end of the names of key files.
 const END: &str = "key";
-
-/// Why there is no key.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum KeyError {
-    /// The file is there: a secret is never written over.
-    #[error("{}: there already, kept", file.display())]
-    There { file: PathBuf },
-    /// A file cannot be read or written.
-    #[error("{}: {source}", .file.display())]
-    File {
-        file: PathBuf,
-        /// What the operating system said.
-        source: io::Error,
-    },
-    /// A secret cannot be read, or others may read it.
-    #[error(transparent)]
-    Private(#[from] PrivateError),
-    /// It holds something else.
-    #[error("{}: expected {expected}", .file.display())]
-    Content {
-        file: PathBuf,
-        /// What it should hold.
-        expected: &'static str,
-    },
-    /// The operating system gives no random numbers.
-    #[error("random numbers: {0}")]
-    Random(getrandom::Error),
-    /// A name that makes no name of a file.
-    #[error("found the name {found:?}, expected letters, digits, hyphens and underscores")]
-    Name {
-        /// The name.
-        found: String,
-    },
-}
 
 /// A key with its name.
 #[derive(Clone)]
@@ -67,12 +33,9 @@ impl Key {
     }
 
     /// Draws a new key, and writes it into a new file of the folder.
-    ///
-    /// # Errors
-    /// There is a file of this name, or it cannot be written.
-    pub fn create(folder: &Path, name: &str) -> Result<Self, KeyError> {
+    pub fn create(folder: &Path, name: &str) -> Result<Self, Error> {
         let mut secret = [0; 32];
-        getrandom::fill(&mut secret).map_err(KeyError::Random)?;
+        getrandom::fill(&mut secret).map_err(Error::Random)?;
         let file = path(folder, name)?;
         write_secret(&file, &BASE64.encode(secret))?;
         Ok(Self {
@@ -82,18 +45,12 @@ impl Key {
     }
 
     /// Reads the key of this name.
-    ///
-    /// # Errors
-    /// There is none, it holds something else, or others may read it.
-    pub fn read(folder: &Path, name: &str) -> Result<Self, KeyError> {
+    pub fn read(folder: &Path, name: &str) -> Result<Self, Error> {
         let file = path(folder, name)?;
         let text = private::read(&file)?;
         let secret = BASE64.decode(text.trim()).ok();
         let secret: Option<[u8; 32]> = secret.and_then(|bytes| bytes.try_into().ok());
-        let secret = secret.ok_or(KeyError::Content {
-            file,
-            expected: "base64 of 32 bytes",
-        })?;
+        let secret = secret.ok_or_else(|| content(&file, "base64 of 32 bytes"))?;
         Ok(Self {
             name: name.to_owned(),
             key: SigningKey::from_bytes(&secret),
@@ -101,10 +58,7 @@ impl Key {
     }
 
     /// Every key of a folder, by name; none where there is no folder.
-    ///
-    /// # Errors
-    /// One of them cannot be read.
-    pub fn all(folder: &Path) -> Result<Vec<Self>, KeyError> {
+    pub fn all(folder: &Path) -> Result<Vec<Self>, Error> {
         let entries = match fs::read_dir(folder) {
             Ok(entries) => entries,
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -125,7 +79,7 @@ impl Key {
     }
 }
 
-fn path(folder: &Path, name: &str) -> Result<PathBuf, KeyError> {
+fn path(folder: &Path, name: &str) -> Result<PathBuf, Error> {
     let fits = !name.is_empty()
         && name
             .chars()
@@ -133,22 +87,25 @@ fn path(folder: &Path, name: &str) -> Result<PathBuf, KeyError> {
     if fits {
         Ok(folder.join(format!("{name}.{END}")))
     } else {
-        Err(KeyError::Name {
-            found: name.to_owned(),
-        })
+        Err(Error::Wrong(format!(
+            "found the name {name:?}, expected letters, digits, hyphens and underscores"
+        )))
     }
 }
 
-fn failed(file: &Path) -> impl FnOnce(io::Error) -> KeyError {
-    let file = file.to_owned();
-    move |source| KeyError::File { file, source }
+/// A file cannot be read or written.
+pub(crate) fn failed(file: &Path) -> impl FnOnce(io::Error) -> Error {
+    let file = file.display().to_string();
+    move |source| Error::File { file, source }
+}
+
+/// A file holds something else.
+pub(crate) fn content(file: &Path, expected: &str) -> Error {
+    Error::Wrong(format!("{}: expected {expected}", file.display()))
 }
 
 /// Writes a secret and a line end into a new file, mode 0600.
-///
-/// # Errors
-/// There is such a file, or it cannot be written.
-pub fn write_secret(file: &Path, text: &str) -> Result<(), KeyError> {
+pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     let write = || -> io::Result<()> {
         let folder = file
             .parent()
@@ -167,9 +124,10 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), KeyError> {
         Ok(())
     };
     write().map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => KeyError::There {
-            file: file.to_owned(),
-        },
+        io::ErrorKind::AlreadyExists => {
+            // A secret is never written over.
+            Error::Wrong(format!("{}: there already, kept", file.display()))
+        }
         _ => failed(file)(error),
     })
 }

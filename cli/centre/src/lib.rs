@@ -1,28 +1,28 @@
 #![doc = include_str!("../README.md")]
+#![expect(clippy::missing_errors_doc, reason = "the variants of `Error` say it")]
 #![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
-pub mod back;
 pub mod clock;
 pub mod command;
 pub mod config;
 pub mod demo;
 pub mod discover;
-pub mod drift;
 pub mod engine;
+mod error;
 pub mod http;
 pub mod ingest;
 pub mod instance;
-pub mod intervals;
 pub mod issue;
 pub mod keys;
 pub mod map;
 pub mod models;
-mod point;
 pub mod records;
-pub mod registration;
 pub mod rollout;
 pub mod store;
 pub mod users;
+pub mod versions;
+
+pub use error::Error;
 
 /// Bytes as hexadecimal digits in lower case.
 pub(crate) fn hex(bytes: &[u8]) -> String {

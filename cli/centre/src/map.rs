@@ -19,9 +19,7 @@ const STEP_RAD: f64 = 1e-4 / 180.0 * std::f64::consts::PI;
 /// One axis of a section.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SectionAxis {
-    /// The letter.
     pub name: AxisName,
-    /// Its travel, mm.
     pub travel: [f64; 2],
 }
 
@@ -38,7 +36,6 @@ pub struct Section {
     pub after_um: Vec<Vec<f64>>,
 }
 
-/// The map of a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorMap {
     /// Sections over the first two, the first and the last, and the last two of the linear axes.
@@ -89,9 +86,6 @@ fn between_nodes(machine: &Machine, held: &[(AxisName, f64)]) -> Result<Vec<Stat
 }
 
 /// The map of a model at its reference temperature, rotary axes where they are nearest to zero.
-///
-/// # Errors
-/// None in practice: the coordinates lie within the travels.
 pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
     let none = Temperatures::new();
     let source = machine.source(&none);

@@ -1,61 +1,33 @@
-//! Models: machine files that are checked before anything is stored, described and compared.
+//! Models: machine files that are checked before anything is stored, described and compared, and when the next calibration is due.
 
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    fmt::{self, Write},
+    path::Path,
+};
 
 use serde::Serialize;
 use volcomp_fleet::ModelRef;
-use volcomp_model::{Machine as ModelMachine, ModelError};
+use volcomp_model::Machine as ModelMachine;
 use volcomp_sensitivity::{Expression, terms};
-use volcomp_vocabulary::Mm;
+use volcomp_vocabulary::{ErrorName, Mm};
 
 use crate::{
+    Error,
     clock::{date_s, now_s},
     map::{ErrorMap, error_map},
-    records::{Machine, Model, Origin},
+    records::{Machine, Model, Origin, letters},
 };
 
-/// Why there is no model.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum NoModel {
-    /// The machine file is wrong.
-    #[error(transparent)]
-    Machine(#[from] ModelError),
-    /// The day of the measurements is none.
-    #[error("measured: found {found:?}, expected a day such as 2026-11-25")]
-    Day { found: String },
-    /// The file cannot be read.
-    #[error(transparent)]
-    Read(#[from] volcomp_document::ReadError),
-    /// The model is for another kind of machine.
-    #[error("the model {model} has {what} {found}, {machine} has {expected}")]
-    Other {
-        /// The name in the model.
-        model: String,
-        machine: String,
-        /// What differs.
-        what: &'static str,
-        /// What the model has.
-        found: String,
-        /// What the machine has.
-        expected: String,
-    },
-}
-
-/// A model and its text, to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewModel {
     pub model: Model,
-    /// The text of the machine file.
     pub text: String,
 }
 
 impl NewModel {
     /// Takes the text of a machine file. `file` names it in messages.
-    ///
-    /// # Errors
-    /// It is no machine file.
-    pub fn of_text(text: String, file: &str, origin: Origin, by: &str) -> Result<Self, NoModel> {
+    pub fn of_text(text: String, file: &str, origin: Origin, by: &str) -> Result<Self, Error> {
         let machine = ModelMachine::parse(&text, file)?;
         let reference = ModelRef::of(text.as_bytes());
         Ok(Self {
@@ -77,10 +49,7 @@ impl NewModel {
     }
 
     /// Takes a machine file.
-    ///
-    /// # Errors
-    /// It cannot be read, or is no machine file.
-    pub fn of_file(path: &Path, by: &str) -> Result<Self, NoModel> {
+    pub fn of_file(path: &Path, by: &str) -> Result<Self, Error> {
         let text = volcomp_document::read_text(path)?;
         let name = path.display().to_string();
         let origin = Origin::File { name: name.clone() };
@@ -88,14 +57,11 @@ impl NewModel {
     }
 
     /// States the day of the measurements, and adds a note where the error is larger than any guard corrects.
-    ///
-    /// # Errors
-    /// `measured` is neither empty nor a day.
-    pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, NoModel> {
+    pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, Error> {
         if !measured.is_empty() && date_s(measured).is_none() {
-            return Err(NoModel::Day {
-                found: measured.to_owned(),
-            });
+            return Err(Error::Wrong(format!(
+                "measured: found {measured:?}, expected a day such as 2026-11-25"
+            )));
         }
         measured.clone_into(&mut self.model.measured);
         let machine = ModelMachine::parse(&self.text, "the machine file")?;
@@ -107,74 +73,42 @@ impl NewModel {
 }
 
 /// Whether a model may go to a machine: it must have its structure and its axes.
-///
-/// # Errors
-/// What differs.
-pub fn fits(model: &Model, machine: &Machine) -> Result<(), NoModel> {
-    let other = |what, found: String, expected: String| {
-        Err(NoModel::Other {
-            model: model.name.clone(),
-            machine: machine.identity.machine.to_string(),
-            what,
-            found,
-            expected,
-        })
+pub fn fits(model: &Model, machine: &Machine) -> Result<(), Error> {
+    let misfit = |what: &str, found: &str, expected: &str| {
+        let (model, machine) = (&model.name, &machine.identity.machine);
+        Err(Error::Misfit(format!(
+            "the model {model} has {what} {found}, {machine} has {expected}"
+        )))
     };
     let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
     if words(&model.structure) != words(&machine.structure) {
-        return other(
-            "the structure",
-            model.structure.clone(),
-            machine.structure.clone(),
-        );
+        return misfit("the structure", &model.structure, &machine.structure);
     }
     if model.axes != machine.axes {
-        let letters = |axes: &[volcomp_vocabulary::AxisName]| {
-            let letters: Vec<String> = axes.iter().map(ToString::to_string).collect();
-            letters.join(" ")
-        };
-        return other("the axes", letters(&model.axes), letters(&machine.axes));
+        return misfit("the axes", &letters(&model.axes), &letters(&machine.axes));
     }
     Ok(())
 }
 
-/// A line of a comparison of two machine files.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Line {
-    /// In both.
-    Same(String),
-    /// Only in the first.
-    Out(String),
-    /// Only in the second.
-    In(String),
-}
-
-/// Compares two machine files line by line, as they are written canonically: comments, blanks and the order of keys do not
-/// count.
-///
-/// # Errors
-/// One of them is no machine file.
-pub fn compare(one: &str, other: &str) -> Result<Vec<Line>, NoModel> {
+/// The lines that only one of two machine files has, after `-` or `+`, as they are written canonically: comments, blanks and the
+/// order of keys do not count.
+pub fn compare(one: &str, other: &str) -> Result<String, Error> {
     let one = ModelMachine::parse(one, "first model")?.to_toml();
     let other = ModelMachine::parse(other, "second model")?.to_toml();
-    let difference = similar::TextDiff::from_lines(&one, &other);
-    let lines = difference.iter_all_changes().map(|change| {
-        let text = change.value().trim_end().to_owned();
-        match change.tag() {
-            similar::ChangeTag::Equal => Line::Same(text),
-            similar::ChangeTag::Delete => Line::Out(text),
-            similar::ChangeTag::Insert => Line::In(text),
+    let mut text = String::new();
+    for change in similar::TextDiff::from_lines(&one, &other).iter_all_changes() {
+        if change.tag() != similar::ChangeTag::Equal {
+            // Writing to a string never fails.
+            let _ = writeln!(text, "{} {}", change.tag(), change.value().trim_end());
         }
-    });
-    Ok(lines.collect())
+    }
+    Ok(text)
 }
 
 /// What a machine file states.
 #[derive(Clone, Debug, Serialize)]
 pub struct Described {
-    /// The machine file.
     pub text: String,
-    /// The structure code.
     pub structure: String,
     /// The type numbers, linear and rotary; `None`: none of the sixteen types.
     pub type_numbers: Option<[u8; 2]>,
@@ -211,4 +145,67 @@ pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
             "The error is up to {largest_mm:.1} mm in the work space. No guard corrects an axis by more than {most_mm} mm, and machines have some hundredths: check the numbers and their units."
         )
     })
+}
+
+/// An error motion is looked at in so many steps over the travel.
+const STEPS: u32 = 100;
+/// A day, s.
+const DAY_S: f64 = 86_400.0;
+
+/// A parameter of a machine: a location error, or the range of an error motion over the travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Parameter {
+    /// A location error, µm or µrad.
+    Location(ErrorName),
+    /// From the lowest to the highest value of an error motion over the travel, µm or µrad.
+    Range(ErrorName),
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (name, what) = match self {
+            Self::Location(name) => (name, ""),
+            Self::Range(name) => (name, "range of "),
+        };
+        write!(f, "{what}{name}, {}", name.component.unit())
+    }
+}
+
+/// A model in the life of a machine: its checksum and its parameters, µm or µrad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    pub sha256: String,
+    pub parameters: BTreeMap<Parameter, f64>,
+}
+
+/// The parameters of a machine file, µm or µrad.
+pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, Error> {
+    let machine = ModelMachine::parse(text, "model")?;
+    let mut found = BTreeMap::new();
+    for (name, value) in machine.locations() {
+        found.insert(Parameter::Location(*name), *value);
+    }
+    for (name, curve) in machine.errors() {
+        let place = machine.index_of(name.axis)?;
+        let [low, high] = machine.axes()[place].travel;
+        let mut coordinates = vec![0.0; machine.axes().len()];
+        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for step in 0..=STEPS {
+            coordinates[place] = low + (high - low) * f64::from(step) / f64::from(STEPS);
+            let value = curve.value(place, &coordinates, None);
+            lowest = lowest.min(value);
+            highest = highest.max(value);
+        }
+        found.insert(Parameter::Range(name), highest - lowest);
+    }
+    Ok(found)
+}
+
+/// For how many days a calibration has been due; negative: it is due in so many days; `None`: never.
+///
+/// A calibration is as old as its measurements, where that is known, else as its model.
+pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
+    let interval = f64::from(machine.due_days?);
+    let measured_s = date_s(&model.measured).unwrap_or(model.added_s);
+    Some((now_s - measured_s) / DAY_S - interval)
 }

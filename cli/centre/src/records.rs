@@ -2,23 +2,30 @@
 //!
 //! Times are seconds since 1970 by the clock of the centre, and are for people: no machine decides anything by them.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt::Display};
 
 use serde::{Deserialize, Serialize};
-use volcomp_fleet::{Identity, MachineId, Outcome};
+use volcomp_fleet::{Condition, Identity, MachineId, Outcome, is_public_nkey};
+use volcomp_kinematics::Structure;
 use volcomp_vocabulary::AxisName;
 
-/// A machine that is registered.
+use crate::Error;
+
+/// Maximum length of a text of a machine, characters.
+const MAX_TEXT: usize = 500;
+/// Maximum interval of conditions and of whole states, s.
+const MAX_INTERVAL_S: u32 = 86_400;
+/// Maximum time between two calibrations, days.
+const MAX_DUE_DAYS: u32 = 36_500;
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Its site and its name.
     #[serde(flatten)]
     pub identity: Identity,
     /// The serial number of the machine tool, as its gateway has it.
     pub serial: String,
     /// The structure code, such as `w X' b Y Z t`.
     pub structure: String,
-    /// The axes in machine order.
     pub axes: Vec<AxisName>,
     /// The public nkey of its gateway, `U…`; `None`: it has no access to the server yet.
     #[serde(default)]
@@ -29,7 +36,6 @@ pub struct Machine {
     /// The make of its control, for people.
     #[serde(default)]
     pub control: String,
-    /// Whether it may be corrected.
     pub enable: bool,
     /// Whether it is among the first of a roll-out.
     #[serde(default)]
@@ -43,7 +49,6 @@ pub struct Machine {
     /// Seconds between two whole states; `None`: 10.
     #[serde(default)]
     pub telemetry_s: Option<u32>,
-    /// What else is to be known.
     #[serde(default)]
     pub note: String,
 }
@@ -81,13 +86,74 @@ impl Machine {
 
     /// No machine is silent before this, s.
     pub const SILENT_S: f64 = 15.0;
+
+    /// Checks what is known of a machine, wherever it comes from, before it is stored: its axes are those of its structure in chain
+    /// order, its texts are single lines, its nkey is a public one, and its times are within range.
+    ///
+    /// # Errors
+    /// The first that is wrong.
+    pub fn check(&self) -> Result<(), Error> {
+        let structure: Structure = self.structure.parse().map_err(|error| {
+            let expected = format!("a structure code: {error}");
+            invalid("structure", format!("{:?}", self.structure), expected)
+        })?;
+        if structure.axes() != self.axes {
+            let expected = letters(structure.axes());
+            let expected = format!("those of the structure in its order, {expected}");
+            return Err(invalid("axes", letters(&self.axes), expected));
+        }
+        if self.serial.trim().is_empty() {
+            let found = format!("{:?}", self.serial);
+            return Err(invalid(
+                "serial",
+                found,
+                "the serial number of the machine tool",
+            ));
+        }
+        for (key, text) in [
+            ("serial", &self.serial),
+            ("address", &self.address),
+            ("control", &self.control),
+            ("note", &self.note),
+        ] {
+            if text.chars().count() > MAX_TEXT || text.contains(char::is_control) {
+                let found: String = text.chars().take(80).collect();
+                let expected = format!("one line of at most {MAX_TEXT} characters");
+                return Err(invalid(key, format!("{found:?}"), expected));
+            }
+        }
+        if let Some(nkey) = self.nkey.as_ref().filter(|nkey| !is_public_nkey(nkey)) {
+            // What was found may be the seed, which belongs into no message.
+            let found = format!("{} characters", nkey.chars().count());
+            let expected = "the public nkey of the gateway's user, U and 55 letters and digits";
+            return Err(invalid("nkey", found, expected));
+        }
+        for (key, value, max, unit) in [
+            ("condition_s", self.condition_s, MAX_INTERVAL_S, "s"),
+            ("telemetry_s", self.telemetry_s, MAX_INTERVAL_S, "s"),
+            ("due_days", self.due_days, MAX_DUE_DAYS, "days"),
+        ] {
+            if let Some(found) = value.filter(|value| !(1..=max).contains(value)) {
+                return Err(invalid(key, found, format!("1 to {max} {unit}")));
+            }
+        }
+        Ok(())
+    }
 }
 
-/// Where a model comes from.
+fn invalid(key: &str, found: impl Display, expected: impl Display) -> Error {
+    Error::Wrong(format!("{key}: found {found}, expected {expected}"))
+}
+
+/// The letters of axes, separated by blanks.
+pub(crate) fn letters(axes: &[AxisName]) -> String {
+    let letters: Vec<String> = axes.iter().map(ToString::to_string).collect();
+    letters.join(" ")
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Origin {
-    /// A machine file.
     #[serde(alias = "form")]
     File {
         /// Its name; empty where the interface received a text alone.
@@ -95,10 +161,7 @@ pub enum Origin {
         name: String,
     },
     /// A calibration file: in databases of earlier programs.
-    Calibration {
-        /// The path of the calibration file.
-        path: String,
-    },
+    Calibration { path: String },
 }
 
 /// A model: the text of a machine file, stored once under its checksum.
@@ -106,24 +169,17 @@ pub enum Origin {
 pub struct Model {
     /// SHA-256 of its text, 64 hexadecimal digits.
     pub sha256: String,
-    /// Its length, bytes.
     pub bytes: u64,
     /// The checksum of what it states, as a gateway tells it of the model that corrects.
     pub checksum: String,
-    /// The name in the machine file.
     pub name: String,
-    /// The structure code.
     pub structure: String,
-    /// The axes in machine order.
     pub axes: Vec<AxisName>,
-    /// Where it comes from.
     pub origin: Origin,
     /// When the measurements behind it were made, `2026-11-25`; empty where that is not known.
     #[serde(default)]
     pub measured: String,
-    /// When it was added, s.
     pub added_s: f64,
-    /// Who added it.
     pub by: String,
     /// What a person should read: errors not measured, odd values.
     #[serde(default)]
@@ -136,11 +192,8 @@ pub struct Version {
     pub machine: MachineId,
     /// The version, larger than that of every one before.
     pub version: u64,
-    /// The checksum of the model.
     pub model: String,
-    /// Whether the machine may be corrected.
     pub enable: bool,
-    /// The hash by which a person confirmed it.
     pub confirm: Option<String>,
     /// Seconds between two conditions; `None`: 1.
     #[serde(default)]
@@ -150,15 +203,10 @@ pub struct Version {
     pub telemetry_s: Option<u32>,
     /// SHA-256 of the bytes of the signed value.
     pub value_sha256: String,
-    /// The roll-out to which it belongs.
     pub rollout: Option<u64>,
-    /// When it was issued, s.
     pub issued_s: f64,
-    /// Who issued it.
     pub by: String,
-    /// The last answer of the machine.
     pub outcome: Option<Outcome>,
-    /// When that came, s.
     pub answered_s: Option<f64>,
     /// Whether another version was put under the key of the machine in its place because its roll-out had stopped before the
     /// machine told that this one is in force. A machine that has taken it all the same corrects with it until it takes the other one.
@@ -166,7 +214,6 @@ pub struct Version {
     pub withdrawn: bool,
 }
 
-/// How bad an alarm is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
@@ -177,7 +224,6 @@ pub enum Severity {
     Alarm,
 }
 
-/// What an alarm is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlarmKind {
@@ -191,9 +237,7 @@ pub enum AlarmKind {
     Gap,
     /// The value of its key was another one than the centre's, and was put back.
     Clobbered,
-    /// The machine refused a manifest.
     Refused,
-    /// A change must be confirmed by a person.
     NeedsConfirmation,
     /// A roll-out waits for the machine to compensate.
     Idle,
@@ -205,13 +249,10 @@ pub enum AlarmKind {
     OtherModel,
     /// The machine has the model of a roll-out that stopped or was ended before it was done.
     Suspect,
-    /// A calibration is due.
     Due,
-    /// A roll-out was stopped.
     Rollout,
     /// The database takes nothing.
     Store,
-    /// The server is not reached.
     Server,
 }
 
@@ -238,7 +279,6 @@ impl AlarmKind {
         }
     }
 
-    /// How bad it is.
     pub fn severity(self) -> Severity {
         match self {
             Self::Due | Self::Gap => Severity::Note,
@@ -263,17 +303,13 @@ impl AlarmKind {
 /// Something that a person should see: open until what caused it has gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
-    /// Its number.
     pub id: u64,
     /// The machine; `None`: the centre itself.
     pub machine: Option<MachineId>,
-    /// What it is about.
     pub kind: AlarmKind,
-    /// How bad it is.
     pub severity: Severity,
     /// What happened, a sentence.
     pub text: String,
-    /// Since when, s.
     pub since_s: f64,
     /// When the cause went away, s; `None`: it is there.
     pub until_s: Option<f64>,
@@ -292,10 +328,8 @@ pub enum Resolution {
     Hour,
 }
 
-/// One point of the history of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// When it begins, s.
     pub at_s: f64,
     /// How many conditions it was made of.
     pub count: u64,
@@ -303,7 +337,6 @@ pub struct Point {
     pub state: String,
     /// The mean residual, µm; `None` while it was not known.
     pub residual_um: Option<f64>,
-    /// The largest residual, µm.
     pub residual_max_um: Option<f64>,
     /// The mean correction by linear axis, µm.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -322,6 +355,109 @@ pub struct Point {
     pub faults: u64,
 }
 
+/// The states of the guard, the best first: of several the last one counts.
+const STATES: [&str; 7] = [
+    "compensating",
+    "disarmed",
+    "arming",
+    "holding",
+    "ramping-out",
+    "unknown",
+    "faulted",
+];
+
+/// How bad a state is; one that is not known is worse than `unknown`.
+fn badness(state: &str) -> usize {
+    let place = STATES.iter().position(|one| *one == state);
+    place.unwrap_or(STATES.len() - 1)
+}
+
+/// Three digits behind the point are more than any instrument has told.
+fn round(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3 + 0.0
+}
+
+/// A number that is still one when it is rounded: JSON has no other, and a row that holds another is never read again.
+fn finite(value: f64) -> Option<f64> {
+    Some(round(value)).filter(|value| value.is_finite())
+}
+
+impl Point {
+    /// The point of one condition.
+    pub(crate) fn of(condition: &Condition, at_s: f64) -> Self {
+        let known = condition.residual_um.and_then(finite);
+        Self {
+            at_s: round(at_s),
+            count: 1,
+            state: condition.state.clone(),
+            residual_um: known,
+            residual_max_um: known,
+            correction_um: rounded(&condition.correction_um),
+            correction_urad: rounded(&condition.correction_urad),
+            temperatures_degc: (condition.temperatures_degc.iter())
+                .filter_map(|(name, degc)| Some((name.clone(), finite((*degc)?)?)))
+                .collect(),
+            cycle_p99_us: finite(condition.cycle_p99_us).unwrap_or(0.0),
+            overruns: condition.overruns,
+            faults: condition.faults,
+        }
+    }
+
+    /// One point for several, in rising order of time: means weighted by their counts, over the points in which the value is
+    /// known. `None`: there are none.
+    pub(crate) fn mean(points: &[Self], at_s: f64) -> Option<Self> {
+        let last = points.last()?;
+        let worst = points.iter().max_by_key(|point| badness(&point.state))?;
+        let residuals = points
+            .iter()
+            .filter_map(|point| Some((point.count, point.residual_um?)));
+        let largest = points.iter().filter_map(|point| point.residual_max_um);
+        Some(Self {
+            at_s,
+            count: points.iter().map(|point| point.count).sum(),
+            state: worst.state.clone(),
+            residual_um: weighted(residuals),
+            residual_max_um: largest.reduce(f64::max),
+            correction_um: by_name(points, |point| &point.correction_um),
+            correction_urad: by_name(points, |point| &point.correction_urad),
+            temperatures_degc: by_name(points, |point| &point.temperatures_degc),
+            cycle_p99_us: (points.iter().map(|point| point.cycle_p99_us)).fold(0.0, f64::max),
+            overruns: last.overruns,
+            faults: last.faults,
+        })
+    }
+}
+
+fn rounded<K: Ord + Clone>(values: &BTreeMap<K, f64>) -> BTreeMap<K, f64> {
+    let known = |(key, value): (&K, &f64)| Some((key.clone(), finite(*value)?));
+    values.iter().filter_map(known).collect()
+}
+
+fn weighted(values: impl Iterator<Item = (u64, f64)>) -> Option<f64> {
+    let (mut weight, mut sum) = (0.0, 0.0);
+    for (count, value) in values {
+        weight += count as f64;
+        sum += count as f64 * value;
+    }
+    finite(sum / weight)
+}
+
+fn by_name<K: Ord + Clone>(
+    points: &[Point],
+    values: impl Fn(&Point) -> &BTreeMap<K, f64>,
+) -> BTreeMap<K, f64> {
+    let mut sums: BTreeMap<K, (f64, f64)> = BTreeMap::new();
+    for point in points {
+        for (name, value) in values(point) {
+            let (weight, sum) = sums.entry(name.clone()).or_default();
+            *weight += point.count as f64;
+            *sum += point.count as f64 * value;
+        }
+    }
+    let known = |(name, (weight, sum)): (K, (f64, f64))| Some((name, finite(sum / weight)?));
+    sums.into_iter().filter_map(known).collect()
+}
+
 /// What is known of a machine now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
@@ -334,21 +470,20 @@ pub struct Live {
     pub version: u64,
     /// The checksum of the machine file that corrects, as the gateway tells it.
     pub model: String,
-    /// The last condition.
-    pub condition: Option<volcomp_fleet::Condition>,
+    pub condition: Option<Condition>,
     /// Messages that are missing for good.
     pub lost: u64,
     /// When the last condition was made; `None`: there is none, or it was stored by an older program.
     #[serde(default)]
-    pub made: Option<ConditionMade>,
+    pub made: Option<Made>,
 }
 
-/// When a condition was made.
+/// When a message was made.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ConditionMade {
+pub struct Made {
     /// s by the clock of the server.
     pub at_s: f64,
-    /// For how long it waited and was on its way until the server stored it, s.
+    /// For how long it waited and was on its way until the server stored it, s; 0 where that is not known.
     pub late_s: f64,
 }
 
@@ -368,8 +503,8 @@ impl Live {
     }
 
     /// When the last condition was made. Of an older program: when the last message was stored.
-    pub fn made(&self) -> Option<ConditionMade> {
-        let stored = ConditionMade {
+    pub fn made(&self) -> Option<Made> {
+        let stored = Made {
             at_s: self.heard_s,
             late_s: 0.0,
         };
@@ -382,7 +517,6 @@ impl Live {
 pub struct AuditRecord {
     /// Its number, from 1.
     pub number: u64,
-    /// When, s.
     pub at_s: f64,
     /// Who: the name of a user, or `centre` for what the program did by itself.
     pub by: String,
@@ -390,7 +524,6 @@ pub struct AuditRecord {
     pub action: String,
     /// To what: the name of a machine, the checksum of a model, the number of a roll-out, the name of a user.
     pub object: String,
-    /// Further facts.
     pub details: serde_json::Value,
     /// SHA-256 of the hash of the record before and of this one as it is stored, hexadecimal.
     #[serde(default, skip_serializing_if = "String::is_empty")]

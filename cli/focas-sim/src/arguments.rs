@@ -6,7 +6,7 @@ use clap::Parser;
 use volcomp_focas::simulator::Options;
 use volcomp_vocabulary::AxisName;
 
-use crate::{barrier::BarrierArguments, error::SimError, measure::Settling};
+use crate::{barrier::BarrierArguments, error::SimError, measure::Settling, quantities::duration};
 
 const EXAMPLES: &str = "\
 Typed commands, one a line on standard input, while it runs:
@@ -251,10 +251,4 @@ impl Arguments {
         }
         Ok(Some((pause, every)))
     }
-}
-
-/// A time from a number of units of `unit_s` seconds.
-pub(crate) fn duration(place: &str, found: f64, unit_s: f64) -> Result<Duration, SimError> {
-    Duration::try_from_secs_f64(found * unit_s)
-        .map_err(|_| SimError::input(place, found.to_string(), "a time that is not negative"))
 }

@@ -13,7 +13,7 @@ use rustix::time::{ClockId, clock_gettime};
 use volcomp_focas::simulator::{Scan, ScanLog};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{barrier::count, error::SimError};
+use crate::{error::SimError, quantities::count};
 
 /// What is written is in the file so much later at the latest.
 const FLUSH: Duration = Duration::from_millis(50);
@@ -35,29 +35,21 @@ impl AxisLog {
     /// Makes the file, and what hears of the scans; the log ends when that is dropped.
     pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<(ScanLog, Self), SimError> {
         let file = path.display().to_string();
-        let failed = |source| SimError::Write {
-            file: file.clone(),
-            source,
-        };
-        let mut output = BufWriter::new(File::create(path).map_err(failed)?);
+        let mut output = BufWriter::new(File::create(path).map_err(SimError::write(&file))?);
         let heads = axes.iter().map(|axis| match axis.kind() {
             AxisKind::Linear => format!(",{axis}_um"),
             AxisKind::Rotary => format!(",{axis}_urad"),
         });
         let heads: String = heads.collect();
-        writeln!(output, "monotonic_s,switched_on{heads}").map_err(failed)?;
-        let scales: Vec<f64> = axes
-            .iter()
+        writeln!(output, "monotonic_s,switched_on{heads}").map_err(SimError::write(&file))?;
+        let scales: Vec<f64> = (axes.iter())
             .map(|axis| count(axis.kind()).um_or_urad())
             .collect();
         let (told, lines) = channel();
         let writer = thread::Builder::new()
             .name("focas-sim axes".to_owned())
             .spawn(move || write(output, &lines, &scales))
-            .map_err(|source| SimError::System {
-                what: "a thread",
-                source,
-            })?;
+            .map_err(SimError::thread)?;
         Ok((hears(told), Self { writer, file }))
     }
 
@@ -65,10 +57,7 @@ impl AxisLog {
     pub(crate) fn end(self) -> Result<(), SimError> {
         // A panic of a thread has been told by its own message.
         let written = self.writer.join().unwrap_or(Ok(()));
-        written.map_err(|source| SimError::Write {
-            file: self.file,
-            source,
-        })
+        written.map_err(SimError::write(&self.file))
     }
 }
 

@@ -8,15 +8,13 @@ use volcomp_guard::{
     protocol::Layout,
 };
 use volcomp_port::Axis;
-use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Um, Urad};
-
 use volcomp_tables::OUTPUTS;
+use volcomp_vocabulary::{AxisKind, AxisName, Um, Urad};
 
 use crate::{
-    arguments::duration,
     error::SimError,
     map::{self, MapLadder},
-    motion::letters,
+    quantities::{count, duration, letters},
 };
 
 /// The barrier in the control: it decides which frames it takes and moves the shifts at its own rate.
@@ -220,14 +218,6 @@ impl BarrierArguments {
         };
         let layout = Layout::of(axes.iter().copied()).map_err(SettingsError::from)?;
         Ok(Ladder::Own(Box::new(MapLadder::new(layout, slots, &set)?)))
-    }
-}
-
-/// One count of an axis, as the words of the simulated control have it: 1 µm and 0.001 deg.
-pub(crate) fn count(kind: AxisKind) -> Displacement {
-    match kind {
-        AxisKind::Linear => Displacement::Length(Mm(0.001)),
-        AxisKind::Rotary => Displacement::Angle(Deg(0.001).to_rad()),
     }
 }
 

@@ -10,27 +10,20 @@ pub(crate) enum SimError {
     /// An option is wrong.
     #[error("{place}: found {found}, expected {expected}")]
     Input {
-        /// The option whose value is wrong.
         place: String,
-        /// The text that was found.
         found: String,
-        /// The text that was expected, in words.
         expected: String,
     },
     /// A file cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read {
-        /// The file as it was named.
         file: String,
-        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A file cannot be written.
     #[error("{file}: cannot be written: {source}")]
     Write {
-        /// The file as it was named.
         file: String,
-        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A place in the program file is wrong.
@@ -48,17 +41,13 @@ pub(crate) enum SimError {
     /// The simulator cannot listen on the address.
     #[error("--listen {address}: {source}")]
     Listen {
-        /// The address as it was given.
         address: String,
-        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The operating system refuses something else.
     #[error("{what}: {source}")]
     System {
-        /// The service of the operating system that was asked for.
         what: &'static str,
-        /// The error of the operating system.
         source: std::io::Error,
     },
 }
@@ -75,6 +64,18 @@ impl SimError {
             found: found.into(),
             expected: expected.into(),
         }
+    }
+
+    /// A file cannot be written.
+    pub(crate) fn write(file: &str) -> impl FnOnce(std::io::Error) -> Self {
+        let file = file.to_owned();
+        move |source| Self::Write { file, source }
+    }
+
+    /// The operating system gives no thread.
+    pub(crate) fn thread(source: std::io::Error) -> Self {
+        let what = "a thread";
+        Self::System { what, source }
     }
 
     /// The exit status: 2 where the call or a file is wrong, 1 where the work failed.

@@ -9,6 +9,7 @@ mod measure;
 mod motion;
 mod operator;
 mod program;
+mod quantities;
 mod report;
 mod standard_input;
 mod targets;
@@ -92,10 +93,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
             source,
         })?;
     let simulator = Arc::new(simulator);
-    // Whoever waits for this line may read it through a pipe, or may have gone away.
-    let mut output = std::io::stdout();
-    let _ = writeln!(output, "listening on {}", simulator.address());
-    let _ = output.flush();
+    print(&format!("listening on {}", simulator.address()));
 
     let (now, asked) = channel();
     let (run, told) = channel();
@@ -190,10 +188,18 @@ struct Asks {
     end: Sender<Result<(), SimError>>,
 }
 
-/// Prints the largest steps of the axes; a reader that has gone away is no reason to fail.
+/// Prints the largest steps of the axes.
 fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     let steps = Steps::of(axes, simulator);
-    let line = if json { steps.json() } else { steps.text() };
+    print(&if json {
+        report::json(&steps)
+    } else {
+        steps.text()
+    });
+}
+
+/// Prints a line; a reader that has gone away is no reason to fail.
+fn print(line: &str) {
     let mut output = std::io::stdout();
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());
 }
@@ -216,10 +222,7 @@ fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<(World, Option<Arc<
 
 fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimError> {
     let started = thread::Builder::new().name(name.to_owned()).spawn(work);
-    started.map(drop).map_err(|source| SimError::System {
-        what: "a thread",
-        source,
-    })
+    started.map(drop).map_err(SimError::thread)
 }
 
 /// Does what is typed; `steps` prints the largest steps.
@@ -272,10 +275,11 @@ fn report(
             due = Some(Instant::now() + period);
         }
         let report = reporter.report(simulator);
-        let line = if json { report.json() } else { report.text() };
-        // A reader that has gone away is no reason to end.
-        let mut output = std::io::stdout();
-        let _ = writeln!(output, "{line}").and_then(|()| output.flush());
+        print(&if json {
+            report::json(&report)
+        } else {
+            report.text()
+        });
     }
 }
 

@@ -33,7 +33,6 @@ pub(crate) struct MapLadder {
 
 /// What a control is set to, in the units of its program.
 pub(crate) struct Set {
-    /// The number of the machine.
     pub(crate) machine: u16,
     /// The words of a buffer.
     pub(crate) capacity: u16,

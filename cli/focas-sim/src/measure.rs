@@ -1,7 +1,6 @@
 //! Measuring at the targets of a program: at each one the machine stands until the correction there has settled.
 
 use std::{
-    io::Write,
     sync::mpsc::Receiver,
     thread,
     time::{Duration, Instant},
@@ -12,8 +11,9 @@ use volcomp_guard::{barrier::Report as BarrierReport, protocol::Layout};
 
 use crate::{
     error::SimError,
+    print,
     program::Stop,
-    report::{Reporter, rounded},
+    report::{Reporter, json, rounded},
     targets::{Line, Pass, Sheet, Target},
     walk::Walk,
 };
@@ -55,10 +55,7 @@ impl Measurement {
         while told.recv().is_ok() {
             pass += 1;
             let pass = self.pass(pass, simulator)?;
-            let line = if self.json { pass.json() } else { pass.text() };
-            // A reader that has gone away is no reason to end.
-            let mut output = std::io::stdout();
-            let _ = writeln!(output, "{line}").and_then(|()| output.flush());
+            print(&if self.json { json(&pass) } else { pass.text() });
         }
         Ok(())
     }
@@ -157,10 +154,11 @@ struct Standing {
 
 impl Standing {
     fn since(since: Instant, seen: Seen) -> Self {
+        let frames = 0;
         Self {
             since,
             seen,
-            frames: 0,
+            frames,
         }
     }
 

@@ -4,9 +4,15 @@ use std::{sync::Arc, time::Duration};
 
 use volcomp_focas::simulator::Motion;
 use volcomp_port::simulated::Path;
-use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
+use volcomp_vocabulary::AxisName;
 
-use crate::{arguments::Arguments, error::SimError, program::Program, walk::Walk};
+use crate::{
+    arguments::Arguments,
+    error::SimError,
+    program::Program,
+    quantities::{letters, outside},
+    walk::Walk,
+};
 
 /// The motion that the call asks for, and the way through its program where it is measured at the targets.
 pub(crate) fn motion(
@@ -57,12 +63,6 @@ fn position(text: &str, axes: &[AxisName]) -> Result<Vec<f64>, SimError> {
     Ok(stands.into_iter().map(Option::unwrap_or_default).collect())
 }
 
-/// The letters of axes, commas between.
-pub(crate) fn letters(axes: &[AxisName]) -> String {
-    let letters: Vec<String> = axes.iter().map(AxisName::to_string).collect();
-    letters.join(",")
-}
-
 fn to_and_fro(stroke: f64, period_s: f64, axes: usize) -> Result<Motion, SimError> {
     if !(period_s > 0.0 && period_s.is_finite()) {
         let found = period_s.to_string();
@@ -87,10 +87,4 @@ fn to_and_fro(stroke: f64, period_s: f64, axes: usize) -> Result<Motion, SimErro
 fn along(axes: &[AxisName], path: Path) -> Motion {
     let axes = axes.to_vec();
     Arc::new(move |elapsed| outside(&axes, &path.at(elapsed)))
-}
-
-/// A place of a path, mm and rad, as the control counts: mm and deg.
-pub(crate) fn outside(axes: &[AxisName], place: &PerChannel<f64>) -> Vec<f64> {
-    let of = |(axis, value): (&AxisName, &f64)| Displacement::new(axis.kind(), *value).mm_or_deg();
-    axes.iter().zip(place.iter()).map(of).collect()
 }

@@ -53,6 +53,8 @@ const FORMS: [(&str, &str); 14] = [
     ("quit", "quit alone"),
 ];
 
+const ANY_FORM: &str = "one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, run, help, quit";
+
 impl FromStr for Command {
     type Err = String;
 
@@ -85,20 +87,14 @@ impl FromStr for Command {
             ["run"] => Ok(Self::Run),
             ["help"] => Ok(Self::Help),
             ["quit"] => Ok(Self::Quit),
-            _ => Err(form_of(&words).map_or_else(|| format!(
-                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, run, help, quit",
-                line.trim()
-            ), |form| format!("found `{}`, expected {form}", line.trim()))),
+            _ => {
+                let mut forms = FORMS.iter();
+                let form = forms.find(|(name, _)| words.first() == Some(name));
+                let expected = form.map_or(ANY_FORM, |(_, form)| form);
+                Err(format!("found `{}`, expected {expected}", line.trim()))
+            }
         }
     }
-}
-
-/// The form of the command that the words begin with.
-fn form_of(words: &[&str]) -> Option<&'static str> {
-    let mut forms = FORMS.iter();
-    forms
-        .find(|(name, _)| words.first() == Some(name))
-        .map(|(_, form)| *form)
 }
 
 /// Bytes for R memory: `R200` and decimal numbers.

@@ -6,7 +6,7 @@ use volcomp_document::CsvTable;
 use volcomp_port::simulated::Move;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
-use crate::{error::SimError, motion::letters};
+use crate::{error::SimError, quantities::letters};
 
 /// Feed of a row without one, mm/min or deg/min.
 const DEFAULT_FEED_PER_MIN: f64 = 2000.0;

@@ -7,7 +7,7 @@ use volcomp_focas::simulator::Simulator;
 use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
 
 use crate::{
-    barrier::count,
+    quantities::count,
     truth::{Miss, Place, Truth},
 };
 
@@ -79,12 +79,6 @@ impl Steps {
         let mut items = of(&self.largest_step_um, "µm");
         items.extend(of(&self.largest_step_urad, "µrad"));
         wrapped("largest step of an axis in one scan:", &items)
-    }
-
-    /// The line for programs.
-    pub(crate) fn json(&self) -> String {
-        // Keys are letters and names, numbers are numbers: this cannot fail.
-        serde_json::to_string(self).unwrap_or_default()
     }
 }
 
@@ -198,12 +192,11 @@ impl Report {
         }
         wrapped(&format!("{:7.1} s ", self.time_s), &items)
     }
+}
 
-    /// The line for programs.
-    pub(crate) fn json(&self) -> String {
-        // Keys are letters and names, numbers are numbers: this cannot fail.
-        serde_json::to_string(self).unwrap_or_default()
-    }
+/// The line for programs. Keys are letters and names, numbers are numbers: this cannot fail.
+pub(crate) fn json(line: &impl Serialize) -> String {
+    serde_json::to_string(line).unwrap_or_default()
 }
 
 /// Items behind a head, blanks between, in lines of 80 columns at the most.

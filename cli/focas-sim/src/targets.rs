@@ -11,7 +11,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
     error::SimError,
-    report::{Report, rounded, wrapped},
+    report::{Report, json, rounded, wrapped},
     truth::Miss,
 };
 
@@ -108,13 +108,8 @@ impl Pass {
     /// The lines for people.
     pub(crate) fn text(&self) -> String {
         let of = |line: &Line| {
-            let Line {
-                name,
-                range_without_um: before,
-                range_um: after,
-                ..
-            } = line;
-            format!("{name} {before:.1} → {after:.1} µm")
+            let (before, after) = (line.range_without_um, line.range_um);
+            format!("{} {before:.1} → {after:.1} µm", line.name)
         };
         let targets = format!("{} targets", self.targets);
         let mut items = vec![match self.not_settled {
@@ -127,12 +122,6 @@ impl Pass {
             item.push(';');
         }
         wrapped(&format!("pass {}:", self.number), &items)
-    }
-
-    /// The line for programs.
-    pub(crate) fn json(&self) -> String {
-        // Keys are names, numbers are numbers: this cannot fail.
-        serde_json::to_string(self).unwrap_or_default()
     }
 }
 
@@ -148,15 +137,12 @@ impl Sheet {
     /// Makes the file: JSON documents where its name ends in `.json`, else a table.
     pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<Self, SimError> {
         let file = path.display().to_string();
-        let made = File::create(path).map_err(|source| SimError::Write {
-            file: file.clone(),
-            source,
-        })?;
-        let json = path.extension().is_some_and(|ending| ending == "json");
+        let made = File::create(path).map_err(SimError::write(&file))?;
+        let is_json = path.extension().is_some_and(|ending| ending == "json");
         let mut sheet = Self {
             output: BufWriter::new(made),
             file,
-            table: (!json).then(|| axes.to_vec()),
+            table: (!is_json).then(|| axes.to_vec()),
         };
         if let Some(axes) = &sheet.table {
             let head = head(axes);
@@ -169,18 +155,14 @@ impl Sheet {
     pub(crate) fn write(&mut self, target: &Target) -> Result<(), SimError> {
         let line = match &self.table {
             Some(axes) => row(axes, target),
-            // Keys are letters and names, numbers are numbers: this cannot fail.
-            None => serde_json::to_string(target).unwrap_or_default(),
+            None => json(target),
         };
         self.line(&line)
     }
 
     fn line(&mut self, line: &str) -> Result<(), SimError> {
         let written = writeln!(self.output, "{line}").and_then(|()| self.output.flush());
-        written.map_err(|source| SimError::Write {
-            file: self.file.clone(),
-            source,
-        })
+        written.map_err(SimError::write(&self.file))
     }
 }
 
@@ -275,18 +257,13 @@ mod tests {
             target(Some("a"), 100.0, 30.0, 9.0),
         ];
         let lines = Line::of(&targets);
-        let told: Vec<_> = lines
-            .iter()
-            .map(|line| {
-                (
-                    line.name.as_str(),
-                    line.targets,
-                    line.range_without_um,
-                    line.range_um,
-                )
-            })
-            .collect();
-        assert_eq!(told, [("a", 3, 26.0, 1.5), ("b", 1, 0.0, 0.0)]);
+        let line = |name: &str, targets, range_without_um, range_um| Line {
+            name: name.to_owned(),
+            targets,
+            range_without_um,
+            range_um,
+        };
+        assert_eq!(lines, [line("a", 3, 26.0, 1.5), line("b", 1, 0.0, 0.0)]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use volcomp_kinematics::{Chain, State, actual_pose};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
-use crate::{error::SimError, motion::letters};
+use crate::{error::SimError, quantities::letters};
 
 /// A machine with the errors that the simulated one really has.
 pub(crate) struct Truth {

@@ -10,8 +10,8 @@ use volcomp_port::simulated::{Move, Path};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    motion::outside,
     program::{Program, Stop},
+    quantities::outside,
 };
 
 /// The way through a program. Its times are those for which the machine moved, without emergency stops.

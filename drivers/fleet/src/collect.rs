@@ -30,13 +30,10 @@ const PAUSE: Duration = Duration::from_millis(500);
 pub struct Received {
     /// Who sent it: the server has checked that the subject is its own.
     pub identity: Identity,
-    /// What it is.
     pub kind: Kind,
-    /// Its number in the stream.
     pub sequence: u64,
     /// When the stream stored it, seconds since 1970 by the clock of the server.
     pub stored_s: f64,
-    /// What it says.
     pub bytes: Bytes,
 }
 
@@ -87,7 +84,6 @@ impl Collection {
         self
     }
 
-    /// The name of the stream.
     pub fn stream(&self) -> &str {
         &self.stream
     }
@@ -165,7 +161,7 @@ async fn begin(
             stream,
         )
         .await
-        .map_err(|e| failed("making a consumer")(e.into()))?;
+        .map_err(failed("making a consumer"))?;
     let messages = consumer
         .stream()
         .max_messages_per_batch(BATCH)
@@ -173,8 +169,8 @@ async fn begin(
         .expires(Duration::from_secs(30))
         .messages()
         .await
-        .map_err(|e| failed("collecting")(e.into()))?;
-    let messages = messages.map(|message| message.map_err(|e| failed("collecting")(e.into())));
+        .map_err(failed("collecting"))?;
+    let messages = messages.map(|message| message.map_err(failed("collecting")));
     Ok(Box::pin(messages.chunks_timeout(BATCH, GATHERED_FOR)))
 }
 

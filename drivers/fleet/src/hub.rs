@@ -14,7 +14,7 @@ use crate::{
     Collection, Keeping, LinkError, LinkSettings, MachineId, SiteId,
     link::{ANSWER_WITHIN, failed, is_connected, stored},
     prepare, put_model,
-    subjects::{desired_subject, latest_desired_subject},
+    subjects::{desired_subject, latest_desired_subject, streams_of},
 };
 
 /// The connection of a centre. Copies share it.
@@ -29,7 +29,6 @@ pub struct Hub {
 /// A value that stands under the key of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Found {
-    /// The machine.
     pub machine: MachineId,
     /// The value; empty: it was deleted.
     pub value: Bytes,
@@ -61,7 +60,7 @@ impl Hub {
             .name("volcomp-centre")
             .connect(settings.servers())
             .await
-            .map_err(|e| failed("connecting")(e.into()))?;
+            .map_err(failed("connecting"))?;
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER_WITHIN);
         Ok(Self {
@@ -112,7 +111,7 @@ impl Hub {
                 what: "asking for a manifest",
                 within: ANSWER_WITHIN,
             })?
-            .map_err(|e| failed("asking for a manifest")(e.into()))?;
+            .map_err(failed("asking for a manifest"))?;
         // A status stands for "no such message"; a deletion is a value without bytes.
         Ok((message.status.is_none() && !message.payload.is_empty()).then_some(message.payload))
     }
@@ -140,7 +139,7 @@ impl Hub {
             .client
             .subscribe(desired_subject("*"))
             .await
-            .map_err(|e| failed("listening to manifests")(e.into()))?;
+            .map_err(failed("listening to manifests"))?;
         Ok(DesiredWatch {
             puts,
             again: Arc::clone(&self.again),
@@ -149,7 +148,7 @@ impl Hub {
 
     /// Collects what the machines of a site say: conditions and telemetry, and audit records and acknowledgements.
     pub fn collections(&self, site: &SiteId) -> [Collection; 2] {
-        crate::streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
+        streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
     }
 }
 

@@ -13,7 +13,6 @@ const LONGEST: usize = 64;
     "found {found:?}, expected 1 to 64 lower-case letters, digits and hyphens, a letter or a digit first"
 )]
 pub struct UnknownId {
-    /// The name that was found.
     pub found: String,
 }
 
@@ -89,8 +88,6 @@ id!(
 /// A machine and the site where it stands.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Identity {
-    /// The site.
     pub site: SiteId,
-    /// The machine.
     pub machine: MachineId,
 }

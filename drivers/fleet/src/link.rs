@@ -15,7 +15,10 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tokio::{sync::Notify, time::timeout};
 
-use crate::{Identity, Kind, ModelRef, Subjects, models_bucket, subjects::latest_desired_subject};
+use crate::{
+    Identity, Kind, ModelRef, Subjects,
+    subjects::{latest_desired_subject, models_bucket},
+};
 
 /// The value is asked for so often, even where nothing was heard of a change.
 const ASK_EVERY: Duration = Duration::from_secs(60);
@@ -37,33 +40,26 @@ pub enum LinkError {
     /// The server is not reached, refuses, or does not answer in time.
     #[error("{what}: {source}")]
     Nats {
-        /// What was tried.
         what: &'static str,
-        /// Why it failed.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The server did not answer in time.
     #[error("{what}: no answer within {within:?}")]
     Late {
-        /// What was tried.
         what: &'static str,
-        /// The time that was waited.
         within: Duration,
     },
     /// The object store holds no such model, or another one under its name.
     #[error("the model {sha256} in the object store: {found}")]
-    Model {
-        /// The checksum that was asked for.
-        sha256: String,
-        /// What was found.
-        found: String,
-    },
+    Model { sha256: String, found: String },
 }
 
-pub(crate) fn failed(
+pub(crate) fn failed<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     what: &'static str,
-) -> impl FnOnce(Box<dyn std::error::Error + Send + Sync>) -> LinkError {
-    move |source| LinkError::Nats { what, source }
+) -> impl FnOnce(E) -> LinkError {
+    move |source| LinkError::Nats {
+        what,
+        source: source.into(),
+    }
 }
 
 /// How to reach the server.
@@ -175,11 +171,11 @@ impl MachineLink {
         let client = options
             .connect(settings.servers())
             .await
-            .map_err(|e| failed("connecting")(e.into()))?;
+            .map_err(failed("connecting"))?;
         let desired = client
             .subscribe(subjects.desired.clone())
             .await
-            .map_err(|e| failed("subscribing")(e.into()))?;
+            .map_err(failed("subscribing"))?;
         let mut ask_every =
             tokio::time::interval_at(tokio::time::Instant::now() + ASK_EVERY, ASK_EVERY);
         ask_every.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -283,12 +279,12 @@ impl MachineSender {
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
             .await
-            .map_err(|e| failed("the object store")(e.into()))?;
+            .map_err(failed("the object store"))?;
         let name = encoded(&model.sha256);
         let meta = stream
             .direct_get_last_for_subject(format!("$O.{}.M.{name}", self.models))
             .await
-            .map_err(|e| failed("the object store")(e.into()))?;
+            .map_err(failed("the object store"))?;
         let meta: ObjectMeta =
             serde_json::from_slice(&meta.payload).map_err(|_| wrong("not described"))?;
         let chunks = format!("$O.{}.C.{}", self.models, meta.nuid);
@@ -298,7 +294,7 @@ impl MachineSender {
             let chunk = stream
                 .direct_get_next_for_subject(chunks.clone(), after)
                 .await
-                .map_err(|e| failed("the object store")(e.into()))?;
+                .map_err(failed("the object store"))?;
             after = Some(chunk.sequence + 1);
             bytes.extend_from_slice(&chunk.payload);
             if bytes.len() as u64 > model.bytes {
@@ -343,11 +339,8 @@ pub(crate) async fn stored(
 ) -> Result<(), LinkError> {
     let stored = async {
         let published = context.publish_with_headers(subject, headers, bytes).await;
-        let answered = published.map_err(|e| failed(what)(e.into()))?;
-        match answered.await {
-            Ok(_) => Ok(()),
-            Err(e) => Err(failed(what)(e.into())),
-        }
+        let answered = published.map_err(failed(what))?;
+        answered.await.map_err(failed(what)).map(|_| ())
     };
     let late = LinkError::Late {
         what,

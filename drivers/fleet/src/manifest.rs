@@ -1,6 +1,8 @@
 //! What a machine shall run: the manifest, its signature, and the document in which both travel.
 //!
-//! The manifest is signed as the bytes that travel, so that no two programs can disagree about how it is written.
+//! The manifest is signed as the bytes that travel, so that no two programs can disagree about how it is written. A machine
+//! accepts one that a trusted key signed, for this machine, with a version above every one before. No clock decides: a machine
+//! whose clock is wrong accepts the same manifests as every other.
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use ed25519_dalek::Signer;
@@ -23,7 +25,6 @@ const PURPOSE: &[u8] = b"volcomp desired 1\0";
 pub struct ModelRef {
     /// SHA-256 of the bytes of the machine file, 64 hexadecimal digits in lower case.
     pub sha256: String,
-    /// The length of the machine file, bytes.
     pub bytes: u64,
 }
 
@@ -46,15 +47,12 @@ impl ModelRef {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// The machine that is meant.
     pub machine: MachineId,
     /// The serial number of the machine tool, so that a computer which was moved to another machine refuses it.
     pub serial: String,
     /// The version, larger than that of every manifest before.
     pub version: u64,
-    /// The axes of the machine in machine order.
     pub axes: Vec<AxisName>,
-    /// The machine file.
     pub model: ModelRef,
     /// Whether the machine may be corrected; `false` ramps the correction out and forbids arming.
     pub enable: bool,
@@ -80,7 +78,6 @@ pub struct Desired {
     pub manifest: String,
     /// The public key that verifies the signature, base64.
     pub key: String,
-    /// The signature (Ed25519), base64.
     pub signature: String,
     /// The machine file where it is not larger than [`INLINE_LIMIT`]; `None`: it is in the object store of the machine under
     /// its checksum.
@@ -96,12 +93,7 @@ pub enum NotADesired {
     Json(#[from] serde_json::Error),
     /// The key or the signature is no base64 of the right length.
     #[error("{what}: expected base64 of {bytes} bytes")]
-    Base64 {
-        /// The key of the document.
-        what: &'static str,
-        /// How many bytes it must be.
-        bytes: usize,
-    },
+    Base64 { what: &'static str, bytes: usize },
     /// A public key that is no point of the curve, or one for which everybody can sign.
     #[error("key: expected a public key of Ed25519 that only its owner can sign for")]
     WeakKey,
@@ -164,6 +156,106 @@ pub fn trusted_key(text: &str) -> Result<VerifyingKey, NotADesired> {
     let bytes: [u8; 32] = decode(text, "key", 32)?;
     let key = VerifyingKey::from_bytes(&bytes).ok();
     key.filter(|key| !key.is_weak()).ok_or(NotADesired::WeakKey)
+}
+
+/// What a machine trusts and is.
+#[derive(Clone, Debug)]
+pub struct Trust {
+    /// The keys whose signatures count.
+    pub keys: Vec<VerifyingKey>,
+    pub machine: MachineId,
+    pub serial: String,
+    pub axes: Vec<AxisName>,
+    /// The version of the highest manifest that was ever accepted, from disk; 0 where there was none.
+    pub highest: u64,
+}
+
+/// A manifest that was accepted, with what is left to be fetched.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Accepted {
+    pub manifest: Manifest,
+    /// The machine file, checked against its checksum; `None`: it is in the object store.
+    pub model: Option<String>,
+}
+
+/// Why a manifest is not accepted. Nothing has been changed by it.
+#[derive(Debug, thiserror::Error)]
+pub enum NotAccepted {
+    /// It is no such document.
+    #[error(transparent)]
+    Document(#[from] NotADesired),
+    #[error("the signature does not fit the manifest")]
+    Signature,
+    /// The key that signed it is none of the trusted ones.
+    #[error("it was signed by a key that is not trusted here: {key}")]
+    Key { key: String },
+    #[error("it is meant for the machine {found}, this is {expected}")]
+    Machine {
+        found: MachineId,
+        expected: MachineId,
+    },
+    #[error("it is meant for the serial number {found:?}, this machine has {expected:?}")]
+    Serial { found: String, expected: String },
+    #[error("it is meant for the axes {found:?}, this machine has {expected:?}")]
+    Axes {
+        found: Vec<AxisName>,
+        expected: Vec<AxisName>,
+    },
+    /// A manifest of this version or a higher one has been accepted before.
+    #[error("its version is {found}, and {highest} has been accepted before")]
+    Version { found: u64, highest: u64 },
+    /// The machine file is not the one that the manifest names.
+    #[error("the machine file does not fit the checksum in the manifest")]
+    Model,
+}
+
+impl Trust {
+    /// Takes a manifest, or says why not. The signature is judged first: what nobody trusted has signed tells nothing.
+    ///
+    /// # Errors
+    /// Why it is not accepted.
+    pub fn accept(&self, desired: &Desired) -> Result<Accepted, NotAccepted> {
+        let signer = desired.signer()?.ok_or(NotAccepted::Signature)?;
+        if !self.keys.contains(&signer) {
+            return Err(NotAccepted::Key {
+                key: desired.key.clone(),
+            });
+        }
+        let manifest: Manifest =
+            serde_json::from_str(&desired.manifest).map_err(NotADesired::from)?;
+        if manifest.machine != self.machine {
+            return Err(NotAccepted::Machine {
+                found: manifest.machine,
+                expected: self.machine.clone(),
+            });
+        }
+        if manifest.serial != self.serial {
+            return Err(NotAccepted::Serial {
+                found: manifest.serial,
+                expected: self.serial.clone(),
+            });
+        }
+        if manifest.axes != self.axes {
+            return Err(NotAccepted::Axes {
+                found: manifest.axes,
+                expected: self.axes.clone(),
+            });
+        }
+        if manifest.version <= self.highest {
+            return Err(NotAccepted::Version {
+                found: manifest.version,
+                highest: self.highest,
+            });
+        }
+        let model = desired.model.clone();
+        if model
+            .as_ref()
+            .is_some_and(|text| !manifest.model.is(text.as_bytes()))
+        {
+            return Err(NotAccepted::Model);
+        }
+        Ok(Accepted { manifest, model })
+    }
 }
 
 fn decode<const N: usize>(

@@ -3,24 +3,31 @@
 //! A machine publishes on its own four subjects and reads its own key and its own object store. It cannot list, watch or
 //! delete anything, and hears nothing of another machine: the inboxes on which it is answered carry its name.
 
-use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
+use std::{
+    collections::BTreeSet,
+    fmt::{self, Write},
+    path::PathBuf,
+};
 
-use crate::{Cluster, Identity, Subjects, models_bucket, subjects::latest_desired_subject};
+use sha2::{Digest, Sha256};
+
+use crate::{
+    Identity, Subjects,
+    manifest::hex,
+    subjects::{latest_desired_subject, models_bucket},
+};
 
 /// The largest message, bytes: a model of one MiB with its manifest, as JSON.
-pub const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
+const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
 
 /// The subjects on which a user may publish, and to which it may subscribe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Permissions {
-    /// It may publish on these.
     pub publish: Vec<String>,
-    /// It may subscribe to these.
     pub subscribe: Vec<String>,
 }
 
 impl Permissions {
-    /// What a machine may.
     pub fn of_machine(identity: &Identity) -> Self {
         let subjects = Subjects::of(identity);
         let models = models_bucket(&identity.machine);
@@ -53,7 +60,6 @@ impl Permissions {
 /// A machine with the key of its user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
-    /// The machine.
     pub identity: Identity,
     /// The public nkey of its user, `U…`.
     pub nkey: String,
@@ -62,9 +68,7 @@ pub struct MachineUser {
 /// The server's files for TLS.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerTls {
-    /// The certificate, PEM.
     pub certificate: PathBuf,
-    /// Its key, PEM.
     pub key: PathBuf,
 }
 
@@ -75,15 +79,11 @@ pub struct ServerSettings {
     pub name: String,
     /// The address on which clients reach it.
     pub listen: String,
-    /// The folder of its streams.
     pub store: PathBuf,
     /// TLS towards clients; `None`: in the clear, which is for a computer alone.
     pub tls: Option<ServerTls>,
-    /// The cluster; `None`: one server alone.
     pub cluster: Option<Cluster>,
-    /// The public nkeys of the centres.
     pub centres: Vec<String>,
-    /// The machines.
     pub machines: Vec<MachineUser>,
 }
 
@@ -94,32 +94,18 @@ pub enum NoConfiguration {
     #[error(
         "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
     )]
-    Text {
-        /// The setting.
-        what: &'static str,
-        /// The text that was found.
-        found: String,
-    },
+    Text { what: &'static str, found: String },
     /// An address of a server of the cluster that is none, or that has a password of its own.
     #[error("routes: found {found}, expected nats://HOST:PORT without a user")]
-    Route {
-        /// What was found.
-        found: String,
-    },
+    Route { found: String },
     /// A key that is no public nkey of a user.
     #[error(
         "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
     )]
-    Nkey {
-        /// The key that was found.
-        found: String,
-    },
+    Nkey { found: String },
     /// One key for two users: the server could not tell them apart.
     #[error("the key {found} stands for two users, expected one of its own for each")]
-    Twice {
-        /// The key that was found.
-        found: String,
-    },
+    Twice { found: String },
 }
 
 impl ServerSettings {
@@ -201,7 +187,7 @@ fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
     }
 }
 
-pub(crate) fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
+fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
     let breaks_out = |c: char| c == '"' || c == '\\' || c.is_control();
     if text.contains(breaks_out) {
         return Err(NoConfiguration::Text {
@@ -210,4 +196,92 @@ pub(crate) fn quoted(what: &'static str, text: &str) -> Result<String, NoConfigu
         });
     }
     Ok(format!("\"{text}\""))
+}
+
+/// What stands before the seed in the bytes whose hash is the password, so that it is the hash of nothing else.
+const PURPOSE: &[u8] = b"volcomp route 1\0";
+/// The user as which a server joins.
+const USER: &str = "route";
+
+/// The password by which the servers of a cluster know one another. No `Debug` shows it.
+#[derive(Clone, PartialEq, Eq)]
+pub struct RoutePassword(String);
+
+impl fmt::Debug for RoutePassword {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("RoutePassword")
+    }
+}
+
+impl RoutePassword {
+    /// The password that belongs to the seed of a centre's nkey: the same for every server whose configuration that centre
+    /// writes. The seed cannot be found from it.
+    pub fn of_seed(seed: &str) -> Self {
+        let bytes = [PURPOSE, seed.trim().as_bytes()].concat();
+        Self(hex(&Sha256::digest(bytes)))
+    }
+}
+
+/// A server among the others of its cluster. Whoever joins there reads and writes everything, so it asks for a password, and for
+/// certificates where the servers have them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cluster {
+    pub name: String,
+    /// The address on which the other servers reach this one.
+    pub listen: String,
+    /// The addresses of the servers of the cluster, `nats://HOST:PORT`.
+    pub routes: Vec<String>,
+    pub password: RoutePassword,
+    /// Certificates by which they know one another's, PEM; `None`: those of the system. Used where the server has TLS.
+    pub roots: Option<PathBuf>,
+}
+
+impl Cluster {
+    /// The table of the server's configuration, with a line end.
+    fn text(&self, tls: Option<&ServerTls>) -> Result<String, NoConfiguration> {
+        let password = &self.password.0;
+        let routes: Result<Vec<String>, NoConfiguration> = (self.routes.iter())
+            .map(|route| quoted("routes", &self.with_password(route)?))
+            .collect();
+        let mut text = String::new();
+        // Writing to a string never fails.
+        let _ = writeln!(
+            text,
+            "cluster {{\n  name: {}\n  listen: {}\n  routes: [{}]\n  authorization {{ user: {USER}, password: \"{password}\", timeout: 5 }}",
+            quoted("cluster", &self.name)?,
+            quoted("cluster_listen", &self.listen)?,
+            routes?.join(", ")
+        );
+        if let Some(tls) = tls {
+            let path = |what, file: &PathBuf| quoted(what, &file.display().to_string());
+            let _ = write!(
+                text,
+                "  tls {{ cert_file: {}, key_file: {}, ",
+                path("certificate", &tls.certificate)?,
+                path("key", &tls.key)?
+            );
+            if let Some(roots) = &self.roots {
+                let _ = write!(text, "ca_file: {}, ", path("ca", roots)?);
+            }
+            text.push_str("verify: true, timeout: 5 }\n");
+        }
+        text.push_str("}\n");
+        Ok(text)
+    }
+
+    /// The address of a server with the password by which it lets another join.
+    fn with_password(&self, route: &str) -> Result<String, NoConfiguration> {
+        match route.strip_prefix("nats://") {
+            Some(address) if !address.is_empty() && !address.contains(['@', '/']) => {
+                Ok(format!("nats://{USER}:{}@{address}", self.password.0))
+            }
+            // One with a password of somebody else's is not repeated in a message.
+            Some(address) if address.contains('@') => Err(NoConfiguration::Route {
+                found: "an address with a user".to_owned(),
+            }),
+            _ => Err(NoConfiguration::Route {
+                found: format!("{route:?}"),
+            }),
+        }
+    }
 }

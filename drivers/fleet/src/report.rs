@@ -21,7 +21,6 @@ pub struct Envelope<T> {
     pub version: u64,
     /// The checksum of the machine file that corrects, as `/api/state` tells it.
     pub model: String,
-    /// What is told.
     pub body: T,
 }
 
@@ -69,7 +68,6 @@ pub enum Outcome {
     Activated,
     /// It is on disk, and moves the axes so far that a person must confirm it (rule 13): a new manifest with `confirm`.
     NeedsConfirmation {
-        /// The hash to be confirmed.
         hash: String,
         /// The largest move of a linear axis, µm, as text; empty where it is not finite.
         worst_um: String,
@@ -77,10 +75,7 @@ pub enum Outcome {
         worst_urad: String,
     },
     /// It was not accepted, or its machine file cannot be used; what ran before runs on.
-    Refused {
-        /// Why, in words.
-        why: String,
-    },
+    Refused { why: String },
 }
 
 /// How far a change moves the axes, in words, from the largest moves that [`Outcome::NeedsConfirmation`] tells.
@@ -100,7 +95,6 @@ pub struct Acknowledgement {
     pub version: u64,
     /// SHA-256 of the bytes of the whole value that is answered, so that a foreign one is seen.
     pub value_sha256: String,
-    /// What became of it.
     #[serde(flatten)]
     pub outcome: Outcome,
 }

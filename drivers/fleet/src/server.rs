@@ -23,7 +23,6 @@ pub enum ServerError {
     /// The settings make no configuration.
     #[error(transparent)]
     Configuration(#[from] NoConfiguration),
-    /// The program is not installed.
     #[error("nats-server is not installed: on Debian `apt install nats-server`")]
     NotInstalled,
     /// A file or a process.
@@ -31,12 +30,7 @@ pub enum ServerError {
     Io(#[from] io::Error),
     /// It ended, or does not listen.
     #[error("nats-server does not listen on {listen}; what it says stands in {log}")]
-    NotReady {
-        /// The address on which it should listen.
-        listen: String,
-        /// The file of its log.
-        log: String,
-    },
+    NotReady { listen: String, log: String },
 }
 
 /// A running server. It ends when this is dropped.
@@ -133,7 +127,6 @@ impl Server {
         format!("nats://{}", self.listen)
     }
 
-    /// The number of its process.
     pub fn id(&self) -> u32 {
         self.child.id()
     }

@@ -8,8 +8,9 @@ use std::time::Duration;
 use async_nats::jetstream::{Context, object_store, stream};
 
 use crate::{
-    AUDIT_PREFIX, DESIRED_BUCKET, LinkError, MachineId, SiteId, link::failed, models_bucket,
-    streams_of, subjects::desired_subject,
+    LinkError, MachineId, SiteId,
+    link::failed,
+    subjects::{AUDIT_PREFIX, DESIRED_BUCKET, desired_subject, models_bucket, streams_of},
 };
 
 /// How many values of a key are kept.
@@ -99,8 +100,7 @@ pub async fn prepare(
 
 async fn create(context: &Context, config: stream::Config) -> Result<(), LinkError> {
     let made = context.create_or_update_stream(config).await;
-    made.map(|_| ())
-        .map_err(|e| failed("making a stream")(e.into()))
+    made.map(|_| ()).map_err(failed("making a stream"))
 }
 
 /// Puts a model that is too large for its manifest into the object store of a machine, under its checksum.
@@ -124,12 +124,12 @@ pub async fn put_model(
                 ..Default::default()
             })
             .await
-            .map_err(|e| failed("making an object store")(e.into()))?,
+            .map_err(failed("making an object store"))?,
     };
     let mut bytes = model;
     store
         .put(sha256, &mut bytes)
         .await
         .map(|_| ())
-        .map_err(|e| failed("storing a model")(e.into()))
+        .map_err(failed("storing a model"))
 }

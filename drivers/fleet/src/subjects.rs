@@ -6,27 +6,22 @@
 use crate::{Identity, MachineId, SiteId};
 
 /// The key-value bucket that holds what each machine shall run: the key is the name of the machine.
-pub const DESIRED_BUCKET: &str = "desired";
+pub(crate) const DESIRED_BUCKET: &str = "desired";
 /// The stream of conditions and telemetry of a site is this and the name of the site.
-pub const TELEMETRY_PREFIX: &str = "telemetry-";
+const TELEMETRY_PREFIX: &str = "telemetry-";
 /// The stream of audit records and acknowledgements of a site is this and the name of the site.
-pub const AUDIT_PREFIX: &str = "audit-";
+pub(crate) const AUDIT_PREFIX: &str = "audit-";
 
 /// The kind of a message of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// The answer to a manifest.
     Ack,
-    /// A record of the audit log.
     Audit,
-    /// The short condition.
     Condition,
-    /// The whole state.
     Telemetry,
 }
 
 impl Kind {
-    /// Every kind.
     pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
 
     /// The last part of its subject.
@@ -57,12 +52,12 @@ pub(crate) fn latest_desired_subject(machine: &MachineId) -> String {
 }
 
 /// The object store that holds models of a machine which are too large for a manifest.
-pub fn models_bucket(machine: &MachineId) -> String {
+pub(crate) fn models_bucket(machine: &MachineId) -> String {
     format!("models-{machine}")
 }
 
 /// The two streams of a site with the subjects that they hold: telemetry, then audit.
-pub fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
+pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     let of = |kinds: [Kind; 2]| {
         kinds
             .map(|kind| format!("volcomp.{site}.*.{}", kind.name()))
@@ -87,9 +82,7 @@ pub struct Subjects {
     pub condition: String,
     /// The whole state, every ten seconds unless the manifest says otherwise.
     pub telemetry: String,
-    /// Records of the audit log.
     pub audit: String,
-    /// Acknowledgements of manifests.
     pub ack: String,
     /// The subject on which a new manifest of this machine appears.
     pub desired: String,

@@ -48,15 +48,12 @@ pub struct SystemInfo {
     pub cnc_type: String,
     /// ` M` for milling, ` T` for turning.
     pub machine_type: String,
-    /// The series of the control's software.
     pub series: String,
-    /// The version of the control's software.
     pub version: String,
     /// The number of axes of the path, two digits.
     pub axes: String,
 }
 
-/// The state of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StatusInfo {
@@ -72,17 +69,14 @@ pub struct StatusInfo {
     pub alarm: u16,
 }
 
-/// An alarm that is on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Alarm {
-    /// The number of the alarm.
     pub number: i32,
     /// The type of the alarm, as a number of the maker.
     pub kind: i32,
     /// The axis that it belongs to, from 1; 0 for none.
     pub axis: i32,
-    /// The text of the alarm.
     pub text: String,
 }
 

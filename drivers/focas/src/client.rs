@@ -54,12 +54,15 @@ impl Client {
     /// Asks one thing: the data of the answer.
     fn ask(
         &mut self,
-        target: Target,
         function: u16,
         args: [i32; 5],
         data: &[u8],
         what: &'static str,
     ) -> Result<Vec<u8>, FocasError> {
+        let target = match function {
+            function::READ_PMC | function::WRITE_PMC => Target::Pmc,
+            _ => Target::Cnc,
+        };
         let command = Command {
             target,
             path: self.path,
@@ -88,13 +91,7 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn system_info(&mut self) -> Result<SystemInfo, FocasError> {
-        let data = self.ask(
-            Target::Cnc,
-            function::SYSTEM,
-            [0; 5],
-            &[],
-            "reading system information",
-        )?;
+        let data = self.ask(function::SYSTEM, [0; 5], &[], "reading system information")?;
         let data = data
             .first_chunk::<18>()
             .ok_or_else(|| broken("reading system information", Broken("it is cut off")))?;
@@ -114,13 +111,7 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn status(&mut self) -> Result<StatusInfo, FocasError> {
-        let data = self.ask(
-            Target::Cnc,
-            function::STATUS,
-            [0; 5],
-            &[],
-            "reading the status",
-        )?;
+        let data = self.ask(function::STATUS, [0; 5], &[], "reading the status")?;
         status(&data).map_err(|e| broken("reading the status", e))
     }
 
@@ -129,13 +120,7 @@ impl Client {
     /// # Errors
     /// See [`FocasError`].
     pub fn axis_names(&mut self) -> Result<Vec<char>, FocasError> {
-        let data = self.ask(
-            Target::Cnc,
-            function::AXIS_NAMES,
-            [0; 5],
-            &[],
-            "reading axis names",
-        )?;
+        let data = self.ask(function::AXIS_NAMES, [0; 5], &[], "reading axis names")?;
         let names = data.chunks_exact(4).map(|name| char::from(name[0]));
         Ok(names.take_while(char::is_ascii_alphabetic).collect())
     }
@@ -146,13 +131,7 @@ impl Client {
     /// See [`FocasError`]; a slot that holds no number.
     pub fn positions(&mut self, kind: PositionKind, axes: usize) -> Result<Vec<f64>, FocasError> {
         let args = [kind.code(), -1, 0, 0, 0];
-        let data = self.ask(
-            Target::Cnc,
-            function::POSITIONS,
-            args,
-            &[],
-            "reading positions",
-        )?;
+        let data = self.ask(function::POSITIONS, args, &[], "reading positions")?;
         let position = |axis| slot(&data, axis).map_err(|e| broken("reading positions", e));
         (0..axes).map(position).collect()
     }
@@ -169,13 +148,7 @@ impl Client {
     ) -> Result<Vec<u8>, FocasError> {
         let last = i32::from(first) + i32::from(bytes.max(1)) - 1;
         let args = [i32::from(first), last, area as i32, Width::Byte.code(), 0];
-        let data = self.ask(
-            Target::Pmc,
-            function::READ_PMC,
-            args,
-            &[],
-            "reading PMC memory",
-        )?;
+        let data = self.ask(function::READ_PMC, args, &[], "reading PMC memory")?;
         if data.len() != usize::from(bytes.max(1)) {
             let wrong = Broken("another length than asked for");
             return Err(broken("reading PMC memory", wrong));
@@ -197,13 +170,7 @@ impl Client {
             Width::Byte.code(),
             length,
         ];
-        self.ask(
-            Target::Pmc,
-            function::WRITE_PMC,
-            args,
-            bytes,
-            "writing PMC memory",
-        )?;
+        self.ask(function::WRITE_PMC, args, bytes, "writing PMC memory")?;
         Ok(())
     }
 
@@ -213,13 +180,7 @@ impl Client {
     /// See [`FocasError`].
     pub fn read_macro(&mut self, number: i32) -> Result<Option<f64>, FocasError> {
         let args = [number, 1, 0, 0, 0];
-        let data = self.ask(
-            Target::Cnc,
-            function::READ_MACRO,
-            args,
-            &[],
-            "reading a macro variable",
-        )?;
+        let data = self.ask(function::READ_MACRO, args, &[], "reading a macro variable")?;
         let value = data.first_chunk().map(|bytes| f64::from_be_bytes(*bytes));
         let value =
             value.ok_or_else(|| broken("reading a macro variable", Broken("it is cut off")))?;
@@ -234,7 +195,6 @@ impl Client {
         let args = [number, 0, 0, 0, 8];
         let data = value.to_be_bytes();
         self.ask(
-            Target::Cnc,
             function::WRITE_MACRO,
             args,
             &data,
@@ -249,13 +209,7 @@ impl Client {
     /// See [`FocasError`].
     pub fn read_work_offset(&mut self, number: i32, axis: usize) -> Result<f64, FocasError> {
         let args = [number, number, -1, 0, 0];
-        let data = self.ask(
-            Target::Cnc,
-            function::READ_OFFSET,
-            args,
-            &[],
-            "reading a work offset",
-        )?;
+        let data = self.ask(function::READ_OFFSET, args, &[], "reading a work offset")?;
         slot(&data, axis).map_err(|e| broken("reading a work offset", e))
     }
 
@@ -278,13 +232,7 @@ impl Client {
         let [a, b, c, d, ..] = number_bytes(value, 3);
         // As that description has it: the mantissa alone, exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
-        self.ask(
-            Target::Cnc,
-            function::WRITE_OFFSET,
-            args,
-            &data,
-            "writing a work offset",
-        )?;
+        self.ask(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
     }
 
@@ -299,13 +247,7 @@ impl Client {
     ) -> Result<f64, FocasError> {
         let wanted = axis.map_or(0, |axis| i32::try_from(axis + 1).unwrap_or(i32::MAX));
         let args = [number_of, number_of, wanted, 0, 0];
-        let data = self.ask(
-            Target::Cnc,
-            function::READ_PARAMETER,
-            args,
-            &[],
-            "reading a parameter",
-        )?;
+        let data = self.ask(function::READ_PARAMETER, args, &[], "reading a parameter")?;
         let values = data.get(8..).unwrap_or_default();
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
@@ -320,13 +262,12 @@ impl Client {
     ) -> Result<Result<u32, String>, FocasError> {
         let told = match self.read_parameter(number, None) {
             Err(error) if self.session.is_dead() => return Err(error),
-            Err(FocasError::Refused {
-                code: ReturnCode::BUSY,
-                asked,
-            }) => {
-                let code = ReturnCode::BUSY;
-                return Err(FocasError::Refused { asked, code });
-            }
+            Err(
+                error @ FocasError::Refused {
+                    code: ReturnCode::BUSY,
+                    ..
+                },
+            ) => return Err(error),
             Err(error) => Err(error.to_string()),
             Ok(told) => Ok(told),
         };
@@ -367,7 +308,7 @@ impl Client {
     /// See [`FocasError`].
     pub fn alarms(&mut self) -> Result<Vec<Alarm>, FocasError> {
         let args = [-1, 10, 2, 64, 0];
-        let data = self.ask(Target::Cnc, function::ALARMS, args, &[], "reading alarms")?;
+        let data = self.ask(function::ALARMS, args, &[], "reading alarms")?;
         let alarm = |record: &[u8]| {
             let word = |k: usize| {
                 let [a, b, c, d] = [record[k], record[k + 1], record[k + 2], record[k + 3]];

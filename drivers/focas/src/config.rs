@@ -7,9 +7,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad};
 
 use crate::{
     answers::PositionKind,
-    areas::{self, BarrierArea, Block},
     error::FocasError,
-    pmc::{PmcAddress, PmcArea, Width},
+    pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width},
 };
 
 /// Positions have so many mm or deg in their last digit at least.
@@ -182,22 +181,140 @@ impl FocasConfig {
         if is_direct && self.shift.width != Width::Word {
             return Err(FocasError::Width(self.shift.width));
         }
-        areas::check(self, self.axes.len())?;
+        check(self, self.axes.len())?;
         Ok(description)
     }
 
     /// Two blocks of the control's memory that this configuration uses and that share a byte; `None` where all lie apart, or
     /// the configuration is wrong otherwise.
     pub fn overlap(&self) -> Option<[Block; 2]> {
-        areas::overlap_within(self)
+        overlap_within(self)
     }
 
     /// A block of this configuration and one of another for the same control that share a byte which one of them writes;
     /// `None` where they leave each other's bytes alone, or are of different controls.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
-        is_same
-            .then(|| areas::overlap_between(self, other))
-            .flatten()
+        is_same.then(|| overlap_between(self, other)).flatten()
     }
+}
+
+#[derive(Clone, Copy)]
+struct Used {
+    block: Block,
+    /// Whether this driver writes it.
+    written: bool,
+}
+
+const SHIFTS: &str = "the words of the shifts";
+const FRAME: &str = "the words of the frame";
+const REPORT: &str = "the words of the report";
+const REFERENCED: &str = "the byte of the referenced axes";
+
+/// The blocks of a configuration whose shift words belong to so many axes of the control. Where frames go to a
+/// barrier, the words of the shifts belong to the ladder, and there is neither a heartbeat nor a sequence byte.
+fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
+    let axes = config.axes.len();
+    let plain = config.barrier.is_none();
+    let [frame_words, report_words] = [
+        BarrierArea::frame_words(axes),
+        BarrierArea::report_words(axes),
+    ];
+    let (frame, report) = (
+        config.barrier.map(|it| it.frame),
+        config.barrier.map(|it| it.report),
+    );
+    let [heartbeat, sequence] = [config.heartbeat, config.sequence].map(|at| at.filter(|_| plain));
+    let Shift { first, width, .. } = config.shift;
+    let shifts = (axes > 0).then_some(first);
+    let (byte, word) = (Width::Byte, Width::Word);
+    let mut found = Vec::new();
+    // Key, what it is, first byte, words and their width, whether this driver writes them.
+    for (key, what, at, points, width, written) in [
+        ("barrier.frame", FRAME, frame, frame_words, word, true),
+        ("barrier.report", REPORT, report, report_words, word, false),
+        ("heartbeat", "the heartbeat", heartbeat, 1, byte, true),
+        ("sequence", "the sequence byte", sequence, 1, byte, true),
+        ("referenced", REFERENCED, config.referenced, 1, byte, false),
+        ("area.first", SHIFTS, shifts, slots, width, plain),
+    ] {
+        let Some(first) = at else { continue };
+        // The report is written by the ladder.
+        if (written || what == REPORT) && !first.area.is_of_ladder() {
+            return Err(FocasError::NotWritable { key, at: first });
+        }
+        let bytes = u16::try_from(points)
+            .unwrap_or(u16::MAX)
+            .saturating_mul(width.bytes());
+        let last = first.at.checked_add(bytes.saturating_sub(1));
+        let last = last.ok_or(FocasError::BeyondEnd {
+            key,
+            first,
+            points,
+            bytes: width.bytes(),
+        })?;
+        let block = Block {
+            key,
+            what,
+            first,
+            last: PmcAddress { at: last, ..first },
+        };
+        found.push(Used { block, written });
+    }
+    Ok(found)
+}
+
+/// Checks the words of a control's first `slots` axes, frame and report, and the bytes with a meaning of their own: what
+/// is written may be written and exists, and none lies within another.
+pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
+    match overlap(&used(config, slots)?) {
+        Some([one, other]) => Err(FocasError::Overlap { one, other }),
+        None => Ok(()),
+    }
+}
+
+/// The first two blocks of a configuration that share a byte.
+fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
+    overlap(&used(config, config.axes.len()).ok()?)
+}
+
+fn overlap(blocks: &[Used]) -> Option<[Block; 2]> {
+    let pairs = (blocks.iter().enumerate())
+        .flat_map(|(index, one)| blocks[index + 1..].iter().map(move |other| [one, other]));
+    let mut pairs = pairs.map(|pair| pair.map(|used| used.block));
+    pairs.find(|[one, other]| one.shared(other).is_some())
+}
+
+/// Refuses two blocks that share a byte.
+pub(crate) fn apart(one: &Block, other: &Block) -> Result<(), FocasError> {
+    one.shared(other).map_or(Ok(()), |_| {
+        Err(FocasError::Overlap {
+            one: *one,
+            other: *other,
+        })
+    })
+}
+
+/// The blocks of a configuration that the control must not take for shifts of its axes: where a ladder stands between
+/// them, all but those words of a barrier's ladder that are only known from the control.
+pub(crate) fn without_axis_words(
+    config: &FocasConfig,
+    slots: usize,
+) -> Result<Vec<Block>, FocasError> {
+    let of_ladder = |block: &Block| config.barrier.is_some() && block.what == SHIFTS;
+    let blocks = used(config, slots)?.into_iter().map(|used| used.block);
+    Ok(blocks.filter(|block| !of_ladder(block)).collect())
+}
+
+/// The first block of each of two configurations that share a byte which one of them writes; `None` where they leave each
+/// other alone.
+fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
+    let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
+    let (ours, theirs) = (blocks(one), blocks(other));
+    let pairs = ours
+        .iter()
+        .flat_map(|one| theirs.iter().map(move |other| [one, other]));
+    let mut written = pairs.filter(|pair| pair.iter().any(|used| used.written));
+    let found = written.find(|[one, other]| one.block.shared(&other.block).is_some())?;
+    Some(found.map(|used| used.block))
 }

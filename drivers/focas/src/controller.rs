@@ -5,7 +5,11 @@ use std::time::{Duration, Instant};
 use volcomp_port::{Controller, Description, DeviceError, Fault, Snapshot, Supply, Words};
 use volcomp_vocabulary::PerChannel;
 
-use crate::{config::FocasConfig, inspection::Inspection, link::Link, plan::Abilities};
+use crate::{
+    config::FocasConfig,
+    link::{Inspection, Link},
+    plan::Abilities,
+};
 
 /// A control that is corrected. The connection is made, and made again, on a thread of its own.
 pub struct FocasController {

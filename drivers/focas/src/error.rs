@@ -6,9 +6,8 @@ use volcomp_port::{DeviceError, Fault, UnfitAxes};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    areas::Block,
     frame::Broken,
-    pmc::{PmcAddress, Width},
+    pmc::{Block, PmcAddress, Width},
     return_code::ReturnCode,
 };
 
@@ -18,21 +17,12 @@ use crate::{
 pub enum FocasError {
     /// The name of the host cannot be resolved.
     #[error("the name {host} cannot be resolved: {source}")]
-    Resolve {
-        /// The name as it was given.
-        host: String,
-        /// The error of the name resolution.
-        source: io::Error,
-    },
-    /// The name of the host has no address.
+    Resolve { host: String, source: io::Error },
     #[error("the name {0} has no address")]
     NoAddress(String),
-    /// There is no connection to an address.
     #[error("no connection to {address}: {source}")]
     Connect {
-        /// The last address that was tried.
         address: SocketAddr,
-        /// The error of the connection attempt.
         source: io::Error,
     },
     /// The control serves no more sessions.
@@ -43,20 +33,10 @@ pub enum FocasError {
     NoSession(#[source] Fault),
     /// The control refused a question or an order.
     #[error("{asked} was refused with {code}")]
-    Refused {
-        /// The question or order that was refused, in words.
-        asked: String,
-        /// Why the control refused.
-        code: ReturnCode,
-    },
+    Refused { asked: String, code: ReturnCode },
     /// A question or an order got no answer, or one that cannot be read.
     #[error("{asked}: {source}")]
-    Failed {
-        /// The question or order that failed, in words.
-        asked: String,
-        /// The fault of the exchange.
-        source: Fault,
-    },
+    Failed { asked: String, source: Fault },
     /// The control is to take the words of the shifts itself, and they do not have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
@@ -65,22 +45,12 @@ pub enum FocasError {
     Width(Width),
     /// The control lacks an axis of the configuration.
     #[error("the control has no axis {name}, found {found}")]
-    NoAxis {
-        /// The axis of the configuration.
-        name: AxisName,
-        /// The letters of the axes that the control has.
-        found: String,
-    },
+    NoAxis { name: AxisName, found: String },
     /// Several axes of the control begin with the letter of an axis of the configuration.
     #[error(
         "axis {name}: found several axes of the control whose names begin with this letter, {found}, expected one"
     )]
-    SameLetter {
-        /// The axis of the configuration.
-        name: AxisName,
-        /// The first letters of the axes that the control has.
-        found: String,
-    },
+    SameLetter { name: AxisName, found: String },
     /// Two blocks of bytes with a meaning of their own have bytes in common: what is written into one would change the
     /// other.
     #[error(
@@ -90,7 +60,6 @@ pub enum FocasError {
     Overlap {
         /// The block that lies within the other, or overlaps it.
         one: Block,
-        /// The other block.
         other: Block,
     },
     /// Something is to be written into an area of the PMC that is not the ladder's own memory.
@@ -98,7 +67,6 @@ pub enum FocasError {
     NotWritable {
         /// The key of the configuration: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
         key: &'static str,
-        /// The address that was found.
         at: PmcAddress,
     },
     /// Words would end beyond the largest address of an area.
@@ -108,21 +76,15 @@ pub enum FocasError {
     BeyondEnd {
         /// The key of the configuration: `area.first`, `barrier.frame` or `barrier.report`.
         key: &'static str,
-        /// The first byte of the words.
         first: PmcAddress,
-        /// How many words begin there.
         points: usize,
-        /// The bytes of each word.
         bytes: u16,
     },
     /// The control does not take shifts from the words that the configuration names.
     #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
     Parameter {
-        /// The number of the parameter.
         parameter: &'static str,
-        /// What the parameter says.
         meaning: &'static str,
-        /// The value that the control told.
         found: String,
         /// The value that fits the configuration, in words.
         expected: String,

@@ -62,12 +62,10 @@ impl From<Broken> for volcomp_port::Fault {
     }
 }
 
-/// The head of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
     /// 1 in requests; 2, 3 or 4 in answers, by the generation of the controller.
     pub version: u16,
-    /// The purpose of the frame.
     pub kind: Kind,
     /// The number of bytes that follow the head.
     pub length: usize,
@@ -134,9 +132,7 @@ pub struct Command<'a> {
     pub target: Target,
     /// The path of the control, from 1.
     pub path: u16,
-    /// The code of the function.
     pub function: u16,
-    /// The five arguments of the function.
     pub args: [i32; 5],
     /// The data that are written; empty on a read.
     pub data: &'a [u8],
@@ -232,15 +228,11 @@ impl Request {
 /// The answer to one command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block<'a> {
-    /// The target of the command.
     pub target: u16,
-    /// The path of the command.
     pub path: u16,
-    /// The function of the command.
     pub function: u16,
     /// 0, or the return code with which the command was refused.
     pub error: i16,
-    /// The data that were read.
     pub data: &'a [u8],
 }
 

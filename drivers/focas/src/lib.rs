@@ -1,14 +1,13 @@
 #![doc = include_str!("../README.md")]
+#![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
 mod abilities;
 mod answers;
-mod areas;
 mod client;
 mod config;
 mod controller;
 mod error;
 pub mod frame;
-mod inspection;
 mod link;
 mod map_words;
 mod plan;
@@ -17,7 +16,6 @@ mod reading;
 mod return_code;
 mod session;
 mod shift_source;
-mod shift_words;
 #[cfg(feature = "simulator")]
 pub mod simulator;
 mod units;
@@ -26,15 +24,14 @@ mod units;
 pub const PORT: u16 = 8193;
 
 pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};
-pub use areas::{BarrierArea, Block};
 pub use client::Client;
 pub use config::{FocasConfig, Shift};
 pub use controller::FocasController;
 pub use error::FocasError;
-pub use inspection::{Inspection, inspect};
+pub use link::{Inspection, inspect};
 pub use map_words::{MapPlaces, MapWords};
 pub use plan::{Abilities, Packing};
-pub use pmc::{PmcAddress, PmcArea, Width};
+pub use pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width};
 pub use return_code::ReturnCode;
 pub use session::Session;
 pub use shift_source::ShiftSource;

@@ -1,28 +1,48 @@
 //! An open session with the requests of a cycle, in the form that the control accepts.
 
-use std::time::{Duration, Instant};
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 use volcomp_port::{Fault, Snapshot, Words};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     abilities,
-    areas::{self, BarrierArea},
     client::Client,
-    config::FocasConfig,
+    config::{self, FocasConfig},
     error::FocasError,
-    inspection::Inspection,
     plan::{self, Abilities, Ask, Exchange, Part, PlannedAxis},
-    pmc::Width,
+    pmc::{BarrierArea, Width, put},
     reading::{self, Applied},
     session::Session,
-    shift_words::put,
+    shift_source::ShiftSource,
     units,
 };
 
 /// The longest time for which something that was sent in a cycle may wait to be acknowledged: longer than the deadline of
 /// any cycle, short against the time after which an old correction would do harm. It holds even while the program stands.
 const UNACKNOWLEDGED: Duration = Duration::from_millis(250);
+
+/// What a control tells about itself when it is connected as a configuration says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Inspection {
+    /// The version that the control answers with: 2, 3 or 4 by its generation.
+    pub version: u16,
+    /// The letters of the control's axes.
+    pub axes: Vec<char>,
+    /// From which words the control takes the shifts of the axes.
+    pub shift_source: ShiftSource,
+    /// In which form the control accepts the requests of a cycle.
+    pub abilities: Abilities,
+    /// What deserves to be known and is no error, in words.
+    pub notes: Vec<String>,
+    /// Reports of the control's barrier with the times of their readings, two that are a second apart: how far the tick
+    /// moved on between them tells how long a scan takes. Empty where the configuration has no barrier, or the control did
+    /// not tell.
+    pub reports: Vec<(Instant, Words)>,
+}
 
 /// An open session with the requests of a cycle.
 pub(crate) struct Link {
@@ -183,11 +203,8 @@ impl Link {
             }
         }
         for index in 0..self.writes.len() {
-            let parts = self.writes.get(index).map(|exchange| &exchange.parts);
-            let has_heartbeat = parts
-                .into_iter()
-                .flatten()
-                .any(|part| matches!(part, Part::Heartbeat(_)));
+            let has_heartbeat =
+                (self.writes[index].parts.iter()).any(|part| matches!(part, Part::Heartbeat(_)));
             if has_heartbeat {
                 // Until it is known whether the control took it: then nobody else has moved it.
                 self.heartbeat = None;
@@ -203,10 +220,7 @@ impl Link {
     /// Sends one exchange of a write. Where an earlier one of the same write has been sent and this one can no longer be
     /// in time, the session is aborted: half a write is no state in which to go on.
     fn send(&mut self, index: usize, deadline: Instant) -> Result<(), Fault> {
-        let Some(exchange) = self.writes.get(index) else {
-            return Ok(());
-        };
-        match self.session.exchange(&exchange.request, deadline) {
+        match self.session.exchange(&self.writes[index].request, deadline) {
             Ok(blocks) => {
                 for block in blocks {
                     reading::data(block)?;
@@ -221,6 +235,33 @@ impl Link {
             }
         }
     }
+}
+
+/// How long the reading may take.
+const READ_WITHIN: Duration = Duration::from_secs(2);
+
+/// The time between two reports of a barrier.
+const APART: Duration = Duration::from_secs(1);
+
+/// Connects, makes every check that a correction makes before its first cycle, reads once, and ends. Nothing is written.
+///
+/// # Errors
+/// The first check that fails: no connection, an axis that the control lacks, a parameter that says otherwise, a question
+/// that it refuses.
+pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
+    config.describe()?;
+    let mut link = Link::open(config)?;
+    let mut found = link.found().clone();
+    let mut read = || {
+        let snapshot = link.read(Instant::now() + READ_WITHIN).ok()?;
+        Some((snapshot.taken, snapshot.report?))
+    };
+    found.reports.extend(read());
+    if !found.reports.is_empty() {
+        thread::sleep(APART);
+        found.reports.extend(read());
+    }
+    Ok(found)
 }
 
 /// The axes of the configuration among those of the control.
@@ -250,6 +291,6 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         .map(planned)
         .collect::<Result<_, FocasError>>()?;
     // The control has a word for each of its axes, corrected or not: the words reach further than the description knew.
-    areas::check(config, names.len())?;
+    config::check(config, names.len())?;
     Ok(axes)
 }

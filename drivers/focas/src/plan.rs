@@ -4,10 +4,9 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{
     answers::function,
-    areas::BarrierArea,
     config::FocasConfig,
     frame::{Broken, Command, Request, Target},
-    pmc::{PmcAddress, Width},
+    pmc::{BarrierArea, PmcAddress, Width},
 };
 
 /// How commands are packed into frames.
@@ -336,7 +335,6 @@ fn report_area(config: &FocasConfig) -> PmcAddress {
         .map_or(config.shift.first, |barrier| barrier.report)
 }
 
-/// Where the frame lies.
 fn frame_area(config: &FocasConfig) -> PmcAddress {
     config
         .barrier

@@ -1,4 +1,4 @@
-//! Places in the memory of the PMC, the programmable machine controller.
+//! Places in the memory of the PMC, the programmable machine controller, and shifts as whole numbers of counts there.
 
 use std::fmt;
 
@@ -89,7 +89,6 @@ pub enum Width {
 }
 
 impl Width {
-    /// How many bytes a point has.
     pub fn bytes(self) -> u16 {
         match self {
             Self::Byte => 1,
@@ -120,7 +119,6 @@ impl Width {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PmcAddress {
-    /// The area of the memory.
     pub area: PmcArea,
     /// The number of the byte in the area.
     pub at: u16,
@@ -130,5 +128,95 @@ impl fmt::Display for PmcAddress {
     /// As ladders name it: `R100`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}{}", self.area, self.at)
+    }
+}
+
+/// Where frames and reports of a barrier lie in the memory of the PMC. Both are words of two bytes, one after the other,
+/// the low byte first, as the PMC keeps numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct BarrierArea {
+    /// The first byte of the frame, which the driver writes and the ladder reads.
+    pub frame: PmcAddress,
+    /// The first byte of the report, which the ladder writes and the driver reads.
+    pub report: PmcAddress,
+}
+
+impl BarrierArea {
+    /// The number of words of a frame for so many axes: epoch, tick, sequence, owner, a value for each axis, two of a checksum.
+    pub const fn frame_words(axes: usize) -> usize {
+        4 + axes + 2
+    }
+
+    /// The number of words of a report for so many axes: a head of eight, three for each axis, two of a checksum.
+    pub const fn report_words(axes: usize) -> usize {
+        8 + 3 * axes + 2
+    }
+}
+
+/// Bytes of the PMC's memory that belong together, and what they are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// The key of a configuration that says where they are: `area.first`, `heartbeat`, `sequence`, `referenced`,
+    /// `barrier.frame` or `barrier.report`. Empty where the control says it.
+    pub key: &'static str,
+    /// What the bytes are for, in words.
+    pub what: &'static str,
+    pub first: PmcAddress,
+    pub last: PmcAddress,
+}
+
+impl Block {
+    /// The first byte that both have; `None` where they lie apart.
+    pub fn shared(&self, other: &Self) -> Option<PmcAddress> {
+        let at = self.first.at.max(other.first.at);
+        let is_in_both =
+            self.first.area == other.first.area && at <= self.last.at && at <= other.last.at;
+        is_in_both.then_some(PmcAddress { at, ..self.first })
+    }
+}
+
+impl fmt::Display for Block {
+    /// What it is and where it lies: `the words of the shifts R100 to R105`, `the heartbeat R120`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.what, self.first)?;
+        if self.last != self.first {
+            write!(f, " to {}", self.last)?;
+        }
+        Ok(())
+    }
+}
+
+/// The count at the start of `bytes`; `None` where they are too few.
+pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
+    match width {
+        Width::Byte => bytes.first().map(|b| f64::from(b.cast_signed())),
+        Width::Word => bytes
+            .first_chunk()
+            .map(|b| f64::from(i16::from_be_bytes(*b))),
+        Width::Long => bytes
+            .first_chunk()
+            .map(|b| f64::from(i32::from_be_bytes(*b))),
+    }
+}
+
+/// Writes the nearest count that the width can hold at the start of `into`; what is no number becomes 0.
+#[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
+pub(crate) fn put(into: &mut [u8], width: Width, count: f64) {
+    let count = count.round();
+    let bytes = match width {
+        Width::Byte => {
+            let [byte] = (count as i8).to_be_bytes();
+            [byte, 0, 0, 0]
+        }
+        Width::Word => {
+            let [a, b] = (count as i16).to_be_bytes();
+            [a, b, 0, 0]
+        }
+        Width::Long => (count as i32).to_be_bytes(),
+    };
+    let length = usize::from(width.bytes());
+    if let Some(into) = into.get_mut(..length) {
+        into.copy_from_slice(&bytes[..length]);
     }
 }

@@ -7,14 +7,12 @@ use volcomp_vocabulary::{Displacement, PerChannel};
 
 use crate::{
     answers::{slot, status},
-    areas::BarrierArea,
     config::FocasConfig,
     frame::{Block, Broken},
     plan::{Ask, Exchange, PlannedAxis, Run},
-    pmc::Width,
+    pmc::{BarrierArea, Width, count},
     return_code::ReturnCode,
     session::Session,
-    shift_words::count,
 };
 
 /// The values of one read of the control.

@@ -4,13 +4,10 @@
 //! words begin, two bytes for each axis of the control. Both are from memory of manuals and were not seen on a real
 //! control; so a control that does not tell them is not refused.
 
-#[cfg(doc)]
-use crate::client::Client;
 use crate::{
-    areas::{self, Block},
-    config::FocasConfig,
+    config::{FocasConfig, apart, without_axis_words},
     error::FocasError,
-    pmc::{PmcAddress, PmcArea},
+    pmc::{Block, PmcAddress, PmcArea},
 };
 
 /// The parameter whose lowest bit says whether the extended external machine zero point shift is in use.
@@ -18,7 +15,7 @@ pub(crate) const IN_USE: i32 = 1203;
 /// The parameter with the first R address of the shift words.
 pub(crate) const FIRST: i32 = 1280;
 
-/// From which words the control takes the machine zero point shift. See [`Client::shift_source`].
+/// From which words the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
@@ -114,8 +111,8 @@ impl ShiftSource {
             first,
             last,
         };
-        for block in areas::without_axis_words(config, control_axes)? {
-            areas::apart(&block, &words)?;
+        for block in without_axis_words(config, control_axes)? {
+            apart(&block, &words)?;
         }
         Ok(Vec::new())
     }

@@ -321,7 +321,6 @@ pub(super) enum KeyCommand {
     },
 }
 
-/// What is to be done with a user.
 #[derive(Subcommand)]
 pub(super) enum UserCommand {
     /// Add a user; the password is asked for, or read from standard input
@@ -364,7 +363,6 @@ pub(super) enum UserCommand {
     },
 }
 
-/// What is searched, and how.
 #[derive(Args)]
 pub(super) struct DiscoverArguments {
     /// Subnets or addresses, such as 192.0.2.0/24

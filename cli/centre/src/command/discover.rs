@@ -2,13 +2,16 @@
 
 use std::io::{IsTerminal, Write};
 
-use super::{CommandError, arguments::DiscoverArguments, print, print_json};
-use crate::discover::{Kind, Search, table};
+use super::{arguments::DiscoverArguments, print, print_json};
+use crate::{
+    Error,
+    discover::{Kind, Search, table},
+};
 
-pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), CommandError> {
+pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), Error> {
     for subnet in &arguments.subnets {
         let checked = subnet.check(arguments.yes_these_are_mine);
-        checked.map_err(|e| CommandError::Wrong(e.to_string()))?;
+        checked.map_err(|e| Error::Wrong(e.to_string()))?;
     }
     let mut search = Search::new(arguments.subnets.clone());
     search.per_second = arguments.rate;

@@ -5,7 +5,6 @@ use std::{collections::BTreeMap, fmt::Write};
 use volcomp_fleet::{Identity, MachineId};
 
 use super::{
-    CommandError,
     arguments::AddMachine,
     machine_named, open, print, print_json,
     server::draw_nkey,
@@ -13,31 +12,30 @@ use super::{
     text::{self, Named, Shown},
 };
 use crate::{
+    Error,
     clock::now_s,
     config::Config,
-    drift::version_in_force,
-    issue::{NotIssued, settle},
+    issue::settle,
     models::NewModel,
     records::{Live, Machine, Model, Version},
-    registration::check,
+    versions::version_in_force,
 };
 
-pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), CommandError> {
+pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), Error> {
     let store = open(config)?;
     let identity = Identity {
-        site: (add.site.parse())
-            .map_err(|e| CommandError::Wrong(format!("the name of a site: {e}")))?,
+        site: (add.site.parse()).map_err(|e| Error::Wrong(format!("the name of a site: {e}")))?,
         machine: machine_named(&add.machine)?,
     };
     let like = NewModel::of_file(&add.like, by)?.model;
     let name = &identity.machine;
     store.change_machine(name, by, |before| {
         let mut machine = named(before, &identity, add, like);
-        check(&machine).map_err(|error| CommandError::Wrong(error.to_string()))?;
+        machine.check()?;
         if let Some(file) = &add.new_nkey {
             machine.nkey = Some(draw_nkey(file)?);
         }
-        Ok::<_, CommandError>(machine)
+        Ok(machine)
     })?;
     let mut said = format!("{name} is registered\n");
     if let Some(file) = &add.new_nkey {
@@ -74,7 +72,7 @@ fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: M
     }
 }
 
-pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
+pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     let store = open(config)?;
     let (mut live, mut versions) = (store.live()?, store.newest_versions()?);
     let models: BTreeMap<String, String> = (store.models()?.into_iter())
@@ -111,7 +109,7 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
     }
 }
 
-pub(super) fn remove(config: &Config, machine: &str, by: &str) -> Result<(), CommandError> {
+pub(super) fn remove(config: &Config, machine: &str, by: &str) -> Result<(), Error> {
     let name = machine_named(machine)?;
     if open(config)?.remove_machine(&name, by)? {
         print(&format!(
@@ -122,18 +120,13 @@ pub(super) fn remove(config: &Config, machine: &str, by: &str) -> Result<(), Com
     }
 }
 
-pub(super) fn enable(
-    config: &Config,
-    machine: &str,
-    enable: bool,
-    by: &str,
-) -> Result<(), CommandError> {
+pub(super) fn enable(config: &Config, machine: &str, enable: bool, by: &str) -> Result<(), Error> {
     let name = machine_named(machine)?;
     let key = signing_key(config)?;
     let store = open(config)?;
     store.change_machine(&name, by, |known| {
         let known = known.ok_or_else(|| no_machine(&name))?;
-        Ok::<_, CommandError>(Machine { enable, ..known })
+        Ok(Machine { enable, ..known })
     })?;
     match settle(&store, &key, &name, by) {
         Ok(Some(issued)) => print(&format!(
@@ -144,16 +137,16 @@ pub(super) fn enable(
             "its newest manifest says so already; the running centre sends it where it is not sent yet\n",
         ),
         // It will be so in its first manifest.
-        Err(NotIssued::NoModelYet { .. }) => {
+        Err(Error::NoModelYet { .. }) => {
             let may = if enable { "may" } else { "must not" };
             print(&format!(
                 "it is noted that {name} {may} be corrected; it has no model yet, and is told with its first one\n"
             ))
         }
-        Err(other) => Err(other.into()),
+        Err(other) => Err(Error::Failed(other.to_string())),
     }
 }
 
-fn no_machine(name: &MachineId) -> CommandError {
-    CommandError::Wrong(format!("found no machine {name}: see `machine list`"))
+fn no_machine(name: &MachineId) -> Error {
+    Error::Wrong(format!("found no machine {name}: see `machine list`"))
 }

@@ -15,95 +15,14 @@ pub use arguments::Arguments;
 
 use std::{io::Write, path::Path, sync::Arc};
 
-use crate::{
-    back::NoWayBack,
-    config::{Config, ConfigError},
-    engine::EngineError,
-    issue::NotIssued,
-    keys::{Key, KeyError},
-    models::NoModel,
-    store::{Store, StoreError},
-};
+use crate::{Error, config::Config, keys::Key, store::Store};
 
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
-/// Why a command was not done.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CommandError {
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    #[error(transparent)]
-    Key(#[from] KeyError),
-    #[error(transparent)]
-    Model(#[from] NoModel),
-    #[error("{0}")]
-    Wrong(String),
-    #[error(transparent)]
-    Server(#[from] volcomp_fleet::NoConfiguration),
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    #[error(transparent)]
-    Engine(#[from] EngineError),
-    #[error(transparent)]
-    Back(#[from] NoWayBack),
-    #[error(transparent)]
-    Issue(#[from] NotIssued),
-    #[error(transparent)]
-    Tls(#[from] volcomp_web::TlsError),
-    #[error(transparent)]
-    Demo(#[from] crate::demo::DemoError),
-    #[error(
-        "{0} has ended by itself, which it never should: see the log; what was not acknowledged comes again after a start"
-    )]
-    Ended(&'static str),
-    #[error(transparent)]
-    Io(#[from] std::io::Error),
-    /// Something was found that a person must look at; it has been printed.
-    #[error("{0}")]
-    Found(String),
-}
-
-impl CommandError {
-    /// The exit status: 2 where the configuration or the call is wrong, 1 where the work failed.
-    pub fn status(&self) -> u8 {
-        match self {
-            Self::Key(KeyError::File { source, .. })
-                if source.kind() == std::io::ErrorKind::StorageFull =>
-            {
-                1
-            }
-            Self::Config(_)
-            | Self::Key(_)
-            | Self::Model(_)
-            | Self::Wrong(_)
-            | Self::Server(_)
-            | Self::Back(
-                NoWayBack::None { .. }
-                | NoWayBack::Model(_)
-                | NoWayBack::Store(StoreError::Conflict(_)),
-            )
-            | Self::Tls(_)
-            | Self::Store(StoreError::Missing { .. } | StoreError::Conflict(_)) => 2,
-            Self::Store(_)
-            | Self::Back(NoWayBack::Store(_))
-            | Self::Demo(_)
-            | Self::Engine(_)
-            | Self::Issue(_)
-            | Self::Ended(_)
-            | Self::Io(_)
-            | Self::Found(_) => 1,
-        }
-    }
-}
-
 impl Arguments {
     /// Does what is asked.
-    ///
-    /// # Errors
-    /// Why it was not done.
-    pub fn act(self) -> Result<(), CommandError> {
-        let config = || Config::read(&self.config).map_err(CommandError::from);
+    pub fn act(self) -> Result<(), Error> {
+        let config = || Config::read(&self.config);
         let by = self.by.clone().unwrap_or_else(who);
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
@@ -173,23 +92,17 @@ fn who() -> String {
 }
 
 /// Opens the store of a configuration.
-///
-/// # Errors
-/// It cannot be opened.
-pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
+pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
     Ok(Arc::new(Store::open(&config.store.file)?))
 }
 
 /// The key that signs.
-///
-/// # Errors
-/// There is none, or others can read it.
-pub fn signing_key(config: &Config) -> Result<Key, CommandError> {
+pub fn signing_key(config: &Config) -> Result<Key, Error> {
     Ok(Key::read(&config.keys.folder, &config.keys.sign_with)?)
 }
 
 /// Prints. A reader that has gone is no failure.
-fn print(text: &str) -> Result<(), CommandError> {
+fn print(text: &str) -> Result<(), Error> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
         _ => Ok(()),
@@ -197,15 +110,15 @@ fn print(text: &str) -> Result<(), CommandError> {
 }
 
 /// Prints a document.
-fn print_json<T: serde::Serialize>(document: &T) -> Result<(), CommandError> {
+fn print_json<T: serde::Serialize>(document: &T) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(document).map_err(std::io::Error::from)?;
     print(&format!("{text}\n"))
 }
 
 /// A name of a machine, as somebody has typed it.
-fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, CommandError> {
+fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, Error> {
     text.parse()
-        .map_err(|e| CommandError::Wrong(format!("the name of a machine: {e}")))
+        .map_err(|e| Error::Wrong(format!("the name of a machine: {e}")))
 }
 
 /// A file of an option, as people read it.

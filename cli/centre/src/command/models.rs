@@ -2,16 +2,16 @@
 
 use std::{fmt::Write as _, io::Write as _, path::Path};
 
-use super::{CommandError, arguments::AddModel, machine_named, open, print, print_json, text};
+use super::{arguments::AddModel, machine_named, open, print, print_json, text};
 use crate::{
+    Error,
     config::Config,
-    drift,
-    models::{Line, NewModel, compare},
+    models::{NewModel, Stage, compare, parameters},
     records::Model,
     store::Store,
 };
 
-pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), CommandError> {
+pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Error> {
     let day = add.measured.as_deref().unwrap_or_default();
     let new = NewModel::of_file(&add.file, by)?.with_day_and_note(day)?;
     let is_new = open(config)?.add_model(&new.model, &new.text)?;
@@ -28,7 +28,7 @@ pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Comma
     print(&said)
 }
 
-pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
+pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     let models = open(config)?.models()?;
     if json {
         print_json(&models)
@@ -38,9 +38,9 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
 }
 
 /// The model whose checksum begins so.
-pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), CommandError> {
+pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), Error> {
     let wrong = || {
-        CommandError::Wrong(format!(
+        Error::Wrong(format!(
             "the model: found {beginning:?}, expected the beginning of one checksum of `model list`"
         ))
     };
@@ -49,17 +49,13 @@ pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), C
     Ok((model, text))
 }
 
-pub(super) fn show(config: &Config, beginning: &str) -> Result<(), CommandError> {
+pub(super) fn show(config: &Config, beginning: &str) -> Result<(), Error> {
     let store = open(config)?;
     let (model, _) = named(&store, beginning)?;
     print(&text::model(&model))
 }
 
-pub(super) fn download(
-    config: &Config,
-    beginning: &str,
-    output: &Path,
-) -> Result<(), CommandError> {
+pub(super) fn download(config: &Config, beginning: &str, output: &Path) -> Result<(), Error> {
     let store = open(config)?;
     let (model, text) = named(&store, beginning)?;
     let file = std::fs::OpenOptions::new()
@@ -77,7 +73,7 @@ pub(super) fn download(
             }
             _ => format!("cannot be written: {error}"),
         };
-        CommandError::Wrong(format!("{}: {why}", output.display()))
+        Error::Wrong(format!("{}: {why}", output.display()))
     })?;
     print(&format!(
         "{}: {} bytes, SHA-256 {}\n",
@@ -87,26 +83,14 @@ pub(super) fn download(
     ))
 }
 
-pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), CommandError> {
+pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), Error> {
     let store = open(config)?;
     let (_, one) = named(&store, one)?;
     let (_, other) = named(&store, other)?;
-    let mut said = String::new();
-    for line in compare(&one, &other)? {
-        match line {
-            Line::Same(_) => {}
-            Line::Out(text) => {
-                let _ = writeln!(said, "- {text}");
-            }
-            Line::In(text) => {
-                let _ = writeln!(said, "+ {text}");
-            }
-        }
-    }
-    print(&said)
+    print(&compare(&one, &other)?)
 }
 
-pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> {
+pub(super) fn drift(config: &Config, machine: &str) -> Result<(), Error> {
     let store = open(config)?;
     let name = machine_named(machine)?;
     let mut stages = Vec::new();
@@ -114,11 +98,11 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> 
         let (model, text) = named(&store, &version.model)?;
         let seen = stages
             .iter()
-            .any(|stage: &drift::Stage| stage.sha256 == model.sha256);
+            .any(|stage: &Stage| stage.sha256 == model.sha256);
         if !seen {
-            let parameters = drift::parameters(&text)?;
+            let parameters = parameters(&text)?;
             let sha256 = model.sha256;
-            stages.push(drift::Stage { sha256, parameters });
+            stages.push(Stage { sha256, parameters });
         }
     }
     if stages.is_empty() {

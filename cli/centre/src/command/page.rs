@@ -5,8 +5,8 @@ use std::sync::Arc;
 use tokio::{net::TcpListener, task::JoinHandle};
 use volcomp_web::tls;
 
-use super::CommandError;
 use crate::{
+    Error,
     config::PageConfig,
     http::{PageSettings, PageState, router},
     rollout::Rules,
@@ -31,7 +31,7 @@ pub(super) async fn serve(
     config: &PageConfig,
     rules: Rules,
     store: &Arc<Store>,
-) -> Result<[JoinHandle<()>; 2], CommandError> {
+) -> Result<[JoinHandle<()>; 2], Error> {
     let acceptor = match config.tls() {
         Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
         None => None,
@@ -43,7 +43,7 @@ pub(super) async fn serve(
         } else {
             error.to_string()
         };
-        CommandError::Found(format!("the page cannot be served on {}: {why}", config.listen))
+        Error::Failed(format!("the page cannot be served on {}: {why}", config.listen))
     })?;
     let scheme = if acceptor.is_some() { "https" } else { "http" };
     tracing::info!("the page is on {scheme}://{}", listener.local_addr()?);

@@ -3,22 +3,21 @@
 use volcomp_fleet::MachineId;
 
 use super::{
-    CommandError,
     arguments::{StartRollout, WishCommand},
     machine_named,
     models::named,
     open, print, print_json, text,
 };
 use crate::{
-    back,
+    Error,
     config::Config,
     models::fits,
     records::Machine,
     rollout::{Rules, Wish},
-    store::StoreError,
+    versions,
 };
 
-pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(), CommandError> {
+pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(), Error> {
     let store = open(config)?;
     let (model, _) = named(&store, &start.model)?;
     let known = store.machines()?;
@@ -35,7 +34,7 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
             let machine = known
                 .find(|machine| machine.identity.machine == name)
                 .ok_or_else(|| {
-                    CommandError::Wrong(format!("found no machine {name}: see `machine list`"))
+                    Error::Wrong(format!("found no machine {name}: see `machine list`"))
                 })?;
             fits(&model, machine)?;
             chosen.push(machine);
@@ -43,13 +42,13 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         chosen
     };
     if chosen.is_empty() {
-        return Err(CommandError::Wrong(format!(
+        return Err(Error::Wrong(format!(
             "found no machine with the structure and the axes of the model {}",
             model.name
         )));
     }
     if start.all && chosen.len() > 1 && !start.same_model {
-        return Err(CommandError::Wrong(format!(
+        return Err(Error::Wrong(format!(
             "--all: found {} with the structure and the axes of the model {}, expected one: a model is measured on one machine and true for that one; `--machine NAME` names it, and `--same-model` gives it to all",
             text::counted(chosen.len()),
             model.name
@@ -69,7 +68,7 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
     };
     rules
         .check()
-        .map_err(|error| CommandError::Wrong(error.to_string()))?;
+        .map_err(|(key, why)| Error::Wrong(format!("{key}: {why}")))?;
     let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
     let mut said = text::started(&rollout, &model);
     if rollout.targets.len() > 1 {
@@ -80,15 +79,15 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
     print(&said)
 }
 
-pub(super) fn back(config: &Config, machine: &str, by: &str) -> Result<(), CommandError> {
+pub(super) fn back(config: &Config, machine: &str, by: &str) -> Result<(), Error> {
     let store = open(config)?;
     let name = machine_named(machine)?;
     let rules = config.rollout.clone();
-    let (rollout, model) = back::start(&store, &name, rules, by)?;
+    let (rollout, model) = versions::start_way_back(&store, &name, rules, by)?;
     print(&text::started(&rollout, &model))
 }
 
-pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<(), CommandError> {
+pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<(), Error> {
     let name = machine_named(machine)?;
     open(config)?.keep_model(id, &name, by)?;
     print(&format!(
@@ -96,14 +95,11 @@ pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<
     ))
 }
 
-pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(), CommandError> {
+pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(), Error> {
     const LAST: u32 = 10;
     let store = open(config)?;
     let rollouts = match id {
-        Some(id) => vec![store.rollout(id)?.ok_or_else(|| StoreError::Missing {
-            what: "roll-out",
-            name: id.to_string(),
-        })?],
+        Some(id) => vec![(store.rollout(id)?).ok_or_else(|| Error::missing("roll-out", id))?],
         None => store.rollouts(LAST)?,
     };
     if json {
@@ -115,7 +111,7 @@ pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(),
     }
 }
 
-pub(super) fn wish(config: &Config, wish: WishCommand, by: &str) -> Result<(), CommandError> {
+pub(super) fn wish(config: &Config, wish: WishCommand, by: &str) -> Result<(), Error> {
     let store = open(config)?;
     let (id, wish) = match wish {
         WishCommand::Pause { id } => (id, Wish::Pause),

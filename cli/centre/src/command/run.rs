@@ -10,20 +10,20 @@ use tracing_subscriber::{
 };
 
 use super::{
-    CommandError,
     arguments::LogForm,
     open, page, print,
     server::{chain_holds, link, settings},
     signing_key,
 };
 use crate::{
+    Error,
     config::{Config, PageConfig},
     demo::{CONFIRMS_AFTER, Demo},
     engine::{Engine, Settings},
     keys::Key,
 };
 
-pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
+pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
     let lines = fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
@@ -58,15 +58,15 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         tracing::info!("the centre runs");
         tokio::select! {
             told = ended() => told?,
-            part = running.ended() => return Err(CommandError::Ended(part)),
-            () = page::ended(page.as_mut()) => return Err(CommandError::Ended("the page")),
+            part = running.ended() => return Err(Error::Ended(part)),
+            () = page::ended(page.as_mut()) => return Err(Error::Ended("the page")),
         }
         tracing::info!("the centre ends");
         for task in page.iter().flatten() {
             task.abort();
         }
         running.end().await;
-        Ok::<_, CommandError>(())
+        Ok::<(), Error>(())
     })?;
     Ok(store.audit("centre", "centre.end", "", serde_json::json!({}))?)
 }
@@ -83,7 +83,7 @@ pub(super) async fn ended() -> std::io::Result<()> {
     Ok(())
 }
 
-pub(super) fn check(config: &Config) -> Result<(), CommandError> {
+pub(super) fn check(config: &Config) -> Result<(), Error> {
     let store = open(config)?;
     let key = signing_key(config)?;
     // Every key is read at the start, not only the one that signs.
@@ -123,12 +123,14 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
 }
 
 /// Runs the demonstration.
-pub(super) fn demo(listen: SocketAddr) -> Result<(), CommandError> {
+pub(super) fn demo(listen: SocketAddr) -> Result<(), Error> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()?;
     runtime.block_on(async {
-        let demo = Demo::start(listen).await?;
+        let demo = Demo::start(listen)
+            .await
+            .map_err(|error| Error::Failed(error.to_string()))?;
         print(&format!(
             "The page is on http://{}\n  name      {}\n  password  {}\nThree machines are simulated, and nothing is kept. Ctrl-C ends everything.\nTheir models wait until somebody confirms them on the page, under Roll-outs; after {} s the demonstration confirms them by itself.\n",
             demo.address,

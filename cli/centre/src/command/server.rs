@@ -12,19 +12,20 @@ use volcomp_fleet::{
     Cluster, LinkSettings, MachineUser, RoutePassword, ServerSettings, server::write_private,
 };
 
-use super::{CommandError, open, print, print_json, text};
+use super::{open, print, print_json, text};
 use crate::{
+    Error,
     config::Config,
-    keys::{Key, KeyError, write_secret},
+    keys::{Key, content, failed, write_secret},
     store::Store,
 };
 
-pub(super) fn new_key(config: &Config, name: &str) -> Result<(), CommandError> {
+pub(super) fn new_key(config: &Config, name: &str) -> Result<(), Error> {
     let key = Key::create(&config.keys.folder, name)?;
     print(&format!("{} {}\n", key.name, key.public()))
 }
 
-pub(super) fn list_keys(config: &Config) -> Result<(), CommandError> {
+pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
     let mut text = String::new();
     for key in Key::all(&config.keys.folder)? {
         let signs = if key.name == config.keys.sign_with {
@@ -38,40 +39,34 @@ pub(super) fn list_keys(config: &Config) -> Result<(), CommandError> {
 }
 
 /// Draws an nkey, and writes its seed into a new file. Gives the public nkey.
-pub(super) fn draw_nkey(file: &Path) -> Result<String, CommandError> {
+pub(super) fn draw_nkey(file: &Path) -> Result<String, Error> {
     let pair = KeyPair::new_user();
-    let seed = pair.seed().map_err(|_| KeyError::Content {
-        file: file.to_owned(),
-        expected: "the seed of an nkey",
-    })?;
+    let seed = pair
+        .seed()
+        .map_err(|_| content(file, "the seed of an nkey"))?;
     write_secret(file, &seed)?;
     Ok(pair.public_key())
 }
 
-pub(super) fn new_nkey(file: &Path) -> Result<(), CommandError> {
+pub(super) fn new_nkey(file: &Path) -> Result<(), Error> {
     print(&format!("{}\n", draw_nkey(file)?))
 }
 
 /// How the centre reaches the server, and its public nkey.
-pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), CommandError> {
+pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), Error> {
     let file = &config.nats.nkey_file;
     let link = LinkSettings {
         url: config.nats.url.clone(),
-        seed: private::read(file)
-            .map_err(KeyError::from)?
-            .trim()
-            .to_owned(),
+        seed: private::read(file)?.trim().to_owned(),
         roots: config.nats.ca.clone(),
     };
-    let nkey = link.public_key().map_err(|_| KeyError::Content {
-        file: file.clone(),
-        expected: "the seed of the nkey of a user, SU and 56 letters and digits",
-    })?;
+    let expected = "the seed of the nkey of a user, SU and 56 letters and digits";
+    let nkey = link.public_key().map_err(|_| content(file, expected))?;
     Ok((link, nkey))
 }
 
 /// The settings of the server with every machine that has an nkey.
-pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> {
+pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
     let (link, centre) = link(config)?;
     let machines = open(config)?.machines()?;
     let server = &config.server;
@@ -99,22 +94,16 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> 
     })
 }
 
-pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), CommandError> {
+pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), Error> {
     let settings = settings(config)?;
     let text = settings.text()?;
     if let Some(file) = output {
-        return write_private(file, &text).map_err(|source| {
-            KeyError::File {
-                file: file.to_owned(),
-                source,
-            }
-            .into()
-        });
+        return write_private(file, &text).map_err(failed(file));
     }
     if settings.cluster.is_some()
         && let Some(mode) = printed_for_others()?
     {
-        return Err(CommandError::Wrong(format!(
+        return Err(Error::Wrong(format!(
             "the configuration holds the password of the cluster, and the mode of the file that it is printed into is {mode:03o}, expected `nats-config --output FILE`, which makes one that only its owner can read"
         )));
     }
@@ -122,14 +111,14 @@ pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), 
 }
 
 /// The mode of the file into which this program prints, where others can read that.
-fn printed_for_others() -> Result<Option<u32>, CommandError> {
+fn printed_for_others() -> Result<Option<u32>, Error> {
     let printed = std::io::stdout().as_fd().try_clone_to_owned()?;
     let printed = std::fs::File::from(printed).metadata()?;
     let mode = printed.permissions().mode() & 0o777;
     Ok((printed.is_file() && private::is_open_to_others(mode)).then_some(mode))
 }
 
-pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), CommandError> {
+pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), Error> {
     let store = open(config)?;
     let records = store.audit_records(None, count)?;
     if json {
@@ -141,16 +130,16 @@ pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), Comma
 }
 
 /// Refuses an audit log of which a record was changed or taken out.
-pub(super) fn chain_holds(store: &Store) -> Result<(), CommandError> {
+pub(super) fn chain_holds(store: &Store) -> Result<(), Error> {
     match store.broken_audit()? {
         None => Ok(()),
-        Some(number) => Err(CommandError::Found(format!(
+        Some(number) => Err(Error::Failed(format!(
             "the audit log: record {number} does not follow from the one before: it, or one before it, was changed"
         ))),
     }
 }
 
-pub(super) fn alarms(config: &Config, all: bool, json: bool) -> Result<(), CommandError> {
+pub(super) fn alarms(config: &Config, all: bool, json: bool) -> Result<(), Error> {
     let store = open(config)?;
     let alarms = if all {
         store.alarms(None, 1000)?

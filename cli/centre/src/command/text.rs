@@ -8,7 +8,7 @@ use volcomp_fleet::largest_moves;
 use crate::{
     clock::date,
     columns,
-    drift::Stage,
+    models::Stage,
     records::{Alarm, AuditRecord, Live, Machine, Model, Origin, Version},
     rollout::{Phase, Rollout, Step, Target},
 };

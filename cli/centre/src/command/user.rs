@@ -5,17 +5,17 @@ use std::{
     io::{BufRead, IsTerminal},
 };
 
-use super::{CommandError, arguments::UserCommand, open, print, print_json};
+use super::{arguments::UserCommand, open, print, print_json};
 use crate::{
+    Error,
     config::Config,
-    store::StoreError,
     users::{Password, hash},
 };
 
 /// From where a change comes, in the audit log.
 const HERE: &str = "command line";
 
-pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(), CommandError> {
+pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(), Error> {
     let store = open(config)?;
     match command {
         UserCommand::List { json } => {
@@ -44,10 +44,7 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             disable,
             enable,
         } => {
-            let (user, _) = store.user(&name)?.ok_or_else(|| StoreError::Missing {
-                what: "user",
-                name: name.to_string(),
-            })?;
+            let (user, _) = (store.user(&name)?).ok_or_else(|| Error::missing("user", &name))?;
             let role = role.unwrap_or(user.role);
             let disabled = !enable && (disable || user.disabled);
             store.change_user(&name, role, disabled, by, HERE)?;
@@ -59,11 +56,11 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
 
 /// Asks for a password, twice at a terminal and without showing it; otherwise the first line of standard input. It is never an
 /// argument: those can be seen by everybody on the computer.
-fn asked() -> Result<String, CommandError> {
+fn asked() -> Result<String, Error> {
     let text = if std::io::stdin().is_terminal() {
         let text = rpassword::prompt_password("Password: ")?;
         if text != rpassword::prompt_password("Once more: ")? {
-            return Err(CommandError::Wrong("the two passwords differ".to_owned()));
+            return Err(Error::Wrong("the two passwords differ".to_owned()));
         }
         text
     } else {
@@ -71,6 +68,5 @@ fn asked() -> Result<String, CommandError> {
         std::io::stdin().lock().read_line(&mut line)?;
         line.trim_end_matches(['\r', '\n']).to_owned()
     };
-    let wrong = |e: crate::users::PasswordError| CommandError::Wrong(e.to_string());
-    hash(&Password::chosen(text).map_err(wrong)?).map_err(wrong)
+    hash(&Password::chosen(text)?)
 }

@@ -40,7 +40,6 @@ pub(super) struct Simulated {
     instance: String,
     number: u64,
     begun: Instant,
-    /// The model in force, and its version.
     active: Option<(Model, u64)>,
     /// The correction ramps from that of one model to that of another; `None`: no correction.
     from: Option<Model>,

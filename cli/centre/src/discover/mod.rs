@@ -45,10 +45,8 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Every kind.
     pub const ALL: [Self; 4] = [Self::Gateway, Self::Focas, Self::OpcUa, Self::Modbus];
 
-    /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Gateway => "gateway",
@@ -63,7 +61,6 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Device {
     pub address: IpAddr,
-    /// The port on which it answers.
     pub port: u16,
     /// The language that belongs to the port.
     pub kind: Kind,

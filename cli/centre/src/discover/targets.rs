@@ -98,9 +98,6 @@ impl Subnet {
     }
 
     /// Whether it may be searched; `mine` confirms that a public range belongs to whoever asks.
-    ///
-    /// # Errors
-    /// Why it may not.
     pub fn check(&self, mine: bool) -> Result<(), NotSearched> {
         let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
         if self.prefix < SHORTEST_PREFIX {

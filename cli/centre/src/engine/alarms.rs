@@ -10,12 +10,12 @@ use super::{
     lock,
 };
 use crate::{
-    back,
+    Error,
     clock::now_s,
-    drift::{due_days, model_in_force, version_in_force},
-    records::{Alarm, AlarmKind, Live, Machine, Model, Version},
+    records::{Alarm, AlarmKind, Live, Machine, Version},
     rollout::{Phase, Rollout, Step},
-    store::{StoreError, alarms},
+    store::alarms,
+    versions::{overdue_days, version_in_force, way_back},
 };
 
 /// The text of an open alarm changes no more often than this, s: it may contain an age.
@@ -38,7 +38,7 @@ pub(super) fn look(
     state: &mut State,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let now = now_s();
     let lives: BTreeMap<MachineId, Live> = {
         let ingest = lock(&engine.ingest);
@@ -79,7 +79,7 @@ pub(super) fn look(
             for ((machine, kind), text) in &raised {
                 alarms::raise(database, machine.as_ref(), *kind, text, now)?;
             }
-            Ok::<_, StoreError>(())
+            Ok(())
         })?;
         state
             .changed_s
@@ -92,9 +92,9 @@ pub(super) fn look(
 }
 
 /// A roll-out; `None`: there is none, or its document cannot be read, which is told as a roll-out that cannot go on.
-fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, StoreError> {
+fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     match engine.store.rollout(id) {
-        Err(StoreError::Document(_)) => Ok(None),
+        Err(Error::Document(_)) => Ok(None),
         other => other,
     }
 }
@@ -106,7 +106,7 @@ fn suspects(
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
     lives: &BTreeMap<MachineId, Live>,
-) -> Result<BTreeMap<MachineId, Suspect>, StoreError> {
+) -> Result<BTreeMap<MachineId, Suspect>, Error> {
     let mut by_rollout: BTreeMap<u64, Vec<&MachineId>> = BTreeMap::new();
     for machine in machines {
         let name = &machine.identity.machine;
@@ -133,7 +133,7 @@ fn suspects(
         };
         for machine in machines {
             if rollout.is_suspect_on(machine) {
-                let way_back = back::way(&engine.store, machine, lives.get(machine))?;
+                let way_back = way_back(&engine.store, machine, lives.get(machine))?;
                 let suspect = Suspect {
                     rollout: id,
                     what: what.clone(),
@@ -153,23 +153,15 @@ fn of_machines(
     versions: &BTreeMap<MachineId, Version>,
     suspects: &BTreeMap<MachineId, Suspect>,
     lives: &BTreeMap<MachineId, Live>,
-) -> Result<BTreeMap<Key, String>, StoreError> {
-    let models: BTreeMap<String, Model> = (engine.store.models()?.into_iter())
-        .map(|model| (model.sha256.clone(), model))
-        .collect();
+) -> Result<BTreeMap<Key, String>, Error> {
+    let models = engine.store.newest_models()?;
+    let now_s = now_s();
     let mut due = BTreeMap::new();
-    for machine in machines.iter().filter(|machine| machine.due_days.is_some()) {
+    for machine in machines {
         let name = &machine.identity.machine;
-        let Some(newest) = versions.get(name) else {
-            continue;
-        };
-        // A calibration that was refused, or that waits for a person, renews nothing.
-        let corrects_by = model_in_force(&engine.store, newest, lives.get(name))?;
-        let model = corrects_by.and_then(|model| models.get(&model));
-        due.insert(
-            name,
-            model.and_then(|model| due_days(machine, model, now_s())),
-        );
+        let (newest, live) = (versions.get(name), lives.get(name));
+        let days = overdue_days(&engine.store, machine, newest, live, &models, now_s)?;
+        due.insert(name, days);
     }
     let clobbered = lock(&engine.clobbered).clone();
     let ingest = lock(&engine.ingest);
@@ -186,7 +178,7 @@ fn of_machines(
             suspect: suspects.get(name),
             clobbered_s: clobbered.get(name).map(|at| at.elapsed().as_secs_f64()),
             due_days: due.get(name).copied().flatten(),
-            now_s: now_s(),
+            now_s,
         });
         for (kind, text) in causes {
             found.insert((Some(name.clone()), kind), text);
@@ -196,10 +188,7 @@ fn of_machines(
 }
 
 /// What the centre itself has trouble with, which of it is over; and what its roll-outs wait for.
-fn of_centre(
-    engine: &Engine,
-    causes: &mut BTreeMap<Key, String>,
-) -> Result<Vec<AlarmKind>, StoreError> {
+fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<AlarmKind>, Error> {
     let mut over = Vec::new();
     for (kind, trouble) in lock(&engine.troubles).iter() {
         causes.insert((None, *kind), trouble.text.clone());
@@ -261,23 +250,14 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rollout::{Event, NewRollout, Observation, Rules};
+    use crate::rollout::{Event, Observation, Rules};
 
     /// The canary has the model in force and never compensates: the roll-out waits, and an alarm says for what.
     #[test]
     fn a_roll_out_that_waits_for_a_correction_raises_an_alarm() {
         let name: MachineId = "mill-1".parse().expect("a name");
         let machines = [(name.clone(), true)];
-        let mut rollout = Rollout::new(
-            7,
-            NewRollout {
-                model: "ab".to_owned(),
-                machines: &machines,
-                rules: Rules::default(),
-                by: "anna".to_owned(),
-                since_s: 0.0,
-            },
-        );
+        let mut rollout = Rollout::new(7, "ab", &machines, Rules::default(), "anna", 0.0);
         rollout.step(Event::Issued {
             machine: name.clone(),
             version: 3,

@@ -38,9 +38,7 @@ pub(super) struct Known<'a> {
 /// A roll-out that is broken off and whose model a machine has in force.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Suspect {
-    /// Its number.
     pub(super) rollout: u64,
-    /// What became of it.
     pub(super) what: String,
     /// Whether somebody can still let it go on: its machines take part in no other meanwhile.
     pub(super) may_go_on: bool,

@@ -8,7 +8,7 @@ use futures_util::StreamExt;
 use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId, ModelRef};
 
 use super::{Engine, blocking, lock};
-use crate::{records::AlarmKind, store::Issued};
+use crate::{Error, records::AlarmKind, store::Issued};
 
 /// So many values are under way at a time.
 const AT_A_TIME: usize = 64;
@@ -42,7 +42,7 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
 }
 
 /// What was issued, here or by another program, and does not stand under its key yet as far as is known.
-fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
+fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
     let wanted = engine.store.wanted()?;
     let put = lock(&engine.put).clone();
     let is_put = |machine: &MachineId, version: u64, has_value: bool| {

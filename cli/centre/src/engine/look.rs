@@ -10,13 +10,11 @@ use volcomp_fleet::{MachineId, SiteId};
 
 use super::{Engine, alarms, blocking, lock, moving};
 use crate::{
+    Error,
     clock::now_s,
-    drift::in_force,
-    ingest::Since,
-    issue::{NotIssued, differs, settle},
+    issue::{differs, settle},
     records::{AlarmKind, Machine, Version},
-    rollout::Observation,
-    store::StoreError,
+    versions::in_force,
 };
 
 /// Minutes are closed so often, …
@@ -76,41 +74,27 @@ pub(super) async fn look(engine: &Arc<Engine>, state: State) -> State {
     .await
 }
 
-fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
+fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
     let now = Instant::now();
     let elapsed_s = now.duration_since(state.last).as_secs_f64();
     state.last = now;
     let machines = engine.store.machines()?;
-    let looked = {
+    let (seen, since) = {
         let mut ingest = lock(&engine.ingest);
         ingest.store_live(&engine.store)?;
         let limits: BTreeMap<&MachineId, f64> = (machines.iter())
             .map(|machine| (&machine.identity.machine, machine.silent_after_s()))
             .collect();
         let looked = ingest.look(|name| limits.get(name).copied().unwrap_or(Machine::SILENT_S));
-        for (machine, (seen, _)) in &looked {
-            let told = || {
-                ingest
-                    .machine(machine)?
-                    .live
-                    .as_ref()?
-                    .condition
-                    .as_ref()?
-                    .residual_um
-            };
-            let known = seen.residual_um.or_else(told);
+        for (machine, seen) in &looked.0 {
+            let told = || ingest.machine(machine)?.live.as_ref()?.condition.as_ref();
+            let known = seen.residual_um.or_else(|| told()?.residual_um);
             if let Some(um) = known.filter(|um| um.is_finite()) {
                 state.residual_um.insert(machine.clone(), um);
             }
         }
         looked
     };
-    let seen: BTreeMap<MachineId, Observation> = (looked.iter())
-        .map(|(machine, (seen, _))| (machine.clone(), seen.clone()))
-        .collect();
-    let since: BTreeMap<MachineId, Since> = (looked.into_iter())
-        .map(|(machine, (_, since))| (machine, since))
-        .collect();
     let stuck = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
         Ok(stuck) => stuck,
         Err(error) => {
@@ -150,7 +134,7 @@ fn settle_all(
     unsettled: &mut BTreeMap<MachineId, String>,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let before = std::mem::take(unsettled);
     let mut issued = 0;
     for machine in machines {
@@ -178,7 +162,7 @@ fn settle_all(
         }
         match settle(&engine.store, &engine.settings.key, name, "centre") {
             Ok(_) => issued += 1,
-            Err(NotIssued::Store(error)) => return Err(error),
+            Err(error) if error.is_of_database() => return Err(error),
             Err(other) => {
                 let why = other.to_string();
                 if before.get(name) != Some(&why) {

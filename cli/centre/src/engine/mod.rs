@@ -13,20 +13,21 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        atomic::{AtomicBool, Ordering},
         mpsc,
     },
     time::{Duration, Instant},
 };
 
 use tokio::sync::oneshot;
-use volcomp_fleet::{Hub, Keeping, LinkError, LinkSettings, MachineId, Received, SiteId};
+use volcomp_fleet::{Hub, Keeping, LinkSettings, MachineId, Received, SiteId};
 
 use crate::{
+    Error,
     ingest::Ingest,
     keys::Key,
     records::AlarmKind,
-    store::{Keep, Store, StoreError},
+    store::{Keep, Store},
 };
 
 /// The engine looks at everything so often.
@@ -38,9 +39,7 @@ const MAX_MESSAGES: usize = 8_000;
 /// Where the database takes nothing it is tried again after this. Until then the messages stay at the server.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What the engine needs.
 pub struct Settings {
-    /// The server.
     pub link: LinkSettings,
     /// How long and how much the server keeps.
     pub keeping: Keeping,
@@ -52,44 +51,6 @@ pub struct Settings {
     pub own: Vec<Key>,
 }
 
-/// Why the engine does not start.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum EngineError {
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The connection is none.
-    #[error("the server: {0}")]
-    Link(#[from] LinkError),
-    /// The operating system gives no thread.
-    #[error("a thread: {0}")]
-    Thread(#[from] std::io::Error),
-}
-
-/// How much went through since the start.
-#[derive(Debug, Default)]
-pub struct Counts {
-    stored: AtomicU64,
-    twice: AtomicU64,
-}
-
-impl Counts {
-    fn add(&self, stored: u64, twice: u64) {
-        self.stored.fetch_add(stored, Ordering::Relaxed);
-        self.twice.fetch_add(twice, Ordering::Relaxed);
-    }
-
-    /// Messages that were stored.
-    pub fn stored(&self) -> u64 {
-        self.stored.load(Ordering::Relaxed)
-    }
-
-    /// Messages that came again and were stored already.
-    pub fn twice(&self) -> u64 {
-        self.twice.load(Ordering::Relaxed)
-    }
-}
-
 /// What the centre itself has trouble with.
 struct Trouble {
     text: String,
@@ -97,7 +58,6 @@ struct Trouble {
     over: bool,
 }
 
-/// The running centre.
 pub struct Engine {
     store: Arc<Store>,
     hub: Hub,
@@ -109,8 +69,6 @@ pub struct Engine {
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
     /// What the centre itself has trouble with.
     troubles: Mutex<BTreeMap<AlarmKind, Trouble>>,
-    /// How much went through.
-    pub counts: Counts,
     ending: AtomicBool,
 }
 
@@ -123,7 +81,6 @@ pub struct Running {
 }
 
 impl Running {
-    /// What runs.
     pub fn engine(&self) -> &Arc<Engine> {
         &self.engine
     }
@@ -146,10 +103,7 @@ impl Running {
 
 impl Engine {
     /// Starts the engine on the runtime of the caller. Where the server is not there it goes on trying.
-    ///
-    /// # Errors
-    /// The store cannot be read, or the settings of the connection are none.
-    pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, EngineError> {
+    pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, Error> {
         let hub = Hub::connect(&settings.link).await?;
         let of_store = Arc::clone(&store);
         let ingest = blocking(move || Ingest::of(&of_store)).await?;
@@ -161,7 +115,6 @@ impl Engine {
             put: Mutex::default(),
             clobbered: Mutex::default(),
             troubles: Mutex::default(),
-            counts: Counts::default(),
             ending: AtomicBool::new(false),
         });
         let (send, jobs) = mpsc::sync_channel(MAX_WAITING);
@@ -182,7 +135,6 @@ impl Engine {
         })
     }
 
-    /// The store.
     pub fn store(&self) -> &Arc<Store> {
         &self.store
     }
@@ -360,8 +312,7 @@ fn store(engine: &Engine, messages: &[Received]) -> bool {
     loop {
         let taken = lock(&engine.ingest).take(&engine.store, messages);
         match taken {
-            Ok(taken) => {
-                engine.counts.add(taken.stored, taken.twice);
+            Ok(_) => {
                 engine.trouble(AlarmKind::Store, None);
                 return true;
             }
@@ -383,7 +334,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use crate::command::CommandError;
 
     use super::*;
 
@@ -423,7 +373,7 @@ mod tests {
             ["the engine", "the thread that writes"].contains(&ended),
             "{ended}"
         );
-        assert_eq!(CommandError::Ended("the engine").status(), 1);
+        assert_eq!(Error::Ended("the engine").status(), 1);
 
         let (alive, writer) = oneshot::channel();
         drop(alive);

@@ -7,10 +7,11 @@ use volcomp_fleet::MachineId;
 
 use super::Engine;
 use crate::{
-    issue::{NotIssued, Order, issue, missing, withdraw},
+    Error,
+    issue::{Order, issue, withdraw},
     records::{Model, Version},
     rollout::{Action, Event, Observation, Phase, Rollout},
-    store::{Issued, StoreError, machines::machine_named, rollouts},
+    store::{Issued, machines::machine_named, rollouts},
 };
 
 /// Roll-outs that could not be moved on.
@@ -38,7 +39,7 @@ pub(super) fn look(
     elapsed_s: f64,
     seen: &BTreeMap<MachineId, Observation>,
     residual_um: &BTreeMap<MachineId, f64>,
-) -> Result<Stuck, StoreError> {
+) -> Result<Stuck, Error> {
     let open = engine.store.open_rollouts()?;
     if open.is_empty() {
         return Ok(Stuck::default());
@@ -101,7 +102,7 @@ fn move_on(
     engine: &Engine,
     id: u64,
     looked: &Looked<'_>,
-) -> Result<impl Iterator<Item = MachineId> + use<>, StoreError> {
+) -> Result<impl Iterator<Item = MachineId> + use<>, Error> {
     let Some(rollout) = engine.store.rollout(id)? else {
         return Ok(None.into_iter().flat_map(machines_of));
     };
@@ -164,7 +165,7 @@ impl Material<'_> {
         database: &Connection,
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
-    ) -> Result<(), StoreError> {
+    ) -> Result<(), Error> {
         // Each issue is told to the roll-out at once; what that brings up is done, too.
         while !actions.is_empty() {
             let mut more = Vec::new();
@@ -186,7 +187,7 @@ impl Material<'_> {
                         version: issued.version,
                         machine,
                     },
-                    Err(NotIssued::Store(error)) => return Err(error),
+                    Err(error) if error.is_of_database() => return Err(error),
                     Err(other) => Event::NotIssued {
                         machine,
                         why: other.to_string(),
@@ -211,11 +212,13 @@ impl Material<'_> {
         rollout: &Rollout,
         name: &MachineId,
         confirm: Option<String>,
-    ) -> Result<Issued, NotIssued> {
+    ) -> Result<Issued, Error> {
         // As it stands in this transaction: it may have been disabled since the look began.
         let machine = machine_named(database, name)?;
-        let machine = machine.ok_or_else(|| missing("machine", name.as_str()))?;
-        let (model, text) = self.model.ok_or_else(|| missing("model", &rollout.model))?;
+        let machine = machine.ok_or_else(|| Error::missing("machine", name))?;
+        let (model, text) = self
+            .model
+            .ok_or_else(|| Error::missing("model", &rollout.model))?;
         let order = Order {
             machine: &machine,
             model,

@@ -1,5 +1,6 @@
 //! Answers: documents, and refusals in words.
 
+use crate::Error;
 use axum::{
     Json,
     http::{StatusCode, header},
@@ -7,8 +8,6 @@ use axum::{
 };
 use serde::Serialize;
 use serde_json::json;
-
-use crate::store::StoreError;
 
 /// Why a request is refused.
 #[derive(Debug)]
@@ -48,13 +47,14 @@ impl Refused {
     }
 }
 
-impl From<StoreError> for Refused {
-    fn from(error: StoreError) -> Self {
+impl From<Error> for Refused {
+    fn from(error: Error) -> Self {
         match error {
-            StoreError::Conflict(_) | StoreError::NotConfirmed { .. } => {
-                Self::conflict(error.to_string())
-            }
-            StoreError::Missing { .. } => Self::missing(error.to_string()),
+            Error::Conflict(_)
+            | Error::NotConfirmed(_)
+            | Error::Misfit(_)
+            | Error::NoWayBack { .. } => Self::conflict(error.to_string()),
+            Error::Missing { .. } => Self::missing(error.to_string()),
             error => Self::inside(error),
         }
     }
@@ -68,7 +68,6 @@ impl IntoResponse for Refused {
 
 pub(super) type Answer = Result<Response, Refused>;
 
-/// A document.
 pub(super) fn document(document: &impl Serialize) -> Answer {
     let bytes = serde_json::to_vec(document).map_err(Refused::inside)?;
     Ok(json_bytes(bytes))
@@ -79,7 +78,6 @@ pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], bytes.into()).into_response()
 }
 
-/// It is done.
 pub(super) fn done() -> Answer {
     document(&json!({ "done": true }))
 }

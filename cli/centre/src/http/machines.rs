@@ -16,11 +16,9 @@ use super::{
 };
 use crate::{
     clock::now_s,
-    drift::in_force,
-    point::mean,
     records::{Machine, Point, Resolution},
-    registration::check,
     users::User,
+    versions::in_force,
 };
 
 /// So many points of a history are told at most: where there are more, one for several that follow one another, their mean.
@@ -125,7 +123,7 @@ pub(super) async fn history(
     let together = points.len().div_ceil(POINTS).max(1);
     let means = points
         .chunks(together)
-        .filter_map(|some| mean(some, some.first()?.at_s));
+        .filter_map(|some| Point::mean(some, some.first()?.at_s));
     let told: Vec<Point> = means.collect();
     // `together`: how many points one is the mean of.
     document(&json!({ "now_s": now_s(), "together": together, "points": told }))
@@ -137,7 +135,9 @@ pub(super) async fn put_machine(
     body: Bytes,
 ) -> Answer {
     let machine: Machine = read(&body)?;
-    check(&machine).map_err(|error| Refused::wrong(error.to_string()))?;
+    machine
+        .check()
+        .map_err(|error| Refused::wrong(error.to_string()))?;
     page.ask(move |store| store.put_machine(&machine, user.name.as_str()))
         .await?;
     done()

@@ -15,4 +15,3 @@ mod who;
 
 pub use routes::{ROUTES, Route, router};
 pub use state::{PageSettings, PageState};
-pub use who::Need;

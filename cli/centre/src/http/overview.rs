@@ -10,10 +10,11 @@ use serde::Serialize;
 use volcomp_fleet::MachineId;
 
 use crate::{
+    Error,
     clock::now_s,
-    drift::{due_days, model_in_force},
-    records::{Alarm, AlarmKind, ConditionMade, Live, Model, Severity},
-    store::{Store, StoreError},
+    records::{Alarm, AlarmKind, Live, Made, Severity},
+    store::Store,
+    versions::overdue_days,
 };
 
 /// What is older than this, and than what it takes to make it three times, is not told as what holds now.
@@ -74,7 +75,7 @@ struct Document<'a> {
 }
 
 impl Overview {
-    pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, StoreError> {
+    pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, Error> {
         let began = Instant::now();
         let machines = store.machines()?;
         let live = store.live()?;
@@ -89,18 +90,16 @@ impl Overview {
         }
         let hangs = store.hangs_for().map(hangs);
         centre.extend(&hangs);
-        let models: HashMap<String, Model> = (store.models()?.into_iter())
-            .map(|model| (model.sha256.clone(), model))
-            .collect();
         let issued = store.newest_versions()?;
-        let mut correct_by = HashMap::new();
-        for machine in machines.iter().filter(|machine| machine.due_days.is_some()) {
-            let id = &machine.identity.machine;
-            if let Some(newest) = issued.get(id) {
-                correct_by.insert(id, model_in_force(store, newest, live.get(id))?);
-            }
-        }
         let (now_s, now) = (now_s(), Instant::now());
+        let models = store.newest_models()?;
+        let mut overdue = HashMap::new();
+        for machine in &machines {
+            let id = &machine.identity.machine;
+            let (newest, live) = (issued.get(id), live.get(id));
+            let days = overdue_days(store, machine, newest, live, &models, now_s)?;
+            overdue.insert(id, days);
+        }
         let mut ages_s = HashMap::new();
         let rows = machines
             .iter()
@@ -148,9 +147,7 @@ impl Overview {
                     broken_sensors: degc.iter().filter(|degc| degc.is_none()).count(),
                     alarms: alarms.len(),
                     worst: alarms.iter().map(|alarm| alarm.severity).max(),
-                    due_in_days: (correct_by.get(id))
-                        .and_then(|model| due_days(machine, models.get(model.as_ref()?)?, now_s))
-                        .map(|days| -days),
+                    due_in_days: overdue.get(id).copied().flatten().map(|days| -days),
                 }
             })
             .collect();
@@ -211,7 +208,7 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
 pub(super) struct Ages(HashMap<MachineId, LastCondition>);
 
 struct LastCondition {
-    made: ConditionMade,
+    made: Made,
     at: Instant,
     /// How old it was when it was seen, s.
     then_s: f64,
@@ -222,7 +219,7 @@ impl Ages {
     pub(super) fn age_s(
         &mut self,
         machine: &MachineId,
-        made: ConditionMade,
+        made: Made,
         now_s: f64,
         now: Instant,
     ) -> f64 {
@@ -258,12 +255,12 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::Ages;
-    use crate::records::ConditionMade;
+    use crate::records::Made;
 
     #[test]
     fn a_server_whose_clock_is_ahead_or_behind_changes_nothing() {
         let machine = "mill-1".parse().unwrap();
-        let made = |at_s| ConditionMade { at_s, late_s: 0.0 };
+        let made = |at_s| Made { at_s, late_s: 0.0 };
         for ahead_s in [-3600.0, 0.0, 3600.0] {
             let mut ages = Ages::default();
             let start = Instant::now();

@@ -16,12 +16,12 @@ use super::{
     state::Shared,
 };
 use crate::{
-    back::{self, NoWayBack},
-    drift::version_in_force,
+    Error,
     models::fits,
     rollout::{Rollout, Rules, Wish},
-    store::{Store, StoreError},
+    store::Store,
     users::User,
+    versions::{start_way_back, version_in_force},
 };
 
 /// So many roll-outs are told.
@@ -40,7 +40,7 @@ pub(super) async fn rollouts(State(page): Shared) -> Answer {
     document(&page.ask(shown).await?)
 }
 
-fn shown(store: &Store) -> Result<Vec<Shown>, StoreError> {
+fn shown(store: &Store) -> Result<Vec<Shown>, Error> {
     let rollouts = store.rollouts(ROLLOUTS)?;
     let has_broken_off = (rollouts.iter()).any(|rollout| rollout.phase.is_broken_off());
     let in_force = if has_broken_off {
@@ -63,7 +63,7 @@ fn shown(store: &Store) -> Result<Vec<Shown>, StoreError> {
 fn rollouts_in_force(
     store: &Store,
     rollouts: &[Rollout],
-) -> Result<BTreeMap<MachineId, u64>, StoreError> {
+) -> Result<BTreeMap<MachineId, u64>, Error> {
     let (newest, lives) = (store.newest_versions()?, store.live()?);
     let broken_off = (rollouts.iter()).filter(|rollout| rollout.phase.is_broken_off());
     let machines: BTreeSet<&MachineId> = broken_off
@@ -108,7 +108,7 @@ pub(super) async fn start_rollout(
     let rules = start.rules.clone();
     let rules = rules.unwrap_or_else(|| page.settings.rules.clone());
     let checked = rules.check();
-    checked.map_err(|error| Refused::wrong(format!("rules.{error}")))?;
+    checked.map_err(|(key, why)| Refused::wrong(format!("rules.{key}: {why}")))?;
     let started = page
         .ask(move |store| Ok(begin(store, &start, rules, &user)))
         .await??;
@@ -150,7 +150,6 @@ pub(super) async fn wish(
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keep {
-    /// The machine that keeps the model.
     machine: MachineId,
 }
 
@@ -173,13 +172,9 @@ pub(super) async fn back(
 ) -> Answer {
     let machine = named(&name)?;
     let rules = page.settings.rules.clone();
-    let started = page
-        .ask(move |store| Ok(back::start(store, &machine, rules, user.name.as_str())))
+    let (rollout, _) = page
+        .ask(move |store| start_way_back(store, &machine, rules, user.name.as_str()))
         .await?;
-    let (rollout, _) = started.map_err(|error| match error {
-        NoWayBack::Store(error) => error.into(),
-        other => Refused::conflict(other.to_string()),
-    })?;
     document(&rollout)
 }
 
@@ -187,72 +182,30 @@ pub(super) async fn back(
 mod tests {
     use super::*;
     use crate::{
-        issue::{Order, issue},
-        keys::Key,
-        models::NewModel,
-        records::{Live, Machine, Origin},
-        rollout::{NewRollout, Phase, Step},
+        issue::Place,
+        records::Live,
+        rollout::{Phase, Step},
     };
 
     /// A machine took the model of a roll-out, and its answer was lost: the roll-out has it as one that was sent nothing. What the
     /// machine tells counts, so that somebody can decide.
     #[test]
     fn a_machine_that_tells_the_model_is_among_those_that_have_it() {
-        let folder = tempfile::tempdir().expect("writable");
-        let store = Store::open(&folder.path().join("centre.db")).expect("a store");
-        let identity = volcomp_fleet::Identity {
-            site: "berlin".parse().expect("a name"),
-            machine: "mill-1".parse().expect("a name"),
-        };
-        let name = identity.machine.clone();
-        let text = "structure = \"w X' b t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[errors]\n";
-        let new = NewModel::of_text(
-            text.to_owned(),
-            "m.toml",
-            Origin::File {
-                name: String::new(),
-            },
-            "anna",
-        );
-        let new = new.expect("a model");
-        store.add_model(&new.model, &new.text).expect("stored");
-        let structure = new.model.structure.clone();
-        let machine = Machine::new(identity, "1".into(), structure, new.model.axes.clone());
-        store.put_machine(&machine, "anna").expect("stored");
-        let machines = [(name.clone(), true)];
-        let started = store.start_rollout(|id| {
-            let begun = NewRollout {
-                model: new.model.sha256.clone(),
-                machines: &machines,
-                rules: Rules::default(),
-                by: "anna".into(),
-                since_s: 0.0,
-            };
-            let mut rollout = Rollout::new(id, begun);
+        let place = Place::new();
+        let machines = [(place.name().clone(), true)];
+        let started = place.store.start_rollout(|id| {
+            let mut rollout = Rollout::new(id, "ab", &machines, Rules::default(), "anna", 0.0);
             rollout.phase = Phase::Aborted { by: "anna".into() };
             rollout
         });
         let id = started.expect("stored").id;
-        let key = Key {
-            name: "main".to_owned(),
-            key: ed25519_dalek::SigningKey::from_bytes(&[7; 32]),
-        };
-        let order = Order {
-            machine: &machine,
-            model: &new.model,
-            text: &new.text,
-            confirm: None,
-            rollout: Some(id),
-            by: "anna",
-        };
-        let issued = store.write(|database| issue(database, &key, &order));
-        let version = issued.expect("issued").version;
-        let in_force_on = || shown(&store).expect("a store").remove(0).in_force_on;
+        place.issue(1, id, None);
+        let in_force_on = || shown(&place.store).expect("a store").remove(0).in_force_on;
         assert!(in_force_on().is_empty(), "it was not heard");
-        let live = Live::new(name.clone(), 1.0, version);
-        store.put_live(&[live]).expect("stored");
-        assert_eq!(in_force_on(), [name]);
-        let rollout = store.rollout(id).expect("a store").expect("there");
+        let live = Live::new(place.name().clone(), 1.0, 1);
+        place.store.put_live(&[live]).expect("stored");
+        assert_eq!(in_force_on(), [place.name().clone()]);
+        let rollout = place.store.rollout(id).expect("a store").expect("there");
         assert_eq!(rollout.targets[0].step, Step::Waiting);
     }
 }

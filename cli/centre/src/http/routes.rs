@@ -13,11 +13,7 @@ use axum::{
 use volcomp_web::{headers, hosts};
 
 use super::{
-    answer::Refused,
-    discovery, machines, models, people, rollouts,
-    state::PageState,
-    tables,
-    who::{self, Need},
+    answer::Refused, discovery, machines, models, people, rollouts, state::PageState, tables, who,
 };
 use crate::users::Role;
 
@@ -33,8 +29,8 @@ pub struct Route {
     pub method: &'static str,
     /// The path, with names in braces.
     pub path: &'static str,
-    /// What it needs.
-    pub need: Need,
+    /// The least role that it needs; `None`: logging in needs none.
+    pub need: Option<Role>,
 }
 
 type Handler = fn() -> MethodRouter<Arc<PageState>>;
@@ -47,10 +43,10 @@ macro_rules! routes {
     };
 }
 
-const ALL: Need = Need::Nothing;
-const VIEWER: Need = Need::Role(Role::Viewer);
-const ENGINEER: Need = Need::Role(Role::Engineer);
-const ADMIN: Need = Need::Role(Role::Admin);
+const ALL: Option<Role> = None;
+const VIEWER: Option<Role> = Some(Role::Viewer);
+const ENGINEER: Option<Role> = Some(Role::Engineer);
+const ADMIN: Option<Role> = Some(Role::Admin);
 
 routes! {
     "POST" "/api/login" ALL => post(people::login);

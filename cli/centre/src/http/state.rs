@@ -21,9 +21,10 @@ use super::{
     overview::{Ages, Overview},
 };
 use crate::{
+    Error,
     discover::{Device, Kind},
     rollout::Rules,
-    store::{Store, StoreError},
+    store::Store,
     users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
 };
 
@@ -139,7 +140,7 @@ impl PageState {
     /// Asks the store on a thread that may wait.
     pub(super) async fn ask<T: Send + 'static>(
         self: &Arc<Self>,
-        work: impl FnOnce(&Store) -> Result<T, StoreError> + Send + 'static,
+        work: impl FnOnce(&Store) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Refused> {
         let store = Arc::clone(&self.store);
         let done = tokio::task::spawn_blocking(move || work(&store)).await;

@@ -15,15 +15,6 @@ use volcomp_web::is_of_another_page;
 use super::{answer::Refused, state::PageState};
 use crate::users::{Moment, Refusal, Role, Token, User};
 
-/// What a route needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// Nothing: the page itself, and logging in.
-    Nothing,
-    /// Somebody with this role at least.
-    Role(Role),
-}
-
 /// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
 /// first, which this program never gives.
 pub(super) const OURS: &str = "x-volcomp";
@@ -72,7 +63,7 @@ fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
 /// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
 /// the request came.
 pub(super) async fn admit(
-    State((page, need)): State<(Arc<PageState>, Need)>,
+    State((page, need)): State<(Arc<PageState>, Option<Role>)>,
     Extension(from): Extension<SocketAddr>,
     mut request: Request,
     next: Next,
@@ -83,7 +74,7 @@ pub(super) async fn admit(
             .await;
         return refused.into_response();
     }
-    let Need::Role(role) = need else {
+    let Some(role) = need else {
         return next.run(request).await;
     };
     let user = match user(&page, request.headers()).await {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_fleet::{MachineId, Outcome};
 
-use super::{Action, Event, NewRollout, Observation, Phase, Rollout, Rules, Step, Target, Wish};
+use super::{Action, Event, Observation, Phase, Rollout, Rules, Step, Target, Wish};
 
 /// One look counts for no more than this, s: after a gap nothing is known of the time between.
 const LONGEST_LOOK_S: f64 = 10.0;
@@ -12,15 +12,16 @@ const LONGEST_LOOK_S: f64 = 10.0;
 const RESIDUAL_AFTER_S: f64 = 10.0;
 
 impl Rollout {
-    /// A roll-out that begins, with its number. Where no machine is a canary, the first is one.
-    pub fn new(id: u64, new: NewRollout<'_>) -> Self {
-        let NewRollout {
-            model,
-            machines,
-            rules,
-            by,
-            since_s,
-        } = new;
+    /// A roll-out of the model with this checksum to machines, each with whether it is a canary; without any, the first is one.
+    /// `since_s` is for people, s since 1970.
+    pub fn new(
+        id: u64,
+        model: &str,
+        machines: &[(MachineId, bool)],
+        rules: Rules,
+        by: &str,
+        since_s: f64,
+    ) -> Self {
         let any = machines.iter().any(|(_, canary)| *canary);
         let is_canary = |place: usize| machines[place].1 || (!any && place == 0);
         let others = (0..machines.len())
@@ -51,8 +52,8 @@ impl Rollout {
         };
         Self {
             id,
-            model,
-            by,
+            model: model.to_owned(),
+            by: by.to_owned(),
             since_s,
             rules,
             phase,

@@ -6,14 +6,89 @@
 //! shorten no soak. Every state is plain data, so a centre that is started again goes on from what it has stored.
 
 mod course;
-mod rules;
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt::Display, ops::RangeInclusive};
 
 use serde::{Deserialize, Serialize};
 use volcomp_fleet::{MachineId, Outcome};
 
-pub use rules::{NoRules, Rules};
+/// By what rules a roll-out goes on and stops.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rules {
+    /// After the canaries: how many percent of the others have had their turn at the end of each wave, rising to 100.
+    pub waves: Vec<u32>,
+    /// A machine that has activated the model is watched for so long before its turn is done, s.
+    pub soak_s: f64,
+    /// A machine that has not answered after so long stays out, s.
+    pub answer_s: f64,
+    /// So many machines after the canaries may stay out before the roll-out stops.
+    pub tolerate: u32,
+    /// It stops where the residual is above this many times what it was before, …
+    pub residual_ratio: f64,
+    /// … and above what it was before by this, µm.
+    pub residual_um: f64,
+}
+
+impl Default for Rules {
+    /// A quarter, then all; ten minutes of watching, five for an answer; none may stay out; half as much again and 2 µm.
+    fn default() -> Self {
+        Self {
+            waves: vec![25, 100],
+            soak_s: 600.0,
+            answer_s: 300.0,
+            tolerate: 0,
+            residual_ratio: 1.5,
+            residual_um: 2.0,
+        }
+    }
+}
+
+impl Rules {
+    pub const SOAK_S: RangeInclusive<f64> = 0.0..=1e7;
+    pub const ANSWER_S: RangeInclusive<f64> = 1.0..=1e7;
+    pub const TOLERATE: RangeInclusive<u32> = 0..=1_000_000;
+    pub const RESIDUAL_RATIO: RangeInclusive<f64> = 1.0..=1e3;
+    pub const RESIDUAL_UM: RangeInclusive<f64> = 0.0..=1e4;
+    pub const WAVES: &'static str = "percentages from 1 on that rise to 100, such as [25, 100]";
+
+    pub fn are_waves(waves: &[u32]) -> bool {
+        let rises = waves.windows(2).all(|two| two[0] < two[1]);
+        rises && waves.first().is_some_and(|first| *first > 0) && waves.last() == Some(&100)
+    }
+
+    /// Whether a roll-out can go by these rules.
+    ///
+    /// # Errors
+    /// The key of the first that is invalid, and what was found and expected.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
+        if !Self::are_waves(&self.waves) {
+            let why = format!("found {:?}, expected {}", self.waves, Self::WAVES);
+            return Err(("waves", why));
+        }
+        within("soak_s", &self.soak_s, &Self::SOAK_S)?;
+        within("answer_s", &self.answer_s, &Self::ANSWER_S)?;
+        within("tolerate", &self.tolerate, &Self::TOLERATE)?;
+        within(
+            "residual_ratio",
+            &self.residual_ratio,
+            &Self::RESIDUAL_RATIO,
+        )?;
+        within("residual_um", &self.residual_um, &Self::RESIDUAL_UM)
+    }
+}
+
+fn within<N: PartialOrd + Display>(
+    key: &'static str,
+    found: &N,
+    range: &RangeInclusive<N>,
+) -> Result<(), (&'static str, String)> {
+    if range.contains(found) {
+        return Ok(());
+    }
+    let (start, end) = (range.start(), range.end());
+    Err((key, format!("found {found}, expected {start} to {end}")))
+}
 
 /// Where a target stands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,7 +105,6 @@ pub enum Step {
     /// A person must confirm the change.
     NeedsConfirmation {
         version: u64,
-        /// The hash to be confirmed.
         hash: String,
         /// The largest move of a linear axis, µm, as the machine tells it.
         worst_um: String,
@@ -101,7 +175,6 @@ pub struct Target {
     pub wave: u32,
     /// The residual before, µm; `None`: not known, and then a rise is not seen.
     pub before_um: Option<f64>,
-    /// Where it stands.
     #[serde(flatten)]
     pub step: Step,
     /// Who has decided that it keeps the model although the roll-out was not done.
@@ -113,11 +186,8 @@ pub struct Target {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "is", rename_all = "kebab-case")]
 pub enum Phase {
-    /// It goes on.
     Running,
-    /// A person holds it.
     Paused {
-        /// The name of the user who holds it.
         by: String,
     },
     /// It stopped by itself.
@@ -127,7 +197,6 @@ pub enum Phase {
     },
     /// A person has ended it.
     Aborted {
-        /// The name of the user who has ended it.
         by: String,
     },
     /// Every machine had its turn.
@@ -152,34 +221,15 @@ impl Phase {
     }
 }
 
-/// What a roll-out begins with.
-#[derive(Clone, Debug)]
-pub struct NewRollout<'a> {
-    /// The checksum of the model.
-    pub model: String,
-    /// The machines that shall get it, each with whether it is a canary.
-    pub machines: &'a [(MachineId, bool)],
-    /// The rules by which it goes on and stops.
-    pub rules: Rules,
-    /// The name of the user who starts it.
-    pub by: String,
-    /// When it is started, s since 1970, for people.
-    pub since_s: f64,
-}
-
 /// A roll-out of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rollout {
-    /// Its number.
     pub id: u64,
-    /// The checksum of the model.
     pub model: String,
-    /// Who started it.
     pub by: String,
     /// When, s, for people.
     pub since_s: f64,
     pub rules: Rules,
-    /// How it stands.
     pub phase: Phase,
     /// The machines that shall get it, by wave.
     #[serde(rename = "turns")]
@@ -249,36 +299,28 @@ pub struct Observation {
 pub enum Event {
     /// The centre has looked at the machines, `elapsed_s` after the last look.
     Looked {
-        /// The time since the last look, s.
         elapsed_s: f64,
         /// What it saw; a machine that is not in here is not heard.
         seen: BTreeMap<MachineId, Observation>,
     },
-    /// A manifest was issued.
     Issued {
         machine: MachineId,
         version: u64,
         /// The residual before, µm.
         before_um: Option<f64>,
     },
-    /// A manifest cannot be issued.
     NotIssued {
         machine: MachineId,
-        /// Why nothing was issued for it.
         why: String,
     },
-    /// A machine has answered.
     Answered {
         machine: MachineId,
-        /// The version that it answers.
         version: u64,
-        /// What became of it.
         outcome: Outcome,
     },
     /// A person wishes something.
     Wished {
         wish: Wish,
-        /// The name of the user who wishes it.
         by: String,
     },
 }

@@ -5,12 +5,15 @@ use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
-    Store, StoreError, audit,
+    Store, audit,
     database::{execute, machine, number, rows},
 };
-use crate::records::{Alarm, AlarmKind};
+use crate::{
+    Error,
+    records::{Alarm, AlarmKind},
+};
 
-fn alarm(row: &Row<'_>) -> Result<Alarm, StoreError> {
+fn alarm(row: &Row<'_>) -> Result<Alarm, Error> {
     let kind: AlarmKind = serde_json::from_value(row.get::<_, String>(2)?.into())?;
     let name: Option<String> = row.get(1)?;
     Ok(Alarm {
@@ -25,14 +28,13 @@ fn alarm(row: &Row<'_>) -> Result<Alarm, StoreError> {
     })
 }
 
-/// Opens an alarm.
 pub(crate) fn raise(
     database: &Connection,
     machine: Option<&MachineId>,
     kind: AlarmKind,
     text: &str,
     at_s: f64,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM alarms", [])?;
     execute(
         database,
@@ -42,37 +44,31 @@ pub(crate) fn raise(
     Ok(())
 }
 
-/// Closes an alarm.
-pub(crate) fn clear(database: &Connection, id: u64, at_s: f64) -> Result<(), StoreError> {
+pub(crate) fn clear(database: &Connection, id: u64, at_s: f64) -> Result<(), Error> {
     let sql = "UPDATE alarms SET until_s = ?2 WHERE id = ?1 AND until_s IS NULL";
     execute(database, sql, params![id, at_s]).map(|_| ())
 }
 
-/// Changes the text of an open alarm.
-pub(crate) fn say(database: &Connection, id: u64, text: &str) -> Result<(), StoreError> {
+pub(crate) fn say(database: &Connection, id: u64, text: &str) -> Result<(), Error> {
     let sql = "UPDATE alarms SET text = ?2 WHERE id = ?1";
     execute(database, sql, params![id, text]).map(|_| ())
 }
 
 impl Store {
     /// The alarms that are open, the newest first.
-    pub fn open_alarms(&self) -> Result<Vec<Alarm>, StoreError> {
+    pub fn open_alarms(&self) -> Result<Vec<Alarm>, Error> {
         self.alarms_where("until_s IS NULL ORDER BY id DESC", [])
     }
 
     /// The last `count` alarms, open or not, the newest first; of one machine, or of all.
-    pub fn alarms(
-        &self,
-        machine: Option<&MachineId>,
-        count: u32,
-    ) -> Result<Vec<Alarm>, StoreError> {
+    pub fn alarms(&self, machine: Option<&MachineId>, count: u32) -> Result<Vec<Alarm>, Error> {
         self.alarms_where(
             "?1 IS NULL OR machine = ?1 ORDER BY id DESC LIMIT ?2",
             params![machine.map(MachineId::as_str), count],
         )
     }
 
-    fn alarms_where(&self, condition: &str, values: impl Params) -> Result<Vec<Alarm>, StoreError> {
+    fn alarms_where(&self, condition: &str, values: impl Params) -> Result<Vec<Alarm>, Error> {
         let sql = format!(
             "SELECT id, machine, kind, text, since_s, until_s, seen_by FROM alarms WHERE {condition}"
         );
@@ -80,7 +76,7 @@ impl Store {
     }
 
     /// Notes who has seen an alarm. `false`: there is no such alarm.
-    pub fn see_alarm(&self, id: u64, by: &str) -> Result<bool, StoreError> {
+    pub fn see_alarm(&self, id: u64, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let sql = "UPDATE alarms SET seen_by = ?2 WHERE id = ?1";
             let is_there = execute(database, sql, params![id, by])? > 0;

@@ -5,10 +5,10 @@ use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
 use super::{
-    Store, StoreError,
+    Store,
     database::{execute, first, json, rows},
 };
-use crate::{clock::now_s, records::AuditRecord};
+use crate::{Error, clock::now_s, records::AuditRecord};
 
 /// Appends a record, in the transaction of the change that it describes.
 pub(crate) fn append(
@@ -17,7 +17,7 @@ pub(crate) fn append(
     action: &str,
     object: &str,
     details: Json,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let sql = "SELECT number, hash FROM audit ORDER BY number DESC LIMIT 1";
     let last = first(database, sql, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
     let (last, before): (u64, String) = last.unwrap_or_default();
@@ -48,7 +48,7 @@ fn hash(before: &str, document: &str) -> String {
     crate::hex(&digest.finalize())
 }
 
-fn record(row: &Row<'_>) -> Result<AuditRecord, StoreError> {
+fn record(row: &Row<'_>) -> Result<AuditRecord, Error> {
     let record: AuditRecord = json(row, 0)?;
     let hash = row.get(1)?;
     Ok(AuditRecord { hash, ..record })
@@ -56,13 +56,7 @@ fn record(row: &Row<'_>) -> Result<AuditRecord, StoreError> {
 
 impl Store {
     /// Records an action that changes nothing else in the store.
-    pub fn audit(
-        &self,
-        by: &str,
-        action: &str,
-        object: &str,
-        details: Json,
-    ) -> Result<(), StoreError> {
+    pub fn audit(&self, by: &str, action: &str, object: &str, details: Json) -> Result<(), Error> {
         self.write(|database| append(database, by, action, object, details))
     }
 
@@ -71,7 +65,7 @@ impl Store {
         &self,
         before: Option<u64>,
         count: u32,
-    ) -> Result<Vec<AuditRecord>, StoreError> {
+    ) -> Result<Vec<AuditRecord>, Error> {
         let before = before.map_or(i64::MAX, |number| i64::try_from(number).unwrap_or(i64::MAX));
         self.read(|database| {
             let sql =
@@ -81,7 +75,7 @@ impl Store {
     }
 
     /// Checks the chain of the whole log: the number of the first record that does not follow from the one before.
-    pub fn broken_audit(&self) -> Result<Option<u64>, StoreError> {
+    pub fn broken_audit(&self) -> Result<Option<u64>, Error> {
         const PAGE: u64 = 1000;
         let sql =
             "SELECT document, hash, number FROM audit WHERE number >= ?1 ORDER BY number LIMIT ?2";

@@ -9,11 +9,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use rusqlite::{Connection, Error, ErrorCode, Params, Row, types::Type};
+use crate::Error;
+use rusqlite::{Connection, ErrorCode, Params, Row, types::Type};
 use serde::de::DeserializeOwned;
 use volcomp_fleet::MachineId;
-
-use super::StoreError;
 
 /// How long another program (the command line) may hold the file.
 const BUSY: Duration = Duration::from_secs(30);
@@ -25,7 +24,7 @@ pub(crate) fn execute(
     database: &Connection,
     sql: &str,
     values: impl Params,
-) -> Result<usize, StoreError> {
+) -> Result<usize, Error> {
     Ok(database.prepare_cached(sql)?.execute(values)?)
 }
 
@@ -34,8 +33,8 @@ pub(crate) fn rows<T>(
     database: &Connection,
     sql: &str,
     values: impl Params,
-    read: impl FnMut(&Row<'_>) -> Result<T, StoreError>,
-) -> Result<Vec<T>, StoreError> {
+    read: impl FnMut(&Row<'_>) -> Result<T, Error>,
+) -> Result<Vec<T>, Error> {
     let mut statement = database.prepare_cached(sql)?;
     statement.query_and_then(values, read)?.collect()
 }
@@ -45,8 +44,8 @@ pub(crate) fn first<T>(
     database: &Connection,
     sql: &str,
     values: impl Params,
-    read: impl FnMut(&Row<'_>) -> Result<T, StoreError>,
-) -> Result<Option<T>, StoreError> {
+    read: impl FnMut(&Row<'_>) -> Result<T, Error>,
+) -> Result<Option<T>, Error> {
     let mut statement = database.prepare_cached(sql)?;
     let mut rows = statement.query_and_then(values, read)?;
     rows.next().transpose()
@@ -57,7 +56,7 @@ pub(crate) fn documents<T: DeserializeOwned>(
     database: &Connection,
     sql: &str,
     values: impl Params,
-) -> Result<Vec<T>, StoreError> {
+) -> Result<Vec<T>, Error> {
     rows(database, sql, values, |row| json(row, 0))
 }
 
@@ -66,28 +65,24 @@ pub(crate) fn document<T: DeserializeOwned>(
     database: &Connection,
     sql: &str,
     values: impl Params,
-) -> Result<Option<T>, StoreError> {
+) -> Result<Option<T>, Error> {
     first(database, sql, values, |row| json(row, 0))
 }
 
 /// The number of a query that has one, such as a count.
-pub(crate) fn number(
-    database: &Connection,
-    sql: &str,
-    values: impl Params,
-) -> Result<u64, StoreError> {
+pub(crate) fn number(database: &Connection, sql: &str, values: impl Params) -> Result<u64, Error> {
     let found = first(database, sql, values, |row| Ok(row.get(0)?))?;
     Ok(found.unwrap_or_default())
 }
 
 /// A document in a column.
-pub(crate) fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> Result<T, StoreError> {
+pub(crate) fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> Result<T, Error> {
     Ok(serde_json::from_str(&row.get::<_, String>(column)?)?)
 }
 
 /// A document of another program that is kept as it came. JSON that is none for this program (a number beyond the range, half a
 /// character) is shown as a text, with the reason.
-pub(crate) fn json_or_text(row: &Row<'_>, column: usize) -> Result<serde_json::Value, StoreError> {
+pub(crate) fn json_or_text(row: &Row<'_>, column: usize) -> Result<serde_json::Value, Error> {
     let text: String = row.get(column)?;
     Ok(serde_json::from_str(&text).unwrap_or_else(|error| {
         let shown: String = text.chars().take(1000).collect();
@@ -96,16 +91,16 @@ pub(crate) fn json_or_text(row: &Row<'_>, column: usize) -> Result<serde_json::V
 }
 
 /// The name of a machine in a column.
-pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, StoreError> {
+pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, Error> {
     let text: String = row.get(column)?;
     text.parse().map_err(|error| {
-        Error::FromSqlConversionFailure(column, Type::Text, Box::new(error)).into()
+        rusqlite::Error::FromSqlConversionFailure(column, Type::Text, Box::new(error)).into()
     })
 }
 
 /// Opens the file, and makes it where it is not there. Only its owner may read it: it holds password hashes and models.
-pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
-    let failed = |why: std::io::Error| StoreError::Private {
+pub(super) fn open(path: &Path) -> Result<Connection, Error> {
+    let failed = |why: std::io::Error| Error::Database {
         file: path.display().to_string(),
         why,
     };
@@ -151,7 +146,7 @@ fn make_private(path: &Path) -> std::io::Result<()> {
 
 /// Has changes go to a log beside the file. Where several programs begin with a new file at one time, SQLite tells all but one of
 /// them that it is busy without waiting: they try again.
-fn begin_log(connection: &Connection) -> Result<(), StoreError> {
+fn begin_log(connection: &Connection) -> Result<(), Error> {
     let until = Instant::now() + BUSY;
     loop {
         match connection.execute_batch("PRAGMA journal_mode = WAL") {

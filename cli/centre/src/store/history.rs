@@ -10,12 +10,12 @@ use serde::{Deserialize, de::DeserializeOwned};
 use volcomp_fleet::MachineId;
 
 use super::{
-    Store, StoreError,
+    Store,
     database::{execute, first, json, json_or_text, machine, rows},
 };
 use crate::{
+    Error,
     instance::Instance,
-    point,
     records::{Point, Resolution},
 };
 
@@ -63,7 +63,7 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 impl Store {
     /// Closes the minutes that ended before `until_s`, each machine's oldest first, and returns how many conditions were in them.
     /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
-    pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
+    pub fn close_minutes(&self, until_s: f64) -> Result<u64, Error> {
         let end = place(until_s, 60.0);
         // Every machine with conditions has a gateway.
         let sql = "SELECT DISTINCT machine FROM instances ORDER BY machine";
@@ -74,7 +74,7 @@ impl Store {
             loop {
                 let closed = self.write(|database| {
                     together.iter().try_fold(0, |closed, machine| {
-                        Ok::<_, StoreError>(closed + close_oldest(database, machine, end)?)
+                        Ok(closed + close_oldest(database, machine, end)?)
                     })
                 })?;
                 if closed == 0 {
@@ -94,7 +94,7 @@ impl Store {
         from_s: f64,
         to_s: f64,
         count: u32,
-    ) -> Result<Vec<Point>, StoreError> {
+    ) -> Result<Vec<Point>, Error> {
         let (table, column, length_s) = match resolution {
             Resolution::Raw => ("raw", "minute", 60.0),
             Resolution::Minute => ("minutes", "minute", 60.0),
@@ -131,7 +131,7 @@ impl Store {
     pub fn telemetry(
         &self,
         machine: &MachineId,
-    ) -> Result<Option<(f64, serde_json::Value)>, StoreError> {
+    ) -> Result<Option<(f64, serde_json::Value)>, Error> {
         let sql =
             "SELECT at_s, document FROM telemetry WHERE machine = ?1 ORDER BY at_s DESC LIMIT 1";
         self.read(|database| {
@@ -146,7 +146,7 @@ impl Store {
         &self,
         of: &MachineId,
         count: u32,
-    ) -> Result<Vec<(f64, serde_json::Value)>, StoreError> {
+    ) -> Result<Vec<(f64, serde_json::Value)>, Error> {
         let sql =
             "SELECT at_s, document FROM records WHERE machine = ?1 ORDER BY at_s DESC LIMIT ?2";
         self.read(|database| {
@@ -157,7 +157,7 @@ impl Store {
     }
 
     /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
-    pub fn forget(&self, keep: Keep, now_s: f64) -> Result<(), StoreError> {
+    pub fn forget(&self, keep: Keep, now_s: f64) -> Result<(), Error> {
         let sql = "SELECT machine FROM live";
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
@@ -183,14 +183,14 @@ impl Store {
                         params![machine, now_s - kept_s],
                     )?;
                 }
-                Ok::<_, StoreError>(())
+                Ok(())
             })?;
         }
         Ok(())
     }
 
     /// The gateways of every machine, each machine's in the order in which they were heard first.
-    pub(crate) fn instances(&self) -> Result<Vec<(MachineId, Instance)>, StoreError> {
+    pub(crate) fn instances(&self) -> Result<Vec<(MachineId, Instance)>, Error> {
         let sql = "SELECT machine, document FROM instances ORDER BY machine, first_s";
         self.read(|database| {
             rows(database, sql, [], |row| {
@@ -201,7 +201,7 @@ impl Store {
 }
 
 /// Closes the oldest minute of a machine that is not closed and lies before `end`: how many conditions were in it.
-fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, StoreError> {
+fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, Error> {
     let sql = "SELECT min(at_s) FROM recent WHERE machine = ?1";
     let oldest = first(database, sql, [machine], |row| {
         Ok(row.get::<_, Option<f64>>(0)?)
@@ -226,14 +226,14 @@ fn close_one(
     machine: &str,
     minute: i64,
     mut points: Vec<Point>,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let raw: Option<Vec<Point>> = kept(database, "raw", "minute", machine, minute)?;
     if let Some(before) = raw {
         points.extend(before);
         points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
     }
     put(database, "raw", "minute", machine, minute, &points)?;
-    let Some(mean) = point::mean(&points, minute as f64 * 60.0) else {
+    let Some(mean) = Point::mean(&points, minute as f64 * 60.0) else {
         return Ok(());
     };
     let before: Option<Point> = kept(database, "minutes", "minute", machine, minute)?;
@@ -254,7 +254,7 @@ fn close_one(
         let range = params![machine, hour * 60, hour * 60 + 60];
         readable(database, machine, "minutes", sql, range)?
     };
-    if let Some(of_hour) = point::mean(&shares, hour as f64 * HOUR_S) {
+    if let Some(of_hour) = Point::mean(&shares, hour as f64 * HOUR_S) {
         put(database, "hours", "hour", machine, hour, &of_hour)?;
     }
     Ok(())
@@ -267,7 +267,7 @@ fn kept<T: DeserializeOwned>(
     column: &str,
     machine: &str,
     place: i64,
-) -> Result<Option<T>, StoreError> {
+) -> Result<Option<T>, Error> {
     let sql = format!("SELECT document FROM {table} WHERE machine = ?1 AND {column} = ?2");
     let mut found = readable(database, machine, table, &sql, params![machine, place])?;
     Ok(found.pop())
@@ -281,10 +281,10 @@ fn readable<T: DeserializeOwned>(
     table: &str,
     sql: &str,
     values: impl Params,
-) -> Result<Vec<T>, StoreError> {
+) -> Result<Vec<T>, Error> {
     let documents = rows(database, sql, values, |row| Ok(json(row, 0)))?;
-    let read = |document: Result<T, StoreError>| {
-        let warn = |error: &StoreError| {
+    let read = |document: Result<T, Error>| {
+        let warn = |error: &Error| {
             tracing::warn!("{machine}: a row of the table {table} is left out: {error}");
         };
         document.inspect_err(warn).ok()
@@ -299,7 +299,7 @@ fn put(
     machine: &str,
     place: i64,
     document: &impl serde::Serialize,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     execute(
         database,
         &format!(
@@ -316,7 +316,7 @@ pub(crate) fn add_recent(
     machine: &MachineId,
     at_s: f64,
     document: &str,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let sql = "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)";
     execute(database, sql, params![machine.as_str(), at_s, document]).map(|_| ())
 }
@@ -326,7 +326,7 @@ pub(crate) fn add_telemetry(
     machine: &MachineId,
     at_s: f64,
     document: &str,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let hour_s = (at_s / HOUR_S).floor() * HOUR_S;
     execute(
         database,
@@ -344,7 +344,7 @@ pub(crate) fn add_record(
     at_s: f64,
     document: &str,
     key: Option<&str>,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     execute(
         database,
         "INSERT INTO records (machine, at_s, document, record) VALUES (?1, ?2, ?3, ?4)
@@ -358,7 +358,7 @@ pub(crate) fn put_instance(
     database: &Connection,
     machine: &MachineId,
     instance: &Instance,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let document = serde_json::to_string(instance)?;
     execute(
         database,
@@ -378,7 +378,7 @@ pub(crate) fn remove_instance(
     database: &Connection,
     machine: &MachineId,
     instance: &str,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let sql = "DELETE FROM instances WHERE machine = ?1 AND instance = ?2";
     execute(database, sql, [machine.as_str(), instance]).map(|_| ())
 }

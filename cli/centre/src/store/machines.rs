@@ -7,26 +7,49 @@ use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
-    Store, StoreError, audit,
+    Store, audit,
     database::{document, documents, execute},
-    rollouts::refuse_in_open_rollout,
 };
-use crate::records::{Live, Machine};
+use crate::{
+    Error,
+    records::{Live, Machine},
+    rollout::Rollout,
+};
 
 /// A machine, as it stands in a transaction.
 pub(crate) fn machine_named(
     database: &Connection,
     machine: &MachineId,
-) -> Result<Option<Machine>, StoreError> {
+) -> Result<Option<Machine>, Error> {
     let sql = "SELECT document FROM machines WHERE machine = ?1";
     document(database, sql, [machine.as_str()])
+}
+
+/// Refuses what must wait until no roll-out has a turn of one of these machines any more.
+pub(super) fn refuse_in_open_rollout<'a>(
+    database: &Connection,
+    machines: impl IntoIterator<Item = &'a MachineId>,
+) -> Result<(), Error> {
+    let sql = "SELECT state FROM rollouts WHERE finished = 0";
+    let open: Vec<Rollout> = documents(database, sql, [])?;
+    for machine in machines {
+        let of_it =
+            |open: &&Rollout| (open.targets.iter()).any(|target| target.machine == *machine);
+        if let Some(other) = open.iter().find(of_it) {
+            return Err(Error::Conflict(format!(
+                "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
+                other.id
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Registers a machine, or changes what is known of it.
 ///
 /// # Errors
 /// Another machine tool under a name whose turn in a roll-out is still to come: the model was not measured on that one.
-fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreError> {
+fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> {
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
     if before.is_none_or(|before| before.serial != machine.serial) {
@@ -44,15 +67,12 @@ fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), StoreEr
 }
 
 /// The last state of a machine, as it stands in a transaction.
-pub(crate) fn live_of(
-    database: &Connection,
-    machine: &MachineId,
-) -> Result<Option<Live>, StoreError> {
+pub(crate) fn live_of(database: &Connection, machine: &MachineId) -> Result<Option<Live>, Error> {
     let sql = "SELECT document FROM live WHERE machine = ?1";
     document(database, sql, [machine.as_str()])
 }
 
-pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), StoreError> {
+pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), Error> {
     execute(
         database,
         "INSERT INTO live (machine, document) VALUES (?1, ?2)
@@ -64,20 +84,17 @@ pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), StoreEr
 
 impl Store {
     /// Registers a machine, or changes what is known of it.
-    pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), StoreError> {
+    pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), Error> {
         self.write(|database| put(database, machine, by))
     }
 
     /// Changes what is known of a machine, as it stands in the transaction: what others change at the same time stays.
-    ///
-    /// # Errors
-    /// Those of the change, too.
-    pub fn change_machine<E: From<StoreError>>(
+    pub fn change_machine(
         &self,
         machine: &MachineId,
         by: &str,
-        change: impl FnOnce(Option<Machine>) -> Result<Machine, E>,
-    ) -> Result<Machine, E> {
+        change: impl FnOnce(Option<Machine>) -> Result<Machine, Error>,
+    ) -> Result<Machine, Error> {
         self.write(|database| {
             let changed = change(machine_named(database, machine)?)?;
             put(database, &changed, by)?;
@@ -85,19 +102,18 @@ impl Store {
         })
     }
 
-    /// A machine.
-    pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, StoreError> {
+    pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, Error> {
         self.read(|database| machine_named(database, machine))
     }
 
     /// Every machine, by its name.
-    pub fn machines(&self) -> Result<Vec<Machine>, StoreError> {
+    pub fn machines(&self) -> Result<Vec<Machine>, Error> {
         let sql = "SELECT document FROM machines ORDER BY machine";
         self.read(|database| documents(database, sql, []))
     }
 
     /// Forgets a machine. Its versions and its history stay. `false`: it was not there.
-    pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, StoreError> {
+    pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let name = [machine.as_str()];
             let is_there = execute(database, "DELETE FROM machines WHERE machine = ?1", name)? > 0;
@@ -110,21 +126,20 @@ impl Store {
     }
 
     /// The last state of every machine that was ever heard.
-    pub fn live(&self) -> Result<BTreeMap<MachineId, Live>, StoreError> {
+    pub fn live(&self) -> Result<BTreeMap<MachineId, Live>, Error> {
         let lives: Vec<Live> =
             self.read(|database| documents(database, "SELECT document FROM live", []))?;
         let by_name = lives.into_iter().map(|live| (live.machine.clone(), live));
         Ok(by_name.collect())
     }
 
-    /// The last state of a machine.
-    pub fn live_of(&self, machine: &MachineId) -> Result<Option<Live>, StoreError> {
+    pub fn live_of(&self, machine: &MachineId) -> Result<Option<Live>, Error> {
         self.read(|database| live_of(database, machine))
     }
 
     /// Stores the last states of machines, all of them or nothing. The running centre stores them with the messages that they
     /// came from; this is for programs that have them from elsewhere.
-    pub fn put_live(&self, lives: &[Live]) -> Result<(), StoreError> {
+    pub fn put_live(&self, lives: &[Live]) -> Result<(), Error> {
         self.write(|database| lives.iter().try_for_each(|live| put_live(database, live)))
     }
 }

@@ -5,7 +5,6 @@
 //!
 //! Every function fails where the file cannot be read or a row holds what this program does not write, or where it takes no change
 //! (its disk is full, another program holds it); then nothing of it is changed. What else can fail is documented at the function.
-#![expect(clippy::missing_errors_doc, reason = "stated once, above")]
 
 pub(crate) mod alarms;
 pub(crate) mod audit;
@@ -25,54 +24,12 @@ use std::{
 
 use rusqlite::{Connection, TransactionBehavior};
 
+use crate::Error;
 pub use history::Keep;
 pub use models::Issued;
 
 /// A change that takes longer is held up: a commit waits for nothing but the disk.
 const HANGS_AFTER: Duration = Duration::from_secs(5);
-
-/// Why the store does not do what it is asked.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum StoreError {
-    #[error("the database: {0}")]
-    Sqlite(#[from] rusqlite::Error),
-    /// The file of the database cannot be created, or kept from others.
-    #[error(
-        "the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)"
-    )]
-    Private {
-        /// The path of the file.
-        file: String,
-        /// What the system reports.
-        why: std::io::Error,
-    },
-    /// A document in the database is none of ours.
-    #[error("a document in the database: {0}")]
-    Document(#[from] serde_json::Error),
-    /// A newer program has changed the database.
-    #[error(
-        "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
-    )]
-    Newer {
-        /// The steps that it has.
-        found: u64,
-        /// The steps that this program knows.
-        known: u64,
-    },
-    /// The change contradicts what is stored.
-    #[error("{0}")]
-    Conflict(String),
-    /// A confirmation that would be sent to nobody.
-    #[error("nothing is confirmed: {why}")]
-    NotConfirmed {
-        /// Why nothing would come of it, and what to do.
-        why: String,
-    },
-    /// What is asked for is not there.
-    #[error("found no {what} {name}")]
-    Missing { what: &'static str, name: String },
-}
 
 /// Everything that the centre remembers.
 pub struct Store {
@@ -96,10 +53,7 @@ impl Drop for Writes<'_> {
 
 impl Store {
     /// Opens a SQLite file, and makes it where it is not there.
-    ///
-    /// # Errors
-    /// The file cannot be opened, or is of a newer program.
-    pub fn open(path: &Path) -> Result<Self, StoreError> {
+    pub fn open(path: &Path) -> Result<Self, Error> {
         let mut writer = database::open(path)?;
         schema::bring_up(&mut writer)?;
         Ok(Self {
@@ -128,37 +82,33 @@ impl Store {
 
     /// Lets the file grow to so many pages and no further, as a full disk does: for tests.
     #[doc(hidden)]
-    pub fn limit_pages(&self, pages: u32) -> Result<(), StoreError> {
+    pub fn limit_pages(&self, pages: u32) -> Result<(), Error> {
         Ok(lock(&self.writer).pragma_update(None, "max_page_count", pages)?)
     }
 
-    /// Reads.
     pub(crate) fn read<T>(
         &self,
-        work: impl FnOnce(&Connection) -> Result<T, StoreError>,
-    ) -> Result<T, StoreError> {
+        work: impl FnOnce(&Connection) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         #[cfg(test)]
         self.check_fault();
         work(&lock(&self.reader))
     }
 
     /// Writes, all of it or nothing: what fails, or ends its thread, is rolled back.
-    pub(crate) fn write<T, E: From<StoreError>>(
+    pub(crate) fn write<T>(
         &self,
-        work: impl FnOnce(&Connection) -> Result<T, E>,
-    ) -> Result<T, E> {
+        work: impl FnOnce(&Connection) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         #[cfg(test)]
         self.check_fault();
-        let failed = |error| E::from(StoreError::Sqlite(error));
         let mut writer = lock(&self.writer);
         *lock(&self.writing) = Some(Instant::now());
         let _writes = Writes(&self.writing);
         // Deferred transactions that read first and write then would find the file held by another.
-        let transaction = writer
-            .transaction_with_behavior(TransactionBehavior::Immediate)
-            .map_err(failed)?;
+        let transaction = writer.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let done = work(&transaction)?;
-        transaction.commit().map_err(failed)?;
+        transaction.commit()?;
         Ok(done)
     }
 

@@ -7,11 +7,14 @@ use serde_json::json;
 use volcomp_fleet::{Acknowledgement, MachineId};
 
 use super::{
-    Store, StoreError, audit,
+    Store, audit,
     database::{document, documents, execute, first, machine, number, rows},
     machines::live_of,
 };
-use crate::records::{Model, Version};
+use crate::{
+    Error,
+    records::{Model, Version},
+};
 
 /// The newest versions. A row without a value says that nothing stands under the key: the last version was withdrawn, and there
 /// was none before.
@@ -33,7 +36,7 @@ pub struct Issued {
 impl Store {
     /// Adds a model with its text. `false`: it was there already, and only the day of its measurements is taken where one is
     /// stated.
-    pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, StoreError> {
+    pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, Error> {
         let document = serde_json::to_string(model)?;
         self.write(|database| {
             let added = execute(
@@ -64,7 +67,7 @@ impl Store {
     }
 
     /// The model whose checksum begins so; `None`: there is none, or more than one.
-    pub fn model(&self, beginning: &str) -> Result<Option<Model>, StoreError> {
+    pub fn model(&self, beginning: &str) -> Result<Option<Model>, Error> {
         if beginning.is_empty() || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(None);
         }
@@ -74,13 +77,28 @@ impl Store {
         Ok(found.pop().filter(|_| found.is_empty()))
     }
 
+    /// The model with this checksum.
+    pub(crate) fn model_with(&self, sha256: &str) -> Result<Option<Model>, Error> {
+        self.read(|database| model_of(database, sha256))
+    }
+
+    /// The models of the newest versions, by their checksums.
+    pub(crate) fn newest_models(&self) -> Result<BTreeMap<String, Model>, Error> {
+        let sql = "SELECT document FROM models WHERE sha256 IN (SELECT model FROM desired)";
+        let models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
+        let by_checksum = models
+            .into_iter()
+            .map(|model| (model.sha256.clone(), model));
+        Ok(by_checksum.collect())
+    }
+
     /// The text of the model with this checksum.
-    pub fn model_text(&self, sha256: &str) -> Result<Option<String>, StoreError> {
+    pub fn model_text(&self, sha256: &str) -> Result<Option<String>, Error> {
         self.read(|database| text_of(database, sha256))
     }
 
     /// Every model, the newest first.
-    pub fn models(&self) -> Result<Vec<Model>, StoreError> {
+    pub fn models(&self) -> Result<Vec<Model>, Error> {
         let sql = "SELECT document FROM models";
         let mut models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
         models.sort_by(|one, other| other.added_s.total_cmp(&one.added_s));
@@ -88,12 +106,12 @@ impl Store {
     }
 
     /// Every version of a machine, the newest first.
-    pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
+    pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, Error> {
         self.read(|database| versions_of(database, machine))
     }
 
     /// The newest version of every machine that has one, with what became of it.
-    pub fn newest_versions(&self) -> Result<BTreeMap<MachineId, Version>, StoreError> {
+    pub fn newest_versions(&self) -> Result<BTreeMap<MachineId, Version>, Error> {
         let versions: Vec<Version> =
             self.read(|database| documents(database, NEWEST_VERSIONS, []))?;
         let by_name = (versions.into_iter()).map(|version| (version.machine.clone(), version));
@@ -101,13 +119,13 @@ impl Store {
     }
 
     /// What a machine shall run: its newest signed value.
-    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
+    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, Error> {
         self.read(|database| newest(database, machine))
     }
 
     /// What every machine shall run: the newest version, without the signed values, which are large; `false`: it was
     /// withdrawn, and nothing shall stand under the key.
-    pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, bool)>, StoreError> {
+    pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
         let sql = "SELECT machine, version, value <> '' FROM desired";
         let wanted = self.read(|database| {
             rows(database, sql, [], |row| {
@@ -119,13 +137,13 @@ impl Store {
 }
 
 /// The text of a model, as it stands in a transaction.
-pub(crate) fn text_of(database: &Connection, sha256: &str) -> Result<Option<String>, StoreError> {
+pub(crate) fn text_of(database: &Connection, sha256: &str) -> Result<Option<String>, Error> {
     let sql = "SELECT text FROM models WHERE sha256 = ?1";
     first(database, sql, [sha256], |row| Ok(row.get(0)?))
 }
 
 /// A model by its whole checksum, as it stands in a transaction.
-pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Model>, StoreError> {
+pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Model>, Error> {
     let sql = "SELECT document FROM models WHERE sha256 = ?1";
     document(database, sql, [sha256])
 }
@@ -134,7 +152,7 @@ pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Mod
 pub(crate) fn versions_of(
     database: &Connection,
     machine: &MachineId,
-) -> Result<Vec<Version>, StoreError> {
+) -> Result<Vec<Version>, Error> {
     let sql = "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC";
     documents(database, sql, [machine.as_str()])
 }
@@ -143,13 +161,13 @@ pub(crate) fn versions_of(
 pub(crate) fn newest_version(
     database: &Connection,
     machine: &MachineId,
-) -> Result<Option<Version>, StoreError> {
+) -> Result<Option<Version>, Error> {
     let sql = format!("{NEWEST_VERSIONS} AND desired.machine = ?1");
     document(database, &sql, [machine.as_str()])
 }
 
 /// What a machine shall run, as it stands in a transaction.
-pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Issued>, StoreError> {
+pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Issued>, Error> {
     let sql =
         "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''";
     first(database, sql, [of.as_str()], |row| {
@@ -164,7 +182,7 @@ pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Iss
 
 /// Leaves nothing under the key of a machine until the next version is issued: the last one was withdrawn, and there was none
 /// before.
-pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Result<(), StoreError> {
+pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Result<(), Error> {
     let name = machine.as_str();
     execute(
         database,
@@ -180,7 +198,7 @@ const MAX_VERSION: u64 = 1 << 52;
 /// The version that the next manifest of a machine gets: above every one that was issued here, and above the one that the
 /// machine says is in force, which another centre may have issued. A machine may report
 /// anything: what no centre can have issued does not count.
-pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, StoreError> {
+pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, Error> {
     let sql = "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1";
     let issued = number(database, sql, [machine.as_str()])?;
     let reported = live_of(database, machine)?.map(|live| live.version);
@@ -193,7 +211,7 @@ pub(crate) fn add_version(
     database: &Connection,
     version: &Version,
     value: &str,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     let machine = version.machine.as_str();
     execute(
         database,
@@ -230,7 +248,7 @@ pub(crate) fn answer(
     machine: &MachineId,
     at_s: f64,
     answer: &Acknowledgement,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     // A machine may report any number.
     let version = i64::try_from(answer.version).unwrap_or(i64::MAX);
     execute(
@@ -258,7 +276,7 @@ pub(crate) fn answer(
 }
 
 /// Writes what became of a version.
-pub(crate) fn change_version(database: &Connection, version: &Version) -> Result<(), StoreError> {
+pub(crate) fn change_version(database: &Connection, version: &Version) -> Result<(), Error> {
     let document = serde_json::to_string(version)?;
     execute(
         database,

@@ -6,66 +6,35 @@ use serde_json::json;
 use volcomp_fleet::MachineId;
 
 use super::{
-    Store, StoreError, audit,
+    Store, audit,
     database::{document, documents, execute, number, rows},
-    machines::live_of,
+    machines::{live_of, refuse_in_open_rollout},
     models::versions_of,
 };
 use crate::{
+    Error,
     clock::now_s,
-    drift::in_force,
-    rollout::{NewRollout, Phase, Rollout, Rules, Step, Wish},
+    rollout::{Phase, Rollout, Rules, Step, Wish},
+    versions::in_force,
 };
-
-/// Refuses what must wait until no roll-out has a turn of one of these machines any more.
-pub(super) fn refuse_in_open_rollout<'a>(
-    database: &Connection,
-    machines: impl IntoIterator<Item = &'a MachineId>,
-) -> Result<(), StoreError> {
-    let sql = "SELECT state FROM rollouts WHERE finished = 0";
-    let open: Vec<Rollout> = documents(database, sql, [])?;
-    for machine in machines {
-        let of_it =
-            |open: &&Rollout| (open.targets.iter()).any(|target| target.machine == *machine);
-        if let Some(other) = open.iter().find(of_it) {
-            return Err(StoreError::Conflict(format!(
-                "{machine} has its turn in roll-out {}, which is not over: expected that one done or aborted first",
-                other.id
-            )));
-        }
-    }
-    Ok(())
-}
 
 impl Store {
     /// Starts a roll-out of a model to machines, each with whether it is a canary.
-    ///
-    /// # Errors
-    /// As for [`start_rollout`](Self::start_rollout).
     pub fn begin_rollout(
         &self,
         sha256: &str,
         machines: &[(MachineId, bool)],
         rules: Rules,
         by: &str,
-    ) -> Result<Rollout, StoreError> {
-        self.start_rollout(|id| {
-            let new = NewRollout {
-                model: sha256.to_owned(),
-                machines,
-                rules,
-                by: by.to_owned(),
-                since_s: now_s(),
-            };
-            Rollout::new(id, new)
-        })
+    ) -> Result<Rollout, Error> {
+        self.start_rollout(|id| Rollout::new(id, sha256, machines, rules, by, now_s()))
     }
 
     /// Starts a roll-out: `make` makes it with its number.
     ///
     /// # Errors
     /// A machine of it has its turn in another roll-out that is not over.
-    pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, StoreError> {
+    pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, Error> {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;
             let rollout = make(id);
@@ -82,19 +51,18 @@ impl Store {
         })
     }
 
-    /// A roll-out.
-    pub fn rollout(&self, id: u64) -> Result<Option<Rollout>, StoreError> {
+    pub fn rollout(&self, id: u64) -> Result<Option<Rollout>, Error> {
         self.read(|database| rollout(database, id))
     }
 
     /// The last `count` roll-outs, the newest first.
-    pub fn rollouts(&self, count: u32) -> Result<Vec<Rollout>, StoreError> {
+    pub fn rollouts(&self, count: u32) -> Result<Vec<Rollout>, Error> {
         let sql = "SELECT state FROM rollouts ORDER BY id DESC LIMIT ?1";
         self.read(|database| documents(database, sql, [count]))
     }
 
     /// The numbers of the roll-outs that are not over.
-    pub fn open_rollouts(&self) -> Result<Vec<u64>, StoreError> {
+    pub fn open_rollouts(&self) -> Result<Vec<u64>, Error> {
         let sql = "SELECT id FROM rollouts WHERE finished = 0 ORDER BY id";
         self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))
     }
@@ -104,16 +72,15 @@ impl Store {
     ///
     /// # Errors
     /// There is no such roll-out, or it is confirmed what does not wait for a confirmation.
-    pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), StoreError> {
+    pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), Error> {
         self.write(|database| {
-            let rollout = rollout(database, id)?.ok_or_else(|| missing(id))?;
+            let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", id))?;
             if let Wish::Confirm { machine, hash } = wish {
                 // What would come of nothing is refused now: whoever wishes it does not see the running centre drop it.
                 let waiting = waiting_wishes(database, id)?;
                 let is_ending = waiting.iter().any(|(wish, _)| *wish == Wish::Abort);
-                rollout
-                    .may_confirm(machine, hash, is_ending)
-                    .map_err(|why| StoreError::NotConfirmed { why })?;
+                let checked = rollout.may_confirm(machine, hash, is_ending);
+                checked.map_err(Error::NotConfirmed)?;
             }
             execute(
                 database,
@@ -129,26 +96,24 @@ impl Store {
     ///
     /// # Errors
     /// There is no such roll-out with such a machine, or it goes on or is done, or the machine does not have its model.
-    pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), StoreError> {
+    pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), Error> {
         self.write(|database| {
-            let mut rollout = rollout(database, id)?.ok_or_else(|| missing(id))?;
+            let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", id))?;
             if !rollout.phase.is_broken_off() {
-                return Err(StoreError::Conflict(format!(
+                return Err(Error::Conflict(format!(
                     "roll-out {id} goes on or is done: expected one that has stopped or was ended before it was done"
                 )));
             }
             let mut targets = rollout.targets.iter_mut();
             let target = targets.find(|target| target.machine == *machine);
-            let target = target.ok_or_else(|| StoreError::Missing {
-                what: "machine of that roll-out",
-                name: machine.to_string(),
-            })?;
+            let target =
+                target.ok_or_else(|| Error::missing("machine of that roll-out", machine))?;
             let versions = versions_of(database, machine)?;
             let has = in_force(&versions, live_of(database, machine)?.as_ref());
             // Where nothing else is known, what the roll-out has seen of it counts.
             let seen = matches!(target.step, Step::Done { .. } | Step::Soaking { .. });
             if !has.map_or(seen, |version| version.rollout == Some(id)) {
-                return Err(StoreError::Conflict(format!(
+                return Err(Error::Conflict(format!(
                     "{machine} does not have the model of roll-out {id} in force: expected a machine that corrects with it"
                 )));
             }
@@ -161,14 +126,7 @@ impl Store {
     }
 }
 
-fn missing(id: u64) -> StoreError {
-    StoreError::Missing {
-        what: "roll-out",
-        name: id.to_string(),
-    }
-}
-
-fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, StoreError> {
+fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, Error> {
     document(database, "SELECT state FROM rollouts WHERE id = ?1", [id])
 }
 
@@ -176,7 +134,7 @@ fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, StoreError
 type WishBy = (Wish, String);
 
 /// The wishes of a roll-out that wait for the running centre, in their order.
-fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, StoreError> {
+fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, Error> {
     let sql = "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number";
     documents(database, sql, [id])
 }
@@ -185,7 +143,7 @@ fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, StoreEr
 pub(crate) fn take(
     database: &Connection,
     id: u64,
-) -> Result<Option<(Rollout, Vec<WishBy>)>, StoreError> {
+) -> Result<Option<(Rollout, Vec<WishBy>)>, Error> {
     let Some(rollout) = rollout(database, id)? else {
         return Ok(None);
     };
@@ -201,11 +159,7 @@ pub(crate) fn take(
 }
 
 /// Stores where a roll-out stands. A change of its phase is written into the audit log.
-pub(crate) fn save(
-    database: &Connection,
-    rollout: &Rollout,
-    before: &Phase,
-) -> Result<(), StoreError> {
+pub(crate) fn save(database: &Connection, rollout: &Rollout, before: &Phase) -> Result<(), Error> {
     let Rollout { id, phase, .. } = rollout;
     execute(
         database,

@@ -2,10 +2,8 @@
 
 use rusqlite::{Connection, TransactionBehavior};
 
-use super::{
-    StoreError,
-    database::{execute, number},
-};
+use super::database::{execute, number};
+use crate::Error;
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
 const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE, WISHES, RECORDS_ONCE];
@@ -76,13 +74,13 @@ const RECORDS_ONCE: &[&str] = &[
 ];
 
 /// Brings a database to the newest schema, in one transaction.
-pub(super) fn bring_up(database: &mut Connection) -> Result<(), StoreError> {
+pub(super) fn bring_up(database: &mut Connection) -> Result<(), Error> {
     let database = database.transaction_with_behavior(TransactionBehavior::Immediate)?;
     database.execute_batch("CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)")?;
     let found = number(&database, "SELECT steps FROM schema", [])?;
     let known = STEPS.len() as u64;
     if found > known {
-        return Err(StoreError::Newer { found, known });
+        return Err(Error::Newer { found, known });
     }
     for statements in STEPS
         .iter()

@@ -4,17 +4,18 @@ use rusqlite::{Connection, Row, params};
 use serde_json::{Value as Json, json};
 
 use super::{
-    Store, StoreError, audit,
+    Store, audit,
     database::{document, execute, first, json, number, rows},
 };
 use crate::{
+    Error,
     clock::now_s,
     users::{Moment, Role, Session, Token, User, UserName},
 };
 
 const COLUMNS: &str = "name, role, disabled, document, password";
 
-fn user(row: &Row<'_>) -> Result<User, StoreError> {
+fn user(row: &Row<'_>) -> Result<User, Error> {
     let document: Json = json(row, 3)?;
     Ok(User {
         name: serde_json::from_value(row.get::<_, String>(0)?.into())?,
@@ -26,12 +27,12 @@ fn user(row: &Row<'_>) -> Result<User, StoreError> {
 }
 
 /// An error where no admin besides this user may log in: nobody could change users any more.
-fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), StoreError> {
+fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error> {
     let sql = "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1";
     if number(database, sql, [name.as_str()])? > 0 {
         return Ok(());
     }
-    Err(StoreError::Conflict(format!(
+    Err(Error::Conflict(format!(
         "{name} is the last admin who may log in: make another one first"
     )))
 }
@@ -44,12 +45,9 @@ fn changed(
     by: &str,
     action: &str,
     details: Json,
-) -> Result<(), StoreError> {
+) -> Result<(), Error> {
     if changed == 0 {
-        return Err(StoreError::Missing {
-            what: "user",
-            name: name.to_string(),
-        });
+        return Err(Error::missing("user", name));
     }
     execute(
         database,
@@ -71,7 +69,7 @@ impl Store {
         password_hash: &str,
         by: &str,
         from: &str,
-    ) -> Result<(), StoreError> {
+    ) -> Result<(), Error> {
         let document = json!({ "added_s": now_s(), "added_by": by }).to_string();
         self.write(|database| {
             let added = execute(
@@ -81,7 +79,7 @@ impl Store {
                 [name.as_str(), role.name(), password_hash, &document],
             )?;
             if added == 0 {
-                return Err(StoreError::Conflict(format!(
+                return Err(Error::Conflict(format!(
                     "found a user {name} already, expected another name"
                 )));
             }
@@ -101,7 +99,7 @@ impl Store {
         disabled: bool,
         by: &str,
         from: &str,
-    ) -> Result<(), StoreError> {
+    ) -> Result<(), Error> {
         self.write(|database| {
             if disabled || role != Role::Admin {
                 check_other_admin(database, name)?;
@@ -123,7 +121,7 @@ impl Store {
         password_hash: &str,
         by: &str,
         from: &str,
-    ) -> Result<(), StoreError> {
+    ) -> Result<(), Error> {
         self.write(|database| {
             let sql = "UPDATE users SET password = ?2 WHERE name = ?1";
             let count = execute(database, sql, [name.as_str(), password_hash])?;
@@ -142,7 +140,7 @@ impl Store {
     ///
     /// # Errors
     /// There is no such user, or it is the last admin who may log in.
-    pub fn remove_user(&self, name: &UserName, by: &str, from: &str) -> Result<(), StoreError> {
+    pub fn remove_user(&self, name: &UserName, by: &str, from: &str) -> Result<(), Error> {
         self.write(|database| {
             let sql = "DELETE FROM users WHERE name = ?1";
             let count = execute(database, sql, [name.as_str()])?;
@@ -158,14 +156,13 @@ impl Store {
         })
     }
 
-    /// Every user, by name.
-    pub fn users(&self) -> Result<Vec<User>, StoreError> {
+    pub fn users(&self) -> Result<Vec<User>, Error> {
         let sql = format!("SELECT {COLUMNS} FROM users ORDER BY name");
         self.read(|database| rows(database, &sql, [], user))
     }
 
     /// A user and the hash of the password.
-    pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, StoreError> {
+    pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, Error> {
         let sql = format!("SELECT {COLUMNS} FROM users WHERE name = ?1");
         self.read(|database| {
             first(database, &sql, [name.as_str()], |row| {
@@ -174,8 +171,7 @@ impl Store {
         })
     }
 
-    /// Begins a session.
-    pub fn begin_session(&self, token: &Token, session: &Session) -> Result<(), StoreError> {
+    pub fn begin_session(&self, token: &Token, session: &Session) -> Result<(), Error> {
         let document = serde_json::to_string(session)?;
         let user = session.user.as_str();
         self.write(|database| {
@@ -205,7 +201,7 @@ impl Store {
     }
 
     /// The user whose session this is, while it is alive and the user may log in. Its use is noted.
-    pub fn session(&self, token: &Token, now: &Moment) -> Result<Option<User>, StoreError> {
+    pub fn session(&self, token: &Token, now: &Moment) -> Result<Option<User>, Error> {
         let hash = token.hash();
         let sql = "SELECT document FROM sessions WHERE token_sha256 = ?1";
         let found: Option<Session> = self.read(|database| document(database, sql, [&hash]))?;
@@ -222,8 +218,7 @@ impl Store {
         Ok(user.map(|(user, _)| user).filter(|user| !user.disabled))
     }
 
-    /// Ends a session.
-    pub fn end_session(&self, token: &Token, by: &UserName) -> Result<(), StoreError> {
+    pub fn end_session(&self, token: &Token, by: &UserName) -> Result<(), Error> {
         self.write(|database| {
             let sql = "DELETE FROM sessions WHERE token_sha256 = ?1";
             execute(database, sql, [token.hash()])?;

@@ -1,7 +1,6 @@
 //! People: their roles, passwords and sessions, as plain data and rules. What is stored of them stands in `store::users`.
 
 mod password;
-mod refusals;
 mod session;
 mod throttle;
 
@@ -9,10 +8,11 @@ use std::{fmt, str::FromStr};
 
 use serde::{Deserialize, Serialize};
 
-pub use password::{Password, PasswordError, hash, is_right};
-pub(crate) use refusals::{Refusal, Refusals, WINDOW as REFUSAL_WINDOW};
+use crate::Error;
+pub use password::{Password, hash, is_right};
 pub use session::{Moment, Session, Token};
 pub use throttle::{Attempt, Throttle};
+pub(crate) use throttle::{REFUSAL_WINDOW, Refusal, Refusals};
 
 /// What somebody may do; each role may what the ones before it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -27,7 +27,6 @@ pub enum Role {
 }
 
 impl Role {
-    /// Every role.
     pub const ALL: [Self; 3] = [Self::Viewer, Self::Engineer, Self::Admin];
 
     /// The name as it stands in JSON and on the command line.
@@ -62,26 +61,16 @@ impl FromStr for Role {
 #[serde(try_from = "String", into = "String")]
 pub struct UserName(String);
 
-/// A name that is none.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "found {found:?}, expected a user's name: 1 to 64 lower-case letters, digits, dots, hyphens and underscores, a letter first; not `centre`"
-)]
-pub struct NoUserName {
-    pub found: String,
-}
-
 impl UserName {
-    /// The name.
     pub fn as_str(&self) -> &str {
         &self.0
     }
 }
 
 impl FromStr for UserName {
-    type Err = NoUserName;
+    type Err = Error;
 
-    fn from_str(text: &str) -> Result<Self, NoUserName> {
+    fn from_str(text: &str) -> Result<Self, Error> {
         let fits =
             |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b".-_".contains(&byte);
         let first = text
@@ -92,17 +81,18 @@ impl FromStr for UserName {
         if first && text.len() <= 64 && text.bytes().all(fits) && text != "centre" {
             Ok(Self(text.to_owned()))
         } else {
-            Err(NoUserName {
-                found: text.chars().take(80).collect(),
-            })
+            let found: String = text.chars().take(80).collect();
+            Err(Error::Wrong(format!(
+                "found {found:?}, expected a user's name: 1 to 64 lower-case letters, digits, dots, hyphens and underscores, a letter first; not `centre`"
+            )))
         }
     }
 }
 
 impl TryFrom<String> for UserName {
-    type Error = NoUserName;
+    type Error = Error;
 
-    fn try_from(text: String) -> Result<Self, NoUserName> {
+    fn try_from(text: String) -> Result<Self, Error> {
         text.parse()
     }
 }
@@ -124,10 +114,7 @@ impl fmt::Display for UserName {
 pub struct User {
     pub name: UserName,
     pub role: Role,
-    /// Whether the user may not log in.
     pub disabled: bool,
-    /// When the user was added, s.
     pub added_s: f64,
-    /// Who added the user.
     pub added_by: String,
 }

@@ -2,57 +2,37 @@
 
 use std::{fmt, sync::LazyLock};
 
+use crate::Error;
 use argon2::{Argon2, PasswordHasher, PasswordVerifier};
 
-/// The shortest password, characters.
-const SHORTEST: usize = 12;
-/// The longest password, bytes: a longer one only costs time.
-const LONGEST: usize = 1024;
+/// Minimum length of a password, characters.
+const MIN_CHARACTERS: usize = 12;
+/// Maximum length of a password: a longer one only costs time.
+const MAX_BYTES: usize = 1024;
 
 /// A password as somebody has entered it. It is never shown, not even to a debugger's log.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Password(String);
 
-/// Why a password is not taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum PasswordError {
-    /// It is too short.
-    #[error("the password has {found} characters, expected at least {SHORTEST}")]
-    Short {
-        /// How many characters it has.
-        found: usize,
-    },
-    /// It is too long.
-    #[error("the password has {found} bytes, expected at most {LONGEST}")]
-    Long {
-        /// How many bytes it has.
-        found: usize,
-    },
-    #[error("the password could not be hashed")]
-    Hash,
-}
-
 impl Password {
     /// Takes a password that somebody chooses.
-    ///
-    /// # Errors
-    /// It is too short or too long.
-    pub fn chosen(text: String) -> Result<Self, PasswordError> {
+    pub fn chosen(text: String) -> Result<Self, Error> {
         let found = text.chars().count();
-        if found < SHORTEST {
-            return Err(PasswordError::Short { found });
+        if found < MIN_CHARACTERS {
+            return Err(Error::Wrong(format!(
+                "the password has {found} characters, expected at least {MIN_CHARACTERS}"
+            )));
         }
         Self::entered(text)
     }
 
     /// Takes a password with which somebody logs in.
-    ///
-    /// # Errors
-    /// It is too long.
-    pub fn entered(text: String) -> Result<Self, PasswordError> {
-        if text.len() > LONGEST {
-            return Err(PasswordError::Long { found: text.len() });
+    pub fn entered(text: String) -> Result<Self, Error> {
+        if text.len() > MAX_BYTES {
+            return Err(Error::Wrong(format!(
+                "the password has {} bytes, expected at most {MAX_BYTES}",
+                text.len()
+            )));
         }
         Ok(Self(text))
     }
@@ -65,13 +45,10 @@ impl fmt::Debug for Password {
 }
 
 /// The hash of a password with a salt drawn for it, in the form `$argon2id$v=19$…` (19 MiB, two passes).
-///
-/// # Errors
-/// The hash cannot be made: no memory, no random numbers.
-pub fn hash(password: &Password) -> Result<String, PasswordError> {
+pub fn hash(password: &Password) -> Result<String, Error> {
     let hash = Argon2::default().hash_password(password.0.as_bytes());
     hash.map(|hash| hash.to_string())
-        .map_err(|_| PasswordError::Hash)
+        .map_err(|_| Error::Wrong("the password could not be hashed".to_owned()))
 }
 
 /// Whether a password has this hash. Without a hash, of a user that is not there, it takes as long, and is `false`.
@@ -110,14 +87,14 @@ mod tests {
 
     #[test]
     fn short_and_long_ones_are_refused() {
+        let refused = |made: Result<Password, Error>| made.unwrap_err().to_string();
+        let short = refused(Password::chosen("ä".repeat(11)));
         assert_eq!(
-            Password::chosen("äääääääääää".to_owned()),
-            Err(PasswordError::Short { found: 11 })
+            short,
+            "the password has 11 characters, expected at least 12"
         );
         assert!(Password::chosen("ä".repeat(12)).is_ok());
-        assert_eq!(
-            Password::entered("a".repeat(1025)),
-            Err(PasswordError::Long { found: 1025 })
-        );
+        let long = refused(Password::entered("a".repeat(1025)));
+        assert_eq!(long, "the password has 1025 bytes, expected at most 1024");
     }
 }

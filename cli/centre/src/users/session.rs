@@ -20,7 +20,6 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Now.
     pub fn now() -> Self {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
         // Where the kernel does not name its boot, only the time counts: it begins anew with each boot.
@@ -50,9 +49,7 @@ impl Moment {
 /// A session of a user.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Session {
-    /// Whose it is.
     pub user: UserName,
-    /// When the user logged in.
     pub since: Moment,
     /// When it was used last, to the minute.
     pub used: Moment,
@@ -90,9 +87,6 @@ pub struct Token(String);
 
 impl Token {
     /// Draws one from the generator of the operating system.
-    ///
-    /// # Errors
-    /// There are no random numbers.
     pub fn draw() -> Result<Self, getrandom::Error> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes)?;
@@ -105,7 +99,6 @@ impl Token {
         fits.then(|| Self(text.to_owned()))
     }
 
-    /// The text for the cookie.
     pub fn text(&self) -> &str {
         &self.0
     }

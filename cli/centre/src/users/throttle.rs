@@ -5,19 +5,19 @@
 //! attempts waiting, which bounds guesses to `MAX_WAITING / DELAY` a second.
 
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     net::IpAddr,
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
+use serde::Serialize;
+
 /// Wrong passwords for one account from one address within [`WINDOW`] before attempts are delayed.
 const MAX_OF_PAIR: u32 = 5;
 /// The same from one address for any accounts, and for one account from any addresses.
 const MAX_OF_ONE: u32 = 50;
-/// How long wrong passwords are counted.
 const WINDOW: Duration = Duration::from_secs(60);
-/// How long an attempt is delayed.
 const DELAY: Duration = Duration::from_secs(2);
 /// Maximum number of delayed attempts for one account from one address.
 const MAX_WAITING: u32 = 2;
@@ -124,7 +124,6 @@ impl Throttle {
         })
     }
 
-    /// Counts a wrong password.
     pub fn wrong(&self, from: IpAddr, account: &str) {
         let mut counts = self.counts();
         let keys = Key::all(from, account);
@@ -148,7 +147,7 @@ impl Throttle {
 }
 
 /// Addresses of IPv6 count by their network: one computer has as many of them as it likes.
-pub(crate) fn network(address: IpAddr) -> IpAddr {
+fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
         IpAddr::V6(v6) => v6.to_ipv4_mapped().map_or_else(
@@ -161,11 +160,82 @@ pub(crate) fn network(address: IpAddr) -> IpAddr {
     }
 }
 
+/// How long refusals of a kind from one address are counted.
+pub(crate) const REFUSAL_WINDOW: Duration = Duration::from_secs(60);
+/// Maximum number of different objects that a record names.
+const MAX_OBJECTS: usize = 8;
+/// Maximum number of addresses and kinds that are counted; beyond, all addresses are counted together.
+const MAX_KEYS: usize = 1024;
+
+/// What is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Refusal {
+    /// A wrong name or password.
+    Login,
+    /// Too many wrong passwords before.
+    Throttled,
+    /// A request that the role of the user does not permit, or from a page of another origin.
+    Forbidden,
+}
+
+impl Refusal {
+    /// The action in the audit log.
+    pub(crate) fn action(self) -> &'static str {
+        match self {
+            Self::Login => "login.refused",
+            Self::Throttled => "login.throttled",
+            Self::Forbidden => "request.forbidden",
+        }
+    }
+}
+
+/// Refusals that no record of the audit log holds yet. The first of a kind from an address is recorded at once, further ones
+/// within a minute as one record with their number.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Further {
+    /// Number of refusals.
+    pub(crate) count: u64,
+    /// Some of the names or paths that were tried.
+    pub(crate) tried: BTreeSet<String>,
+}
+
+type RefusalKey = (Refusal, Option<IpAddr>);
+
+/// The refusals of the current minute. An entry exists exactly while its minute lasts.
+#[derive(Default)]
+pub(crate) struct Refusals(Mutex<HashMap<RefusalKey, Further>>);
+
+impl Refusals {
+    /// Counts a refusal. A key if this is the first of its minute: it is to be recorded at once, and the others by
+    /// [`Self::take`] at the end of the window.
+    pub(crate) fn count(&self, refusal: Refusal, from: IpAddr, object: &str) -> Option<RefusalKey> {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut key = (refusal, Some(network(from)));
+        if counts.len() >= MAX_KEYS && !counts.contains_key(&key) {
+            key.1 = None;
+        }
+        if let Some(further) = counts.get_mut(&key) {
+            further.count += 1;
+            if further.tried.len() < MAX_OBJECTS {
+                further.tried.insert(object.to_owned());
+            }
+            None
+        } else {
+            counts.insert(key, Further::default());
+            Some(key)
+        }
+    }
+
+    /// Ends a window: the refusals after its first one, if there were any.
+    pub(crate) fn take(&self, key: RefusalKey) -> Option<Further> {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        counts.remove(&key).filter(|further| further.count > 0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use std::{net::IpAddr, time::Duration};
-
-    use super::{DELAY, Throttle};
+    use super::*;
 
     fn delay(throttle: &Throttle, from: IpAddr, account: &str) -> Option<Duration> {
         throttle
@@ -210,5 +280,37 @@ mod tests {
         assert_eq!(delay(&throttle, other, "anna"), Some(DELAY));
         assert_eq!(delay(&throttle, other, "otto"), Some(Duration::ZERO));
         assert_eq!(delay(&throttle, fresh, "otto"), Some(DELAY));
+    }
+
+    #[test]
+    fn the_first_is_recorded_and_the_others_are_counted() {
+        let refusals = Refusals::default();
+        let [one, other] = ["192.0.2.1", "192.0.2.2"].map(|text| text.parse().unwrap());
+        let key = refusals.count(Refusal::Login, one, "anna").unwrap();
+        for number in 0..59 {
+            let object = format!("name{}", number % 20);
+            assert_eq!(refusals.count(Refusal::Login, one, &object), None);
+        }
+        let quiet = refusals.count(Refusal::Login, other, "anna").unwrap();
+        assert!(
+            refusals
+                .count(Refusal::Forbidden, one, "/api/users")
+                .is_some()
+        );
+        let further = refusals.take(key).unwrap();
+        assert_eq!((further.count, further.tried.len()), (59, 8));
+        assert_eq!(refusals.take(quiet), None);
+        assert!(refusals.count(Refusal::Login, one, "anna").is_some());
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let refusals = Refusals::default();
+        let mut recorded = 0;
+        for number in 0..3000_u32 {
+            let from = std::net::Ipv4Addr::from(number).into();
+            recorded += usize::from(refusals.count(Refusal::Login, from, "anna").is_some());
+        }
+        assert_eq!(recorded, 1025);
     }
 }

@@ -15,7 +15,7 @@ use volcomp_centre::{
     clock::now_s,
     models::NewModel,
     records::{Live, Machine, Origin},
-    rollout::{NewRollout, Phase, Rollout, Rules, Step},
+    rollout::{Phase, Rollout, Rules, Step},
 };
 use volcomp_fleet::Condition;
 use volcomp_test_support::peers;
@@ -150,17 +150,7 @@ fn a_roll_out_that_has_stopped_leads_on() {
         .collect();
     let started = page.store.start_rollout(|number| {
         let rules = Rules::default();
-        let by = "anna".to_owned();
-        let mut rollout = Rollout::new(
-            number,
-            NewRollout {
-                model: model.sha256,
-                machines: &machines,
-                rules,
-                by,
-                since_s: now_s(),
-            },
-        );
+        let mut rollout = Rollout::new(number, &model.sha256, &machines, rules, "anna", now_s());
         rollout.targets[0].step = Step::Done { version: 1 };
         let why = "its residual has risen from 1.0 µm to 9.0 µm".to_owned();
         rollout.targets[1].step = Step::Out {

@@ -11,7 +11,7 @@ use std::{
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_centre::{
-    rollout::{NewRollout, Phase, Rollout, Rules, Step},
+    rollout::{Phase, Rollout, Rules, Step},
     store::Store,
 };
 
@@ -196,14 +196,7 @@ fn a_confirmation_that_would_come_to_nothing_is_refused() {
     let begin = |machine: &str, phase: Phase| {
         let machines = [(machine.parse().unwrap(), true)];
         let started = store.start_rollout(|id| {
-            let new = NewRollout {
-                model: "ab".into(),
-                machines: &machines,
-                rules: Rules::default(),
-                by: "anna".into(),
-                since_s: 0.0,
-            };
-            let mut rollout = Rollout::new(id, new);
+            let mut rollout = Rollout::new(id, "ab", &machines, Rules::default(), "anna", 0.0);
             rollout.targets[0].step = Step::NeedsConfirmation {
                 version: 1,
                 hash: "abcd".into(),
@@ -256,17 +249,11 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
-    std::fs::write(folder.join("centre.toml"), "[nats]\nurl = \"nats://a:1\"\n").unwrap();
+    configured(folder);
     std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
     done("key new main");
     done("tls-init localhost");
-    let again = call(folder, "tls-init localhost");
-    let told = "key.pem: there already, kept";
-    assert!(
-        again.status == 2 && again.err.contains(told),
-        "{}",
-        again.err
-    );
+    wrong(folder, "tls-init localhost", "key.pem: there already, kept");
     assert_eq!(done("rollout status"), "there is no roll-out yet\n");
     done("machine add mill-1 --site berlin --serial 1 --like mill.toml");
     let drift = done("model drift mill-1");
@@ -321,7 +308,7 @@ fn a_machine_that_makes_no_sense_is_not_registered() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     configured(folder);
-    assert_eq!(call(folder, "key nkey centre.nkey").status, 0);
+    done(folder, "key nkey centre.nkey");
     let gantry = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gantry.toml");
     let add = format!("--site berlin --serial 4711 --like {gantry}");
     let seed = std::fs::read_to_string(folder.join("centre.nkey")).unwrap();
@@ -334,10 +321,11 @@ fn a_machine_that_makes_no_sense_is_not_registered() {
         called.err
     );
     assert!(!called.err.contains(seed), "{}", called.err);
-    let called = call(folder, &format!("machine add mill-3 {add} --condition-s 0"));
-    assert_eq!(called.status, 2, "{}", called.err);
-    let told = "condition_s: found 0, expected 1 to 86400 s";
-    assert!(called.err.contains(told), "{}", called.err);
+    wrong(
+        folder,
+        &format!("machine add mill-3 {add} --condition-s 0"),
+        "condition_s: found 0, expected 1 to 86400 s",
+    );
 }
 
 /// A centre without a server says so once, with its address; a second one says whose place is taken.
@@ -351,14 +339,13 @@ fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
     drop(free);
     let nats = format!("[nats]\nurl = \"nats://{server}\"\n");
     std::fs::write(folder.join("centre.toml"), &nats).unwrap();
+    std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
     for arguments in [
         "key new main",
         "key nkey centre.nkey",
         "machine add mill-1 --site berlin --serial 1 --like mill.toml",
     ] {
-        std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
-        let called = call(folder, arguments);
-        assert_eq!(called.status, 0, "{}", called.err);
+        done(folder, arguments);
     }
     let mut running = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"))
         .current_dir(folder)
@@ -391,25 +378,18 @@ fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
 fn two_models_are_compared() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(folder.join("centre.toml"), "[nats]\nurl = \"nats://a:1\"\n").unwrap();
+    configured(folder);
     let add = |squareness: u32| {
         let file = format!("{squareness}.toml");
         std::fs::write(folder.join(&file), crate::support::model_text(squareness)).unwrap();
-        let called = call(folder, &format!("model add {file}"));
-        assert_eq!(called.status, 0, "{}", called.err);
-        called.out.lines().last().unwrap()[..12].to_owned()
+        let said = done(folder, &format!("model add {file}"));
+        said.lines().last().unwrap()[..12].to_owned()
     };
     let (one, other) = (add(7), add(9));
-    let called = call(folder, &format!("model diff {one} {other}"));
-    assert_eq!(called.status, 0, "{}", called.err);
-    let lines: Vec<&str> = called
-        .out
-        .lines()
-        .filter(|line| line.contains("EC0Y"))
-        .collect();
-    assert_eq!(lines.len(), 2, "{}", called.out);
-    assert!(lines[0].starts_with("- ") && lines[0].contains('7'));
-    assert!(lines[1].starts_with("+ ") && lines[1].contains('9'));
+    let diff = done(folder, &format!("model diff {one} {other}"));
+    // Before it stands the checksum of each.
+    assert_eq!(diff.lines().count(), 4, "{diff}");
+    assert!(diff.ends_with("\n- EC0Y = 7.0\n+ EC0Y = 9.0\n"), "{diff}");
 }
 
 /// A model leaves the centre byte by byte as it came, and no file is replaced by it.
@@ -439,12 +419,10 @@ fn a_model_is_shown_and_downloaded() {
         std::fs::read_to_string(path.join("out.toml")).unwrap(),
         text
     );
-    let again = call(path, &format!("model download {sha256} -o m.toml"));
-    assert_eq!(again.status, 2);
-    assert!(
-        again.err.contains("m.toml: is there already"),
-        "{}",
-        again.err
+    wrong(
+        path,
+        &format!("model download {sha256} -o m.toml"),
+        "m.toml: is there already",
     );
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }

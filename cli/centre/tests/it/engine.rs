@@ -6,7 +6,6 @@ use std::{
 };
 
 use volcomp_centre::{
-    ingest::Ingest,
     records::AlarmKind,
     rollout::{Phase, Rules, Wish},
 };
@@ -14,8 +13,8 @@ use volcomp_fleet::Kind;
 
 use crate::{
     gateway::{self, Told},
-    shop::{LONG, Shop, Wire, runtime, stored, until},
-    support::{condition, envelope, received},
+    shop::{LONG, Shop, Wire, soak, stored, until},
+    support::{condition, envelope, received, tell},
 };
 
 fn quick() -> Rules {
@@ -27,18 +26,13 @@ fn quick() -> Rules {
     }
 }
 
-fn is_open(shop: &Shop, kind: AlarmKind) -> bool {
-    let open = shop.store.open_alarms().unwrap();
-    open.iter().any(|alarm| alarm.kind == kind)
-}
-
 /// Every condition that the server has acknowledged to a gateway is stored, once.
 async fn all_is_stored(shop: &Shop, gateways: Vec<(Told, tokio::task::JoinHandle<()>)>) {
     for (place, (told, task)) in gateways.into_iter().enumerate() {
         // One that is under way may be stored although nobody was told.
         task.abort();
         let _ = task.await;
-        let told = told.conditions.load(Ordering::Relaxed);
+        let told = told.conditions();
         let machine = format!("mill-{place}");
         until("everything is stored", || {
             stored(shop.folder.path(), &machine) >= told
@@ -51,17 +45,13 @@ async fn all_is_stored(shop: &Shop, gateways: Vec<(Told, tokio::task::JoinHandle
 
 #[test]
 fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
-    let Some(shop) = Shop::new(1, 4) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 4, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..4).map(|place| shop.gateway(place)).collect();
         let id = shop.roll_out(7, quick());
-        until("the roll-out is done", || {
-            shop.store.rollout(id).unwrap().unwrap().phase == Phase::Done
-        })
-        .await;
+        shop.until_done(id).await;
         for (told, _) in &gateways {
-            assert_eq!(told.version.load(Ordering::Relaxed), 1);
+            assert_eq!(told.version(), 1);
             assert_eq!(told.refused.load(Ordering::Relaxed), 0);
         }
         until("each answer stands at its version", || {
@@ -84,7 +74,7 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
         })
         .await;
         all_is_stored(&shop, gateways).await;
-        until("silence is told", || is_open(&shop, AlarmKind::Silent)).await;
+        until("silence is told", || shop.is_open(AlarmKind::Silent)).await;
         centre.end().await;
     });
 }
@@ -92,24 +82,20 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
 /// The centre is ended in the middle of a roll-out and started again: it goes on from the store.
 #[test]
 fn a_centre_that_is_started_again_goes_on() {
-    let Some(shop) = Shop::new(1, 4) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 4, async |shop| {
         let gateways: Vec<_> = (0..4).map(|place| shop.gateway(place)).collect();
         let centre = shop.centre(&shop.url()).await;
         let id = shop.roll_out(7, quick());
-        let state = || shop.store.rollout(id).unwrap().unwrap();
-        until("the first has it", || {
-            gateways[0].0.version.load(Ordering::Relaxed) == 1
-        })
-        .await;
+        let state = || shop.rollout(id);
+        until("the first has it", || gateways[0].0.version() == 1).await;
         centre.end().await;
         assert_eq!(state().phase, Phase::Running);
-        let told = |place: usize| gateways[place].0.version.load(Ordering::Relaxed);
+        let told = |place: usize| gateways[place].0.version();
         assert_eq!(told(3), 0, "not all of them");
         // What the machines say while there is no centre waits at the server.
-        let before = gateways[1].0.conditions.load(Ordering::Relaxed);
+        let before = gateways[1].0.conditions();
         until("they go on telling", || {
-            gateways[1].0.conditions.load(Ordering::Relaxed) > before + 10
+            gateways[1].0.conditions() > before + 10
         })
         .await;
         let centre = shop.centre(&shop.url()).await;
@@ -122,8 +108,7 @@ fn a_centre_that_is_started_again_goes_on() {
 
 #[test]
 fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
-    let Some(shop) = Shop::new(1, 3) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 3, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let mut gateways = Vec::new();
         let mut residuals = Vec::new();
@@ -134,23 +119,12 @@ fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
             gateways.push((told.clone(), tokio::spawn(gateway::run(plan, told))));
         }
         until("all are heard", || shop.store.live().unwrap().len() == 3).await;
-        let rules = Rules {
-            soak_s: 600.0,
-            ..quick()
-        };
-        let id = shop.roll_out(7, rules);
-        until("the first has it", || {
-            gateways[0].0.version.load(Ordering::Relaxed) == 1
-        })
-        .await;
+        let id = shop.roll_out(7, soak(600.0));
+        until("the first has it", || gateways[0].0.version() == 1).await;
         *residuals[0].lock().unwrap() = 40.0;
-        until("it stops", || {
-            let phase = shop.store.rollout(id).unwrap().unwrap().phase;
-            matches!(phase, Phase::Stopped { why } if why.contains("residual"))
-        })
-        .await;
-        until("a person is told", || is_open(&shop, AlarmKind::Rollout)).await;
-        assert_eq!(gateways[1].0.version.load(Ordering::Relaxed), 0);
+        shop.until_stopped(id, "residual").await;
+        until("a person is told", || shop.is_open(AlarmKind::Rollout)).await;
+        assert_eq!(gateways[1].0.version(), 0);
         all_is_stored(&shop, gateways).await;
         centre.end().await;
     });
@@ -160,47 +134,23 @@ fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
 /// and the centre puts its own value back.
 #[test]
 fn a_foreign_value_is_replaced() {
-    let Some(shop) = Shop::new(1, 2) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
         let id = shop.roll_out(7, quick());
-        until("the roll-out is done", || {
-            shop.store.rollout(id).unwrap().unwrap().phase == Phase::Done
-        })
-        .await;
-        let (thief, key) = &shop.machines[0];
-        let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
-            .custom_inbox_prefix("_INBOX_mill-0")
-            .connect(shop.url())
-            .await
-            .unwrap();
-        let subject = volcomp_fleet::Subjects::of(&thief.identity).condition;
-        client
-            .publish_with_reply(subject, "$KV.desired.mill-1", "forged".into())
-            .await
-            .unwrap();
-        client.flush().await.unwrap();
-        until("it is seen", || is_open(&shop, AlarmKind::Clobbered)).await;
-        let own = shop.store.issued(&shop.machines[1].0.identity.machine);
-        let own = own.unwrap().unwrap().value;
-        let hub = volcomp_fleet::Hub::connect(&volcomp_fleet::LinkSettings {
-            url: shop.url(),
-            seed: shop.centre.seed().unwrap(),
-            roots: None,
-        })
-        .await
-        .unwrap();
+        shop.until_done(id).await;
+        shop.forge().await;
+        until("it is seen", || shop.is_open(AlarmKind::Clobbered)).await;
+        let own = shop.issued(1).unwrap().value;
+        let hub = shop.hub().await;
         let end = std::time::Instant::now() + LONG;
-        loop {
-            let found = hub.desired(&shop.machines[1].0.identity.machine).await;
-            if found.is_ok_and(|value| value.is_some_and(|value| value == own)) {
-                break;
-            }
+        while !(hub.desired(shop.name(1)).await)
+            .is_ok_and(|value| value.is_some_and(|it| it == own))
+        {
             assert!(std::time::Instant::now() < end, "it is not put back");
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
-        assert_eq!(gateways[1].0.version.load(Ordering::Relaxed), 1);
+        assert_eq!(gateways[1].0.version(), 1);
         centre.end().await;
     });
 }
@@ -208,14 +158,13 @@ fn a_foreign_value_is_replaced() {
 /// The same identity twice: both are heard, and a person is told.
 #[test]
 fn a_clone_is_seen() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let one = shop.gateway(0);
         let told = Told::default();
         let plan = shop.plan(0, "the copy");
         let copy = tokio::spawn(gateway::run(plan, told.clone()));
-        until("it is told", || is_open(&shop, AlarmKind::Clone)).await;
+        until("it is told", || shop.is_open(AlarmKind::Clone)).await;
         copy.abort();
         one.1.abort();
         centre.end().await;
@@ -225,21 +174,17 @@ fn a_clone_is_seen() {
 /// The centre is cut off from the server for longer than every time-out, while machines go on telling; then the wire heals.
 #[test]
 fn nothing_is_lost_when_the_centre_was_cut_off() {
-    let Some(shop) = Shop::new(1, 3) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 3, async |shop| {
         let wire = Wire::to(&shop.settings[0].listen).await;
         let centre = shop.centre(&wire.url).await;
         let gateways: Vec<_> = (0..3).map(|place| shop.gateway(place)).collect();
         let id = shop.roll_out(7, quick());
-        until("the first has it", || {
-            gateways[0].0.version.load(Ordering::Relaxed) == 1
-        })
-        .await;
+        until("the first has it", || gateways[0].0.version() == 1).await;
         wire.cut(true);
         // Longer than the server waits for an acknowledgement, and than either side waits for a sign of life.
         tokio::time::sleep(Duration::from_secs(40)).await;
         wire.cut(false);
-        let gone = || shop.store.rollout(id).unwrap().unwrap();
+        let gone = || shop.rollout(id);
         until("the roll-out goes on", || gone().phase == Phase::Done).await;
         all_is_stored(&shop, gateways).await;
         centre.end().await;
@@ -249,29 +194,20 @@ fn nothing_is_lost_when_the_centre_was_cut_off() {
 /// A node of the cluster is killed, and one more connection with it: what was acknowledged to a gateway is stored.
 #[test]
 fn a_node_of_the_cluster_is_killed() {
-    let Some(mut shop) = Shop::new(3, 2) else {
-        return;
-    };
-    runtime().block_on(async {
+    Shop::run(3, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
-        let told = |place: usize| gateways[place].0.conditions.load(Ordering::Relaxed);
+        let told = |place: usize| gateways[place].0.conditions();
         until("they tell", || told(0) > 5 && told(1) > 5).await;
         let id = shop.roll_out(7, quick());
-        until("the first has it", || {
-            gateways[0].0.version.load(Ordering::Relaxed) == 1
-        })
-        .await;
+        until("the first has it", || gateways[0].0.version() == 1).await;
         shop.servers[0] = None;
         let before = (told(0), told(1));
         until("they go on telling", || {
             told(0) > before.0 + 5 && told(1) > before.1 + 5
         })
         .await;
-        until("the roll-out is done", || {
-            shop.store.rollout(id).unwrap().unwrap().phase == Phase::Done
-        })
-        .await;
+        shop.until_done(id).await;
         shop.start_server(0);
         let before = told(0);
         until("with all nodes again", || told(0) > before + 5).await;
@@ -283,15 +219,14 @@ fn a_node_of_the_cluster_is_killed() {
 /// The disk of the centre is full: nothing is acknowledged; there is room again: everything is stored.
 #[test]
 fn a_full_disk_loses_nothing() {
-    let Some(shop) = Shop::new(1, 2) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateways: Vec<_> = (0..2).map(|place| shop.gateway(place)).collect();
         until("both are heard", || shop.store.live().unwrap().len() == 2).await;
         shop.store.limit_pages(1).unwrap();
-        let before = gateways[0].0.conditions.load(Ordering::Relaxed);
+        let before = gateways[0].0.conditions();
         until("they go on telling", || {
-            gateways[0].0.conditions.load(Ordering::Relaxed) > before + 30
+            gateways[0].0.conditions() > before + 30
         })
         .await;
         shop.store.limit_pages(u32::MAX - 1).unwrap();
@@ -304,30 +239,18 @@ fn a_full_disk_loses_nothing() {
 #[test]
 fn a_huge_version_of_one_machine_stops_nobody_else() {
     for told in [u64::MAX >> 1, u64::MAX] {
-        let Some(shop) = Shop::new(1, 2) else { return };
-        runtime().block_on(async {
-            let mut ingest = Ingest::of(&shop.store).unwrap();
+        Shop::run(1, 2, async |shop| {
             let mut one = envelope("thief", 1, condition(4.0));
             one.version = told;
             let message = received("mill-0", Kind::Condition, 1, 1_800_000_000.0, &one);
-            ingest.take(&shop.store, &[message]).unwrap();
-            ingest.store_live(&shop.store).unwrap();
+            tell(&shop.store, &[message]);
             let centre = shop.centre(&shop.url()).await;
-            let version = |place: usize| {
-                let machine = &shop.machines[place].0.identity.machine;
-                shop.store
-                    .issued(machine)
-                    .unwrap()
-                    .map(|issued| issued.version)
-            };
+            let version = |place| shop.issued(place).map(|issued| issued.version);
             for (number, version_of_it) in [(7, 1), (8, 2)] {
                 let id = shop.roll_out_to(number, &[0], quick());
                 until("it is issued", || version(0) == Some(version_of_it)).await;
                 shop.store.wish(id, &Wish::Abort, "anna").unwrap();
-                until("it is over", || {
-                    shop.store.rollout(id).unwrap().unwrap().phase.is_over()
-                })
-                .await;
+                until("it is over", || shop.rollout(id).phase.is_over()).await;
             }
             shop.roll_out_to(9, &[1], quick());
             until("the other gets its own", || version(1) == Some(1)).await;
@@ -339,22 +262,17 @@ fn a_huge_version_of_one_machine_stops_nobody_else() {
 /// A roll-out whose stored state cannot be read, or whose versions have come to their end, is told, and holds up no other.
 #[test]
 fn a_roll_out_that_cannot_go_on_holds_up_no_other() {
-    let Some(shop) = Shop::new(1, 2) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 2, async |shop| {
         shop.roll_out_to(7, &[0], quick());
-        let raw = rusqlite::Connection::open(shop.folder.path().join("centre.db")).unwrap();
-        raw.execute(
-            "INSERT INTO versions VALUES ('mill-0', ?1, 'ab', NULL, 'cd', '{}')",
-            [i64::MAX],
-        )
-        .unwrap();
+        shop.raw()
+            .execute(
+                "INSERT INTO versions VALUES ('mill-0', ?1, 'ab', NULL, 'cd', '{}')",
+                [i64::MAX],
+            )
+            .unwrap();
         shop.roll_out_to(8, &[1], quick());
         let centre = shop.centre(&shop.url()).await;
-        let other = &shop.machines[1].0.identity.machine;
-        until("the other goes on", || {
-            shop.store.issued(other).unwrap().is_some()
-        })
-        .await;
+        until("the other goes on", || shop.issued(1).is_some()).await;
         until("it is told", || {
             let open = shop.store.open_alarms().unwrap();
             let mut told = open.iter().filter(|one| one.kind == AlarmKind::Rollout);

@@ -3,32 +3,33 @@
 use std::{sync::Arc, time::Duration};
 
 use volcomp_centre::{
-    ingest::Ingest,
-    issue::reissue,
+    issue::settle,
     records::{AlarmKind, Machine},
     rollout::{Phase, Rules, Step, Wish},
-    store::{Store, StoreError},
+    store::Store,
 };
-use volcomp_fleet::{Acknowledgement, Desired, Kind, LinkSettings, MachineLink, Outcome};
+use volcomp_fleet::{Acknowledgement, Kind, Outcome};
 
 use crate::{
     gateway::{self, Told},
-    shop::{Shop, runtime, until},
-    support::{condition, envelope, model, received},
+    shop::{Shop, manifest, soak, until},
+    support::{condition, envelope, model, received, tell},
 };
 
 /// A person forbids correcting (`machine disable`: the registry first, then a manifest) while the centre is at its look with the machines
 /// that it has read before.
 #[test]
 fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
-        let rules = Rules { soak_s: 0.0, answer_s: 1000.0, ..Rules::default() };
+        let rules = Rules {
+            answer_s: 1000.0,
+            ..soak(0.0)
+        };
         let gateway = shop.gateway(0);
         let first = shop.roll_out(7, rules.clone());
-        let name = shop.machines[0].0.identity.machine.clone();
-        until("it is over", || shop.store.rollout(first).unwrap().unwrap().phase.is_over()).await;
+        let name = shop.name(0).clone();
+        until("it is over", || shop.rollout(first).phase.is_over()).await;
         gateway.1.abort();
         let new = model(8);
         shop.store.add_model(&new.model, &new.text).unwrap();
@@ -46,14 +47,22 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
             raw.busy_timeout(Duration::from_secs(30)).unwrap();
             raw.execute_batch("BEGIN IMMEDIATE").unwrap();
             std::thread::sleep(Duration::from_secs(2));
-            let disabled = Machine { enable: false, ..machine.clone() };
+            let disabled = Machine {
+                enable: false,
+                ..machine.clone()
+            };
             raw.execute(
                 "UPDATE machines SET document = ?1 WHERE machine = ?2",
-                rusqlite::params![serde_json::to_string(&disabled).unwrap(), machine.identity.machine.as_str()],
+                rusqlite::params![
+                    serde_json::to_string(&disabled).unwrap(),
+                    machine.identity.machine.as_str()
+                ],
             )
             .unwrap();
             raw.execute_batch("COMMIT").unwrap();
-            reissue(&store, &key, &machine.identity.machine, "anna").unwrap().version
+            settle(&store, &key, &machine.identity.machine, "anna")
+                .unwrap()
+                .map(|issued| issued.version)
         });
         let disabled = by_hand.await.unwrap();
         tokio::time::sleep(Duration::from_secs(4)).await;
@@ -62,7 +71,7 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
         let newest = &versions[0];
         assert!(
             !newest.enable,
-            "anna forbade it with version {disabled}, and version {} of the roll-out allows it again",
+            "anna forbade it with version {disabled:?}, and version {} of the roll-out allows it again",
             newest.version
         );
     });
@@ -71,62 +80,55 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
 /// Settings are sent again (`machine enable`) while the centre issues another model: the machine must not get the old one back.
 #[test]
 fn settings_that_are_sent_again_do_not_bring_the_old_model_back() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    let (old, new) = (model(7), model(8));
-    for one in [&old, &new] {
-        shop.store.add_model(&one.model, &one.text).unwrap();
-    }
-    let name = shop.machines[0].0.identity.machine.clone();
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
+        let new = model(8);
+        shop.store.add_model(&new.model, &new.text).unwrap();
+        let name = shop.name(0).clone();
         let centre = shop.centre(&shop.url()).await;
         let gateway = shop.gateway(0);
-        let rules = Rules {
-            soak_s: 0.0,
-            ..Rules::default()
-        };
-        let id = shop.roll_out(7, rules);
-        until("it is over", || {
-            shop.store.rollout(id).unwrap().unwrap().phase.is_over()
-        })
-        .await;
+        let id = shop.roll_out(7, soak(0.0));
+        shop.until_done(id).await;
         gateway.1.abort();
         centre.end().await;
-    });
-    let path = shop.folder.path().join("centre.db");
-    let raw = rusqlite::Connection::open(&path).unwrap();
-    let before = shop.store.issued(&name).unwrap().unwrap().version;
-    raw.execute_batch("BEGIN IMMEDIATE").unwrap();
-    let (key, machine, store) = (shop.key.clone(), name.clone(), Arc::clone(&shop.store));
-    let other = std::thread::spawn(move || reissue(&store, &key, &machine, "anna").unwrap());
-    std::thread::sleep(Duration::from_secs(1));
-    // What the centre does at that moment: version n + 1 of the new model.
-    raw.execute(
+        let disabled = Machine {
+            enable: false,
+            ..shop.machines[0].0.clone()
+        };
+        shop.store.put_machine(&disabled, "anna").unwrap();
+        let raw = shop.raw();
+        let before = shop.issued(0).unwrap().version;
+        raw.execute_batch("BEGIN IMMEDIATE").unwrap();
+        let (key, machine, store) = (shop.key.clone(), name.clone(), Arc::clone(&shop.store));
+        let other = std::thread::spawn(move || settle(&store, &key, &machine, "anna").unwrap());
+        std::thread::sleep(Duration::from_secs(1));
+        // What the centre does at that moment: version n + 1 of the new model.
+        raw.execute(
         "INSERT INTO versions SELECT machine, version + 1, ?1, 1, 'x', document FROM versions WHERE machine = ?2 AND version = ?3",
         rusqlite::params![new.model.sha256, name.as_str(), i64::try_from(before).unwrap()],
     )
     .unwrap();
-    raw.execute(
-        "UPDATE desired SET version = version + 1, model = ?1 WHERE machine = ?2",
-        rusqlite::params![new.model.sha256, name.as_str()],
-    )
-    .unwrap();
-    raw.execute_batch("COMMIT").unwrap();
-    let issued = other.join().unwrap();
-    assert_eq!(issued.version, before + 2);
-    assert_eq!(
-        issued.model, new.model.sha256,
-        "the model before the roll-out is sent after the one of the roll-out"
-    );
+        raw.execute(
+            "UPDATE desired SET version = version + 1, model = ?1 WHERE machine = ?2",
+            rusqlite::params![new.model.sha256, name.as_str()],
+        )
+        .unwrap();
+        raw.execute_batch("COMMIT").unwrap();
+        let issued = other.join().unwrap().expect("other settings");
+        assert_eq!(issued.version, before + 2);
+        assert_eq!(
+            issued.model, new.model.sha256,
+            "the model before the roll-out is sent after the one of the roll-out"
+        );
+    });
 }
 
 /// Somebody stops a roll-out for good; within the same second, or while the centre is down, somebody else lets it go on, or
 /// confirms a machine.
 #[test]
 fn a_stop_is_not_replaced_by_another_wish() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let id = shop.roll_out(7, Rules::default());
-        let machine = shop.machines[0].0.identity.machine.clone();
+        let machine = shop.name(0).clone();
         shop.store.wish(id, &Wish::Abort, "anna").unwrap();
         let confirm = Wish::Confirm {
             machine: machine.clone(),
@@ -139,17 +141,13 @@ fn a_stop_is_not_replaced_by_another_wish() {
         );
         shop.store.wish(id, &Wish::Resume, "bert").unwrap();
         let centre = shop.centre(&shop.url()).await;
-        let rollout = || shop.store.rollout(id).unwrap().unwrap();
+        let rollout = || shop.rollout(id);
         until("it is over", || rollout().phase.is_over()).await;
         centre.end().await;
-        let issued = shop
-            .store
-            .issued(&machine)
-            .unwrap()
-            .map(|issued| issued.version);
         assert_eq!(rollout().phase, Phase::Aborted { by: "anna".into() });
         assert_eq!(
-            issued, None,
+            shop.issued(0),
+            None,
             "anna stopped it for good, and something was issued"
         );
     });
@@ -158,16 +156,14 @@ fn a_stop_is_not_replaced_by_another_wish() {
 /// Whoever changes what a machine is registered with (the page, `machine add`, another program): the machine is told, once.
 #[test]
 fn a_machine_is_told_what_it_is_registered_with_whoever_changed_it() {
-    let Some(shop) = Shop::new(1, 2) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 2, async |shop| {
         let centre = shop.centre(&shop.url()).await;
-        let name = shop.machines[0].0.identity.machine.clone();
+        let name = shop.name(0).clone();
         shop.roll_out(
             7,
             Rules {
-                soak_s: 0.0,
                 answer_s: 1000.0,
-                ..Rules::default()
+                ..soak(0.0)
             },
         );
         let newest = || shop.store.versions(&name).unwrap().into_iter().next();
@@ -199,12 +195,11 @@ fn a_machine_is_told_what_it_is_registered_with_whoever_changed_it() {
         shop.store.put_machine(&noted, "anna").unwrap();
         tokio::time::sleep(Duration::from_secs(3)).await;
         centre.end().await;
-        let told = shop.store.issued(&name).unwrap().unwrap();
-        assert_eq!(told.version, 3);
-        let signed = Desired::parse(told.value.as_bytes()).unwrap();
-        let manifest: serde_json::Value = serde_json::from_str(&signed.manifest).unwrap();
-        assert_eq!(manifest["enable"], false);
-        assert_eq!(manifest["condition_s"], 10);
+        let told = manifest(shop.issued(0).unwrap().value.as_bytes());
+        assert_eq!(
+            (told.version, told.enable, told.condition_s),
+            (3, false, Some(10))
+        );
     });
 }
 
@@ -212,21 +207,19 @@ fn a_machine_is_told_what_it_is_registered_with_whoever_changed_it() {
 /// that waits is sent when it is confirmed, and not before.
 #[test]
 fn settings_do_not_send_a_model_that_waits_for_a_person() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    let (old, new) = (model(7), model(8));
-    let name = shop.machines[0].0.identity.machine.clone();
-    let rollout = |id| shop.store.rollout(id).unwrap().unwrap();
-    let versions = || shop.store.versions(&name).unwrap();
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
+        let (old, new) = (model(7), model(8));
+        let name = shop.name(0).clone();
+        let rollout = |id| shop.rollout(id);
+        let versions = || shop.store.versions(&name).unwrap();
         let centre = shop.centre(&shop.url()).await;
         let gateway = shop.gateway(0);
         let rules = Rules {
-            soak_s: 0.0,
             answer_s: 1000.0,
-            ..Rules::default()
+            ..soak(0.0)
         };
         let first = shop.roll_out(7, rules.clone());
-        until("it has the old one", || rollout(first).phase == Phase::Done).await;
+        shop.until_done(first).await;
         gateway.1.abort();
         let second = shop.roll_out(8, rules);
         until("the new one is sent", || versions()[0].version == 2).await;
@@ -242,8 +235,7 @@ fn settings_do_not_send_a_model_that_waits_for_a_person() {
         };
         let message = envelope("b", 1, answer);
         let message = received("mill-0", Kind::Ack, 1, 1_800_000_000.0, &message);
-        let mut ingest = Ingest::of(&shop.store).unwrap();
-        ingest.take(&shop.store, &[message]).unwrap();
+        tell(&shop.store, &[message]);
         let centre = shop.centre(&shop.url()).await;
         let waits = || {
             matches!(
@@ -256,7 +248,7 @@ fn settings_do_not_send_a_model_that_waits_for_a_person() {
         for (version, enable) in [(3, false), (4, true)] {
             let change = |known: Option<Machine>| {
                 let known = known.unwrap();
-                Ok::<_, StoreError>(Machine { enable, ..known })
+                Ok(Machine { enable, ..known })
             };
             shop.store.change_machine(&name, "anna", change).unwrap();
             shop.until_under_key(0, version).await;
@@ -278,15 +270,13 @@ fn settings_do_not_send_a_model_that_waits_for_a_person() {
         }
         tokio::time::sleep(Duration::from_secs(2)).await;
         assert!(waits(), "it is taken for answered: {:?}", rollout(second));
-        let alarms = shop.store.open_alarms().unwrap();
-        let mut alarms = alarms.iter();
-        assert!(alarms.any(|alarm| alarm.kind == AlarmKind::NeedsConfirmation));
+        assert!(shop.is_open(AlarmKind::NeedsConfirmation));
         let confirm = Wish::Confirm {
             machine: name.clone(),
             hash: "ab".into(),
         };
         shop.store.wish(second, &confirm, "anna").unwrap();
-        until("it is done", || rollout(second).phase == Phase::Done).await;
+        shop.until_done(second).await;
         let newest = versions()[0].clone();
         assert_eq!(
             (newest.model, newest.confirm),
@@ -300,22 +290,17 @@ fn settings_do_not_send_a_model_that_waits_for_a_person() {
 /// A fault that is told while a roll-out cannot be read is not forgotten: it counts when the roll-out can be read again.
 #[test]
 fn a_fault_is_not_dropped_by_a_look_that_fails() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateway = shop.gateway(0);
-        let rules = Rules {
-            soak_s: 600.0,
-            ..Rules::default()
-        };
+        let rules = soak(600.0);
         let id = shop.roll_out(7, rules);
         let soaks = || {
-            let rollout = shop.store.rollout(id).unwrap().unwrap();
+            let rollout = shop.rollout(id);
             matches!(rollout.targets[0].step, Step::Soaking { .. })
         };
         until("it is watched", soaks).await;
-        let raw = rusqlite::Connection::open(shop.folder.path().join("centre.db")).unwrap();
-        raw.busy_timeout(Duration::from_secs(30)).unwrap();
+        let raw = shop.raw();
         let state: String = raw
             .query_row("SELECT state FROM rollouts", [], |row| row.get(0))
             .unwrap();
@@ -330,29 +315,11 @@ fn a_fault_is_not_dropped_by_a_look_that_fails() {
         faulted.version = 1;
         faulted.body.state = "faulted".into();
         faulted.body.reasons = vec!["thermal runaway".into()];
-        let (identity, key) = (&shop.machines[0].0.identity, &shop.machines[0].1);
-        let settings = LinkSettings {
-            url: shop.url(),
-            seed: key.seed().unwrap(),
-            roots: None,
-        };
-        let link = MachineLink::connect(&settings, identity).await.unwrap();
-        let bytes = serde_json::to_vec(&faulted).unwrap();
-        while link
-            .publish(Kind::Condition, "b-1", bytes.clone().into())
-            .await
-            .is_err()
-        {
-            tokio::time::sleep(Duration::from_millis(200)).await;
-        }
+        shop.tell(0, Kind::Condition, &faulted).await;
         tokio::time::sleep(Duration::from_secs(4)).await;
         raw.execute("UPDATE rollouts SET state = ?1", [state])
             .unwrap();
-        until("it stops", || {
-            let phase = shop.store.rollout(id).unwrap().unwrap().phase;
-            matches!(phase, Phase::Stopped { why } if why.contains("thermal runaway"))
-        })
-        .await;
+        shop.until_stopped(id, "thermal runaway").await;
         gateway.1.abort();
         centre.end().await;
     });

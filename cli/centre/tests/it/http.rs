@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use volcomp_centre::{
-    http::{Need, ROUTES},
+    http::ROUTES,
     models::NewModel,
     records::{Origin, Version},
     users::{Moment, Role, Session},
@@ -39,8 +39,8 @@ fn every_role_on_every_route() {
                 _ => page.post(&path, cookie, &json!({})),
             };
             let expected = match (route.need, role) {
-                (Need::Role(_), None) => Some(401),
-                (Need::Role(needed), Some(role)) if *role < needed => Some(403),
+                (Some(_), None) => Some(401),
+                (Some(needed), Some(role)) if *role < needed => Some(403),
                 _ => None,
             };
             let what = format!("{} {path} as {role:?}: {}", route.method, answer.body);
@@ -115,7 +115,7 @@ fn forbidden_requests_are_recorded() {
     let page = Page::start();
     let viewer = page.session(Role::Viewer);
     for _ in 0..3 {
-        assert_eq!(page.post("/api/users", &viewer, &json!({})).status, 403);
+        page.posts("/api/users", &viewer, &json!({}), 403);
     }
     let admin = page.session(Role::Admin);
     let audit = page.get("/api/audit", &admin).body;
@@ -152,7 +152,7 @@ fn sessions_that_are_over_are_nobody() {
     assert_eq!(page.get("/api/me", &cookie).status, 200);
     let body = json!({ "role": "viewer", "disabled": true });
     let admin = page.session(Role::Admin);
-    assert_eq!(page.post("/api/users/viewer", &admin, &body).status, 200);
+    page.posts("/api/users/viewer", &admin, &body, 200);
     assert_eq!(page.get("/api/me", &cookie).status, 401);
 }
 
@@ -292,23 +292,17 @@ fn somebody_can_always_say_who_may_do_what() {
         json!({ "role": "viewer", "disabled": false }),
         json!({ "role": "admin", "disabled": true }),
     ] {
-        assert_eq!(page.post("/api/users/admin", &admin, &body).status, 409);
+        page.posts("/api/users/admin", &admin, &body, 409);
     }
-    assert_eq!(
-        page.post("/api/users/admin/remove", &admin, &json!({}))
-            .status,
-        409
-    );
+    page.posts("/api/users/admin/remove", &admin, &json!({}), 409);
     let new = json!({ "name": "anna", "role": "admin", "password": PASSWORD });
-    assert_eq!(page.post("/api/users", &admin, &new).status, 200);
-    assert_eq!(page.post("/api/users", &admin, &new).status, 409);
+    page.posts("/api/users", &admin, &new, 200);
+    page.posts("/api/users", &admin, &new, 409);
+    let missing = json!({ "role": "viewer", "disabled": false, "password": PASSWORD });
+    page.posts("/api/users/otto", &admin, &missing, 404);
     let short = json!({ "name": "otto", "role": "admin", "password": "short" });
-    assert_eq!(page.post("/api/users", &admin, &short).status, 400);
-    assert_eq!(
-        page.post("/api/users/admin/remove", &admin, &json!({}))
-            .status,
-        200
-    );
+    page.posts("/api/users", &admin, &short, 400);
+    page.posts("/api/users/admin/remove", &admin, &json!({}), 200);
     assert_eq!(page.get("/api/me", &admin).status, 401);
 }
 
@@ -324,33 +318,17 @@ fn a_machine_is_registered_and_shown_with_what_is_not_known() {
     };
     let post = |body| page.post("/api/machines", &engineer, &body);
     let note = "<script>alert(1)</script>";
-    assert_eq!(
-        post(machine("w X' b Y Z", &["X", "Y", "Z"], note)).status,
-        400
-    );
-    assert_eq!(
-        post(machine("w X' b Y Z t", &["Y", "X", "Z"], note)).status,
-        400
-    );
-    assert_eq!(
-        post(machine("w X' b Y Z t", &["X", "Y", "Z"], "a\nb")).status,
-        400
-    );
+    for wrong in [
+        machine("w X' b Y Z", &["X", "Y", "Z"], note),
+        machine("w X' b Y Z t", &["Y", "X", "Z"], note),
+        machine("w X' b Y Z t", &["X", "Y", "Z"], "a\nb"),
+    ] {
+        page.posts("/api/machines", &engineer, &wrong, 400);
+    }
     let done = post(machine("w X' b Y Z t", &["X", "Y", "Z"], note));
     assert_eq!(done.status, 200, "{}", done.body);
     let viewer = page.session(Role::Viewer);
-    let told = || page.get("/api/overview", &viewer).json();
-    volcomp_test_support::until(
-        "the machine is in the overview",
-        Duration::from_secs(60),
-        || {
-            page.get("/api/overview", &viewer).status == 200
-                && told()["machines"]
-                    .as_array()
-                    .is_some_and(|list| !list.is_empty())
-        },
-    );
-    let row = told()["machines"][0].clone();
+    let row = page.overview(&viewer)["machines"][0].clone();
     assert_eq!(row["state"], "never heard");
     assert_eq!(row["age_s"], serde_json::Value::Null);
     assert_eq!(row["residual_um"], serde_json::Value::Null);
@@ -391,8 +369,7 @@ fn a_machine_file_is_added_and_rolled_out() {
     let engineer = page.session(Role::Engineer);
     let text = "name = \"mill-1 <b>bold</b>\"\nstructure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 800.0]\naxes.Y.travel = [0.0, 600.0]\naxes.Z.travel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.02] }\nEC0Y = 12.0\n";
     let body = json!({ "text": text, "file": "m.toml", "measured": "2026-11-20" });
-    let saved = page.post("/api/models", &engineer, &body);
-    assert_eq!(saved.status, 200, "{}", saved.body);
+    let saved = page.posts("/api/models", &engineer, &body, 200);
     assert!(!saved.json()["model"]["notes"].to_string().contains("guard"));
     let beyond = json!({ "text": text.replace("0.02", "20.0") });
     let beyond = page.post("/api/models", &engineer, &beyond).json();
@@ -416,60 +393,23 @@ fn a_machine_file_is_added_and_rolled_out() {
     let map = page.get(&format!("/api/models/{sha}/map"), &viewer).json();
     assert_eq!(map["sections"].as_array().expect("a list").len(), 3);
     let start = json!({ "model": sha, "machines": ["mill-1"] });
-    assert_eq!(page.post("/api/rollouts", &engineer, &start).status, 404);
+    page.posts("/api/rollouts", &engineer, &start, 404);
     let machine = json!({
         "machine": "mill-1", "site": "hall-2", "serial": "4711", "structure": "w X' b Y Z t",
         "axes": ["X", "Y", "Z"], "enable": true,
     });
-    assert_eq!(page.post("/api/machines", &engineer, &machine).status, 200);
+    page.posts("/api/machines", &engineer, &machine, 200);
     let rules = json!({ "model": sha, "machines": ["mill-1"], "rules": { "waves": [100, 25] } });
-    assert_eq!(page.post("/api/rollouts", &engineer, &rules).status, 400);
-    let started = page.post("/api/rollouts", &engineer, &start);
-    assert_eq!(started.status, 200, "{}", started.body);
-    assert_eq!(page.post("/api/rollouts", &engineer, &start).status, 409);
+    page.posts("/api/rollouts", &engineer, &rules, 400);
+    page.posts("/api/rollouts", &engineer, &start, 200);
+    page.posts("/api/rollouts", &engineer, &start, 409);
     let wish = json!({ "wish": "pause" });
-    assert_eq!(page.post("/api/rollouts/1", &engineer, &wish).status, 200);
-    assert_eq!(page.post("/api/rollouts/2", &engineer, &wish).status, 404);
+    page.posts("/api/rollouts/1", &engineer, &wish, 200);
+    page.posts("/api/rollouts/2", &engineer, &wish, 404);
     assert_eq!(
         page.get("/api/rollouts", &viewer).json()[0]["turns"][0]["machine"],
         "mill-1"
     );
-}
-
-/// A roll-out that a person holds or ends is stored with who did it, and can be read again.
-#[test]
-fn a_roll_out_that_is_held_can_be_read_again() {
-    use volcomp_centre::rollout::{NewRollout, Phase, Rollout, Rules};
-    for phase in [
-        Phase::Paused {
-            by: "otto".to_owned(),
-        },
-        Phase::Aborted {
-            by: "otto".to_owned(),
-        },
-        Phase::Stopped {
-            why: "x".to_owned(),
-        },
-    ] {
-        let machines = [("mill-1".parse().unwrap(), true)];
-        let mut rollout = Rollout::new(
-            1,
-            NewRollout {
-                model: "ab".to_owned(),
-                machines: &machines,
-                rules: Rules::default(),
-                by: "anna".to_owned(),
-                since_s: 0.0,
-            },
-        );
-        rollout.phase = phase;
-        let text = serde_json::to_string(&rollout).unwrap();
-        assert_eq!(
-            serde_json::from_str::<Rollout>(&text).unwrap(),
-            rollout,
-            "{text}"
-        );
-    }
 }
 
 /// A model can be taken out of the centre: byte by byte as it is signed, and as tables of a control.
@@ -589,20 +529,14 @@ fn a_refused_model_renews_no_date_on_the_page() {
         )
         .expect("written");
     }
-    let row = || page.get("/api/overview", &engineer).json()["machines"][0].clone();
-    volcomp_test_support::until("it is in the overview", Duration::from_secs(60), || {
-        row()["wanted"] == 2
-    });
-    let due = row()["due_in_days"].as_f64().expect("a number");
+    let row = page.overview(&engineer)["machines"][0].clone();
+    assert_eq!(row["wanted"], 2);
+    let due = row["due_in_days"].as_f64().expect("a number");
     assert!(due < -2000.0, "{due}");
-    let back = page.post("/api/machines/mill-1/back", &engineer, &json!({}));
-    assert_eq!(back.status, 409, "one model was in force: {}", back.body);
+    page.posts("/api/machines/mill-1/back", &engineer, &json!({}), 409);
     let keep = json!({ "machine": "mill-1" });
-    let missing = page.post("/api/rollouts/9/keep", &engineer, &keep);
-    assert_eq!(missing.status, 404, "{}", missing.body);
+    page.posts("/api/rollouts/9/keep", &engineer, &keep, 404);
     let body = json!({ "model": crate::support::model(1).model.sha256, "machines": ["mill-1"] });
-    let started = page.post("/api/rollouts", &engineer, &body);
-    assert_eq!(started.status, 200, "{}", started.body);
-    let early = page.post("/api/rollouts/1/keep", &engineer, &keep);
-    assert_eq!(early.status, 409, "{}", early.body);
+    page.posts("/api/rollouts", &engineer, &body, 200);
+    page.posts("/api/rollouts/1/keep", &engineer, &keep, 409);
 }

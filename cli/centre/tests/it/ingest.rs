@@ -6,13 +6,10 @@ use std::{
 };
 
 use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
-use volcomp_fleet::{
-    Acknowledgement, AuditLine, Hub, Keeping, Kind, LinkSettings, MachineId, MachineLink, Outcome,
-    Received,
-};
+use volcomp_fleet::{Acknowledgement, AuditLine, Keeping, Kind, MachineId, Outcome, Received};
 
 use crate::{
-    shop::{Shop, runtime, until},
+    shop::{Shop, until},
     support::{condition, envelope, identity, machine, received},
 };
 
@@ -85,28 +82,6 @@ fn a_batch_of_many_starts_that_comes_again_is_stored_once() {
     let mut again = Ingest::of(&store).unwrap();
     let taken = again.take(&store, &batch).unwrap();
     assert_eq!((taken.stored, taken.twice), (0, 17));
-}
-
-/// What cannot be read is kept: once, however often the server hands it out.
-#[test]
-fn a_message_that_cannot_be_read_is_kept_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(folder.path());
-    let mut ingest = Ingest::of(&store).unwrap();
-    let mut message = received(
-        "mill-a",
-        Kind::Condition,
-        7,
-        FROM_S,
-        &envelope("a", 1, condition(4.0)),
-    );
-    message.bytes = "{".into();
-    ingest.take(&store, std::slice::from_ref(&message)).unwrap();
-    ingest.take(&store, &[message]).unwrap();
-    let kept = store
-        .machine_records(&identity("mill-a").machine, 10)
-        .unwrap();
-    assert_eq!(kept.len(), 1, "{kept:?}");
 }
 
 /// A gateway is killed after the server has stored a record and before it has written its cursor (every five seconds), and is started
@@ -203,17 +178,9 @@ fn numbers_at_the_end_of_their_range_can_be_counted() {
 /// record again under the id and the number of its new start: no number is missing, and the record is there once.
 #[test]
 fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
-        let url = shop.url();
-        let hub = Hub::connect(&LinkSettings {
-            url: url.clone(),
-            seed: shop.centre.seed().unwrap(),
-            roots: None,
-        })
-        .await
-        .unwrap();
-        let (identity, key) = (&shop.machines[0].0.identity, &shop.machines[0].1);
+    Shop::run(1, 1, async |shop| {
+        let hub = shop.hub().await;
+        let identity = &shop.machines[0].0.identity;
         while hub
             .prepare(std::slice::from_ref(&identity.site), Keeping::default())
             .await
@@ -221,13 +188,7 @@ fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
         {
             tokio::time::sleep(Duration::from_millis(200)).await;
         }
-        let seed = key.seed().unwrap();
-        let settings = LinkSettings {
-            url,
-            seed,
-            roots: None,
-        };
-        let link = MachineLink::connect(&settings, identity).await.unwrap();
+        let link = shop.link(0).await;
         until("it is connected", || link.is_connected()).await;
         let line = AuditLine {
             checksum: "ab".repeat(32),
@@ -284,10 +245,8 @@ fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
         machine.silent_after_s()
     };
     assert_eq!([None, Some(2), Some(60)].map(limit), [15.0, 15.0, 300.0]);
-    let heard = |ingest: &mut Ingest, condition_s| {
-        let (seen, _) = ingest.look(|_| limit(condition_s))[&name].clone();
-        seen.heard
-    };
+    let heard =
+        |ingest: &mut Ingest, condition_s| ingest.look(|_| limit(condition_s)).0[&name].heard;
     // Other messages say nothing of how it is.
     let answer = envelope(
         "a",

@@ -163,6 +163,19 @@ impl Page {
         told
     }
 
+    /// A change that is answered with this status.
+    pub(crate) fn posts(
+        &self,
+        path: &str,
+        cookie: &str,
+        body: &serde_json::Value,
+        status: u16,
+    ) -> Answer {
+        let answer = self.post(path, cookie, body);
+        assert_eq!(answer.status, status, "{path} {body}: {}", answer.body);
+        answer
+    }
+
     /// A change as our own page makes it.
     pub(crate) fn post(&self, path: &str, cookie: &str, body: &serde_json::Value) -> Answer {
         let lines = [

@@ -3,9 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
-use volcomp_centre::rollout::{
-    Action, Event, NewRollout, Observation, Phase, Rollout, Rules, Step, Wish,
-};
+use volcomp_centre::rollout::{Action, Event, Observation, Phase, Rollout, Rules, Step, Wish};
 use volcomp_fleet::{MachineId, Outcome};
 
 fn name(place: usize) -> MachineId {
@@ -27,16 +25,7 @@ fn rollout(machines: usize, canaries: &[usize], rules: Rules) -> Rollout {
     let machines: Vec<(MachineId, bool)> = (0..machines)
         .map(|place| (name(place), canaries.contains(&place)))
         .collect();
-    Rollout::new(
-        1,
-        NewRollout {
-            model: "model".to_owned(),
-            machines: &machines,
-            rules,
-            by: "anna".to_owned(),
-            since_s: 0.0,
-        },
-    )
+    Rollout::new(1, "model", &machines, rules, "anna", 0.0)
 }
 
 fn issued(actions: &[Action]) -> Vec<MachineId> {
@@ -102,6 +91,47 @@ fn a_machine_that_is_disarmed_is_not_watched() {
         actions = rollout.step(looked(10.0, &[(0, 1, 4.0)]));
     }
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
+}
+
+/// A look at the first machine, whose guard has faulted.
+fn faulted(version: u64, why: &str) -> Event {
+    let seen = Observation {
+        heard: true,
+        version,
+        faulted: Some(why.to_owned()),
+        ..Observation::default()
+    };
+    Event::Looked {
+        elapsed_s: 1.0,
+        seen: BTreeMap::from([(name(0), seen)]),
+    }
+}
+
+fn needs() -> Outcome {
+    Outcome::NeedsConfirmation {
+        hash: "abc".to_owned(),
+        worst_um: "120.0".to_owned(),
+        worst_urad: String::new(),
+    }
+}
+
+fn wished(wish: Wish) -> Event {
+    let by = "bert".to_owned();
+    Event::Wished { wish, by }
+}
+
+fn confirm(hash: &str) -> Event {
+    wished(Wish::Confirm {
+        machine: name(0),
+        hash: hash.to_owned(),
+    })
+}
+
+fn stopped(rollout: &Rollout, words: &str) {
+    let Phase::Stopped { why } = &rollout.phase else {
+        panic!("{:?}", rollout.phase);
+    };
+    assert!(why.contains(words), "{why}");
 }
 
 fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
@@ -186,12 +216,6 @@ fn it_stops_for_what_speaks_against_the_model() {
         issue(&mut rollout, &actions);
         rollout
     };
-    let stopped = |rollout: &Rollout, words: &str| {
-        let Phase::Stopped { why } = &rollout.phase else {
-            panic!("{:?}", rollout.phase);
-        };
-        assert!(why.contains(words), "{why}");
-    };
     let mut refused = start();
     let why = "its serial number".to_owned();
     assert!(
@@ -208,22 +232,10 @@ fn it_stops_for_what_speaks_against_the_model() {
     assert_eq!(withdrawn(&silent.step(looked(10.0, &[]))), [name(0)]);
     stopped(&silent, "it has not answered");
 
-    let mut faulted = start();
-    faulted.step(answered(0, 1, Outcome::Activated));
-    let seen = Observation {
-        heard: true,
-        version: 1,
-        corrects: false,
-        faulted: Some("a write did not land".to_owned()),
-        residual_um: None,
-    };
-    let seen = BTreeMap::from([(name(0), seen)]);
-    let event = Event::Looked {
-        elapsed_s: 1.0,
-        seen,
-    };
-    assert!(faulted.step(event).is_empty());
-    stopped(&faulted, "a write did not land");
+    let mut broken = start();
+    broken.step(answered(0, 1, Outcome::Activated));
+    assert!(broken.step(faulted(1, "a write did not land")).is_empty());
+    stopped(&broken, "a write did not land");
 
     let mut risen = start();
     risen.step(answered(0, 1, Outcome::Activated));
@@ -241,28 +253,13 @@ fn it_stops_for_what_speaks_against_the_model() {
 #[test]
 fn a_person_confirms_holds_and_lets_go_on() {
     let mut rollout = rollout(2, &[0], rules());
-    let wished = |wish| Event::Wished {
-        wish,
-        by: "bert".to_owned(),
-    };
     let actions = rollout.step(looked(1.0, &[]));
     issue(&mut rollout, &actions);
-    let needs = Outcome::NeedsConfirmation {
-        hash: "abc".to_owned(),
-        worst_um: "120.0".to_owned(),
-        worst_urad: String::new(),
-    };
-    assert!(rollout.step(answered(0, 1, needs)).is_empty());
+    assert!(rollout.step(answered(0, 1, needs())).is_empty());
     // It waits for the person, however long.
     for _ in 0..100 {
         assert!(rollout.step(looked(10.0, &[])).is_empty());
     }
-    let confirm = |hash: &str| {
-        wished(Wish::Confirm {
-            machine: name(0),
-            hash: hash.to_owned(),
-        })
-    };
     assert!(rollout.step(confirm("another")).is_empty());
     let actions = rollout.step(confirm("abc"));
     assert_eq!(
@@ -492,30 +489,11 @@ fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
     assert_eq!(issue(&mut rollout, &actions), [name(1)]);
-    let faulted = |version| {
-        let seen = Observation {
-            heard: true,
-            version,
-            corrects: false,
-            faulted: Some("thermal runaway".to_owned()),
-            residual_um: None,
-        };
-        Event::Looked {
-            elapsed_s: 1.0,
-            seen: BTreeMap::from([(name(0), seen)]),
-        }
-    };
     // With another version it is not the model's.
-    rollout.step(faulted(0));
+    rollout.step(faulted(0, "thermal runaway"));
     assert_eq!(rollout.phase, Phase::Running);
-    rollout.step(faulted(1));
-    let Phase::Stopped { why } = &rollout.phase else {
-        panic!("{:?}", rollout.phase);
-    };
-    assert!(
-        why.contains("m0: its guard has faulted: thermal runaway"),
-        "{why}"
-    );
+    rollout.step(faulted(1, "thermal runaway"));
+    stopped(&rollout, "m0: its guard has faulted: thermal runaway");
 }
 
 /// A machine that tells that an older version is in force (its folder was restored, its gateway exchanged) is not watched with
@@ -529,10 +507,7 @@ fn a_machine_that_runs_another_version_is_not_soaked() {
     }
     // It has been told for an answer's time: a canary that stays out stops it.
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
-    let Phase::Stopped { why } = &rollout.phase else {
-        panic!("{:?}", rollout.phase);
-    };
-    assert!(why.contains("m0: it has version 0 in force again"), "{why}");
+    stopped(&rollout, "m0: it has version 0 in force again");
     // The condition with the version may come after the answer.
     let mut rollout = with_a_canary_that_has_it();
     rollout.step(looked(10.0, &[(0, 0, 4.0)]));
@@ -550,22 +525,13 @@ fn what_is_not_in_force_is_taken_back_when_it_stops() {
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions).len(), 3);
     rollout.step(answered(0, 1, Outcome::Activated));
-    let needs = Outcome::NeedsConfirmation {
-        hash: "abc".to_owned(),
-        worst_um: "120.0".to_owned(),
-        worst_urad: String::new(),
-    };
-    rollout.step(answered(1, 1, needs));
+    rollout.step(answered(1, 1, needs()));
     // The first has it, the second waits for a person, the third was away.
     let actions = rollout.step(looked(10.0, &[(0, 1, 40.0)]));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert_eq!(withdrawn(&actions), [name(2)]);
     assert_eq!(step_of(&rollout, 2), Step::Waiting);
     assert!(rollout.step(looked(10.0, &[])).is_empty(), "once");
-    let wished = |wish| Event::Wished {
-        wish,
-        by: "bert".to_owned(),
-    };
     let mut ended = rollout.clone();
     let actions = ended.step(wished(Wish::Abort));
     // The first is out for its residual: whether it has it in force is seen by its answer.
@@ -592,24 +558,10 @@ fn what_is_not_in_force_is_taken_back_when_it_stops() {
 #[test]
 fn a_stopped_roll_out_takes_no_confirmation() {
     let mut rollout = rollout(2, &[0, 1], rules());
-    let wished = |wish| Event::Wished {
-        wish,
-        by: "bert".to_owned(),
-    };
     let actions = rollout.step(looked(1.0, &[]));
     assert_eq!(issue(&mut rollout, &actions).len(), 2);
-    let needs = Outcome::NeedsConfirmation {
-        hash: "abc".to_owned(),
-        worst_um: "120.0".to_owned(),
-        worst_urad: String::new(),
-    };
-    rollout.step(answered(0, 1, needs));
-    let confirm = || {
-        wished(Wish::Confirm {
-            machine: name(0),
-            hash: "abc".to_owned(),
-        })
-    };
+    rollout.step(answered(0, 1, needs()));
+    let confirm = || confirm("abc");
     let sent = [Action::Issue {
         machine: name(0),
         confirm: Some("abc".to_owned()),

@@ -15,12 +15,13 @@ use tokio::io::AsyncWriteExt;
 use volcomp_centre::{
     engine::{Engine, Running, Settings},
     keys::Key,
-    records::Machine,
-    rollout::Rules,
-    store::{Keep, Store},
+    records::{AlarmKind, Machine},
+    rollout::{Phase, Rollout, Rules},
+    store::{Issued, Keep, Store},
 };
 use volcomp_fleet::{
-    Keeping, LinkSettings, MachineUser, ServerSettings, SigningKey,
+    Desired, Hub, Keeping, Kind, LinkSettings, MachineId, MachineLink, MachineUser, Manifest,
+    ServerSettings, SigningKey, Subjects,
     server::{Server, program},
 };
 
@@ -31,6 +32,16 @@ use crate::{
 
 /// Everything that is waited for comes within this time, on the slowest machine.
 pub(crate) const LONG: Duration = Duration::from_secs(120);
+
+impl Told {
+    pub(crate) fn version(&self) -> u64 {
+        self.version.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn conditions(&self) -> u64 {
+        self.conditions.load(Ordering::Relaxed)
+    }
+}
 
 pub(crate) struct Shop {
     pub(crate) folder: tempfile::TempDir,
@@ -43,18 +54,15 @@ pub(crate) struct Shop {
 }
 
 impl Shop {
-    /// So many servers in a cluster, and so many machines; `None` where the server is not installed, which fails under CI.
-    pub(crate) fn new(servers: usize, machines: usize) -> Option<Self> {
-        let in_a_file = |folder: &Path| Store::open(&folder.join("centre.db")).unwrap();
-        Self::with_store(servers, machines, in_a_file)
+    /// Runs a test with so many servers in a cluster, and so many machines; where the server is not installed it is not run,
+    /// which fails under CI.
+    pub(crate) fn run(servers: usize, machines: usize, test: impl AsyncFnOnce(&mut Self)) {
+        if let Some(mut shop) = Self::new(servers, machines) {
+            runtime().block_on(test(&mut shop));
+        }
     }
 
-    /// The same with another store; it is told a folder of its own.
-    pub(crate) fn with_store(
-        servers: usize,
-        machines: usize,
-        open: impl FnOnce(&Path) -> Store,
-    ) -> Option<Self> {
+    fn new(servers: usize, machines: usize) -> Option<Self> {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server is not installed");
             return None;
@@ -93,7 +101,7 @@ impl Shop {
                 machines: users.clone(),
             })
             .collect();
-        let store = Arc::new(open(folder.path()));
+        let store = Arc::new(Store::open(&folder.path().join("centre.db")).unwrap());
         for (machine, _) in &machines {
             store.put_machine(machine, "anna").unwrap();
         }
@@ -138,8 +146,7 @@ impl Shop {
         let settings = Settings {
             link: LinkSettings {
                 url: url.to_owned(),
-                seed: self.centre.seed().unwrap(),
-                roots: None,
+                ..self.link_of(&self.centre)
             },
             keeping: Keeping {
                 replicas: self.settings.len(),
@@ -157,11 +164,7 @@ impl Shop {
     pub(crate) fn plan(&self, place: usize, instance: &str) -> Plan {
         let (machine, key) = &self.machines[place];
         Plan {
-            link: LinkSettings {
-                url: self.url(),
-                seed: key.seed().unwrap(),
-                roots: None,
-            },
+            link: self.link_of(key),
             identity: machine.identity.clone(),
             serial: machine.serial.clone(),
             trusted: vec![self.key.key.verifying_key()],
@@ -184,29 +187,104 @@ impl Shop {
 
     /// Waits until this version stands under the key of a machine; 0: nothing.
     pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
-        let settings = LinkSettings {
-            url: self.url(),
-            seed: self.centre.seed().unwrap(),
-            roots: None,
-        };
-        let hub = volcomp_fleet::Hub::connect(&settings).await.unwrap();
-        let machine = &self.machines[place].0.identity.machine;
+        let hub = self.hub().await;
         let end = Instant::now() + LONG;
         loop {
-            let found = hub.desired(machine).await.map(|value| {
-                value.map_or(0, |value| {
-                    let desired = volcomp_fleet::Desired::parse(&value).unwrap();
-                    let manifest: volcomp_fleet::Manifest =
-                        serde_json::from_str(&desired.manifest).unwrap();
-                    manifest.version
-                })
-            });
+            let found = hub.desired(self.name(place)).await;
+            let found = found.map(|value| value.map_or(0, |value| manifest(&value).version));
             if found.as_ref().is_ok_and(|found| *found == version) {
                 return;
             }
             assert!(Instant::now() < end, "version {version}: found {found:?}");
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
+    }
+
+    fn link_of(&self, key: &KeyPair) -> LinkSettings {
+        LinkSettings {
+            url: self.url(),
+            seed: key.seed().unwrap(),
+            roots: None,
+        }
+    }
+
+    pub(crate) async fn hub(&self) -> Hub {
+        Hub::connect(&self.link_of(&self.centre)).await.unwrap()
+    }
+
+    /// The connection of a machine.
+    pub(crate) async fn link(&self, place: usize) -> MachineLink {
+        let (machine, key) = &self.machines[place];
+        let link = MachineLink::connect(&self.link_of(key), &machine.identity).await;
+        link.unwrap()
+    }
+
+    /// Sends a message of a machine until the server has it.
+    pub(crate) async fn tell(&self, place: usize, kind: Kind, body: &impl serde::Serialize) {
+        let link = self.link(place).await;
+        let bytes = serde_json::to_vec(body).unwrap();
+        while link
+            .publish(kind, "b-1", bytes.clone().into())
+            .await
+            .is_err()
+        {
+            tokio::time::sleep(Duration::from_millis(200)).await;
+        }
+    }
+
+    /// A thief of the credentials of the first machine has an answer of the server stored under the key of the second.
+    pub(crate) async fn forge(&self) {
+        let (thief, key) = &self.machines[0];
+        let client = async_nats::ConnectOptions::with_nkey(key.seed().unwrap())
+            .custom_inbox_prefix("_INBOX_mill-0")
+            .connect(self.url())
+            .await
+            .unwrap();
+        let subject = Subjects::of(&thief.identity).condition;
+        client
+            .publish_with_reply(subject, "$KV.desired.mill-1", "forged".into())
+            .await
+            .unwrap();
+        client.flush().await.unwrap();
+    }
+
+    /// The database, past the store.
+    pub(crate) fn raw(&self) -> rusqlite::Connection {
+        let raw = rusqlite::Connection::open(self.folder.path().join("centre.db")).unwrap();
+        raw.busy_timeout(Duration::from_secs(30)).unwrap();
+        raw
+    }
+
+    pub(crate) fn name(&self, place: usize) -> &MachineId {
+        &self.machines[place].0.identity.machine
+    }
+
+    pub(crate) fn rollout(&self, id: u64) -> Rollout {
+        self.store.rollout(id).unwrap().unwrap()
+    }
+
+    pub(crate) fn issued(&self, place: usize) -> Option<Issued> {
+        self.store.issued(self.name(place)).unwrap()
+    }
+
+    pub(crate) fn is_open(&self, kind: AlarmKind) -> bool {
+        let open = self.store.open_alarms().unwrap();
+        open.iter().any(|alarm| alarm.kind == kind)
+    }
+
+    pub(crate) async fn until_done(&self, id: u64) {
+        until("the roll-out is done", || {
+            self.rollout(id).phase == Phase::Done
+        })
+        .await;
+    }
+
+    pub(crate) async fn until_stopped(&self, id: u64, words: &str) {
+        until(
+            "the roll-out stops",
+            || matches!(self.rollout(id).phase, Phase::Stopped { why } if why.contains(words)),
+        )
+        .await;
     }
 
     /// Starts a roll-out to all machines; another number is another model.
@@ -228,6 +306,20 @@ impl Shop {
             .begin_rollout(&new.model.sha256, &machines, rules, "anna");
         begun.unwrap().id
     }
+}
+
+/// The usual rules, but for the time for which a machine is watched, s.
+pub(crate) fn soak(soak_s: f64) -> Rules {
+    Rules {
+        soak_s,
+        ..Rules::default()
+    }
+}
+
+/// What a signed value holds.
+pub(crate) fn manifest(value: &[u8]) -> Manifest {
+    let desired = Desired::parse(value).unwrap();
+    serde_json::from_str(&desired.manifest).unwrap()
 }
 
 pub(crate) fn runtime() -> tokio::runtime::Runtime {

@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use volcomp_centre::{
+    ingest::Ingest,
     models::NewModel,
     records::{Machine, Origin},
+    store::Store,
 };
 use volcomp_fleet::{Condition, Envelope, Identity, Kind, Received};
 use volcomp_vocabulary::AxisName;
@@ -64,6 +66,13 @@ pub(crate) fn envelope<T>(instance: &str, number: u64, body: T) -> Envelope<T> {
         model: String::new(),
         body,
     }
+}
+
+/// Stores what machines have said, as the running centre does.
+pub(crate) fn tell(store: &Store, batch: &[Received]) {
+    let mut ingest = Ingest::of(store).unwrap();
+    ingest.take(store, batch).unwrap();
+    ingest.store_live(store).unwrap();
 }
 
 /// A message as the stream hands it out.

@@ -1,16 +1,14 @@
 //! What the page is told: a history over its whole span, rules as they are configured; and how often a password is looked at.
 
 use serde_json::json;
-use volcomp_centre::{
-    clock::now_s, http::PageSettings, ingest::Ingest, rollout::Rules, users::Role,
-};
+use volcomp_centre::{clock::now_s, http::PageSettings, rollout::Rules, users::Role};
 use volcomp_fleet::Kind;
 use volcomp_test_support::until;
 
 use crate::{
     page::Page,
     shop::LONG,
-    support::{condition, envelope, machine, model, received},
+    support::{condition, envelope, machine, model, received, tell},
 };
 
 /// More conditions than are told at once: the points span all of them, each condition is in one, and the newest is among them.
@@ -27,8 +25,7 @@ fn a_long_history_is_told_over_its_whole_span() {
             received("mill-1", Kind::Condition, number.into(), at_s, &told)
         })
         .collect();
-    let mut ingest = Ingest::of(&page.store).expect("a store");
-    ingest.take(&page.store, &batch).expect("stored");
+    tell(&page.store, &batch);
     page.store.close_minutes(now_s()).expect("stored");
     let viewer = page.session(Role::Viewer);
     let path = "/api/machines/mill-1/history?resolution=raw&hours=2";
@@ -74,8 +71,7 @@ fn a_roll_out_from_the_page_goes_by_the_rules_of_the_configuration() {
         (json!({ "residual_um": 1e6 }), "residual_um"),
     ] {
         start["rules"] = wrong;
-        let answer = page.post("/api/rollouts", &engineer, &start);
-        assert_eq!(answer.status, 400, "{start}: {}", answer.body);
+        let answer = page.posts("/api/rollouts", &engineer, &start, 400);
         assert!(
             answer.body.contains(&format!("rules.{key}: found")),
             "{}",
@@ -83,8 +79,7 @@ fn a_roll_out_from_the_page_goes_by_the_rules_of_the_configuration() {
         );
     }
     start["rules"] = json!(null);
-    let started = page.post("/api/rollouts", &engineer, &start);
-    assert_eq!(started.status, 200, "{}", started.body);
+    page.posts("/api/rollouts", &engineer, &start, 200);
     assert_eq!(page.store.rollouts(1).expect("a store")[0].rules, rules);
 }
 
@@ -112,26 +107,19 @@ fn wrong_passwords_that_come_at_one_time_are_counted() {
 fn a_condition_of_an_hour_ago_is_not_told_as_one_of_now() {
     let page = Page::start();
     page.store.put_machine(&machine("mill-a"), "anna").unwrap();
-    let mut ingest = Ingest::of(&page.store).unwrap();
     let now = now_s();
     let mut first = envelope("a", 1, condition(4.0));
     first.uptime_s = 1.0;
     let mut second = envelope("a", 2, condition(4.0));
     second.uptime_s = 2.0;
+    let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
     let batch = [
         received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
         // Made a second later, and an hour on the disk of the gateway.
         received("mill-a", Kind::Condition, 2, now, &second),
+        received("mill-a", Kind::Audit, 1, now, &record),
     ];
-    ingest.take(&page.store, &batch).unwrap();
-    let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
-    ingest
-        .take(
-            &page.store,
-            &[received("mill-a", Kind::Audit, 1, now, &record)],
-        )
-        .unwrap();
-    ingest.store_live(&page.store).unwrap();
+    tell(&page.store, &batch);
     let cookie = page.session(Role::Viewer);
     let overview = page.overview(&cookie);
     let row = &overview["machines"][0];
@@ -149,15 +137,9 @@ fn a_condition_of_an_hour_ago_is_not_told_as_one_of_now() {
 fn an_overview_that_cannot_be_made_is_not_told_as_of_now() {
     let page = Page::start();
     page.store.put_machine(&machine("mill-a"), "anna").unwrap();
-    let mut ingest = Ingest::of(&page.store).unwrap();
     let one = envelope("a", 1, condition(4.0));
-    ingest
-        .take(
-            &page.store,
-            &[received("mill-a", Kind::Condition, 1, now_s(), &one)],
-        )
-        .unwrap();
-    ingest.store_live(&page.store).unwrap();
+    let one = received("mill-a", Kind::Condition, 1, now_s(), &one);
+    tell(&page.store, &[one]);
     let cookie = page.session(Role::Viewer);
     page.overview(&cookie);
     let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).unwrap();
@@ -187,12 +169,10 @@ fn a_document_that_cannot_be_read_back_does_not_close_the_page_of_its_machine() 
     ] {
         let page = Page::start();
         page.store.put_machine(&machine("mill-a"), "anna").unwrap();
-        let mut ingest = Ingest::of(&page.store).unwrap();
         let mut message = received("mill-a", kind, 1, now_s(), &envelope("a", 1, ()));
         let text = String::from_utf8(message.bytes.to_vec()).unwrap();
         message.bytes = text.replace("null", body).into();
-        ingest.take(&page.store, &[message]).unwrap();
-        ingest.store_live(&page.store).unwrap();
+        tell(&page.store, &[message]);
         let cookie = page.session(Role::Viewer);
         page.overview(&cookie);
         let answer = page.get("/api/machines/mill-a", &cookie);

@@ -3,15 +3,15 @@
 use std::sync::{Arc, atomic::Ordering};
 
 use volcomp_centre::{
-    back,
     records::AlarmKind,
     rollout::{Phase, Rules, Wish},
+    versions::start_way_back,
 };
-use volcomp_fleet::{Desired, MachineId, Manifest};
+use volcomp_fleet::MachineId;
 
 use crate::{
     gateway::{self, Told},
-    shop::{Shop, runtime, until},
+    shop::{Shop, manifest, soak, until},
     support::model,
 };
 
@@ -28,9 +28,8 @@ fn is_suspect(shop: &Shop) -> bool {
 /// told as suspect until it has the one before again.
 #[test]
 fn a_machine_that_was_away_does_not_take_what_has_stopped() {
-    let Some(shop) = Shop::new(1, 3) else { return };
-    let (old, new) = (model(7), model(8));
-    runtime().block_on(async {
+    Shop::run(1, 3, async |shop| {
+        let (old, new) = (model(7), model(8));
         let centre = shop.centre(&shop.url()).await;
         let plan = shop.plan(0, "run-0");
         let residual = Arc::clone(&plan.residual_um);
@@ -43,11 +42,8 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
             ..Rules::default()
         };
         let first = shop.roll_out_to(7, &[0, 1], quick);
-        let rollout = |id| shop.store.rollout(id).unwrap().unwrap();
-        until("they have the old one", || {
-            rollout(first).phase == Phase::Done
-        })
-        .await;
+        let rollout = |id| shop.rollout(id);
+        shop.until_done(first).await;
         leaves.1.abort();
         shop.store.add_model(&new.model, &new.text).unwrap();
         let all: Vec<_> = (shop.machines.iter())
@@ -67,25 +63,15 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
             issued(2).is_some() && issued(1).unwrap().version == 2
         })
         .await;
-        until("one has it", || {
-            staying.version.load(Ordering::Relaxed) == 2
-        })
-        .await;
+        until("one has it", || staying.version() == 2).await;
         assert!(!is_suspect(&shop));
         *residual.lock().unwrap() = 400.0;
-        until("it stops", || {
-            matches!(rollout(second).phase, Phase::Stopped { .. })
-        })
-        .await;
+        shop.until_stopped(second, "").await;
         until("it is taken back", || {
             issued(2).is_none() && issued(1).unwrap().version == 3
         })
         .await;
-        let manifest = |value: &str| {
-            let desired = Desired::parse(value.as_bytes()).unwrap();
-            serde_json::from_str::<Manifest>(&desired.manifest).unwrap()
-        };
-        let again = manifest(&issued(1).unwrap().value);
+        let again = manifest(issued(1).unwrap().value.as_bytes());
         assert_eq!(
             (again.version, again.model.sha256),
             (3, old.model.sha256.clone())
@@ -94,10 +80,7 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         shop.until_under_key(2, 0).await;
         // Back again, it takes what stands under its key now.
         let back_again = shop.gateway(1);
-        until("it has the old one again", || {
-            back_again.0.version.load(Ordering::Relaxed) == 3
-        })
-        .await;
+        until("it has the old one again", || back_again.0.version() == 3).await;
         until("it tells so", || {
             let live = shop.store.live().unwrap();
             live.values()
@@ -113,16 +96,10 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         tokio::time::sleep(std::time::Duration::from_secs(3)).await;
         assert!(is_suspect(&shop), "ended for good, and nobody is told");
         *residual.lock().unwrap() = 4.0;
-        let quick = Rules {
-            soak_s: 0.0,
-            ..Rules::default()
-        };
-        let (third, given) = back::start(&shop.store, &all[0].0, quick, "bert").unwrap();
+        let quick = soak(0.0);
+        let (third, given) = start_way_back(&shop.store, &all[0].0, quick, "bert").unwrap();
         assert_eq!(given.sha256, old.model.sha256);
-        until("it has the one before", || {
-            staying.version.load(Ordering::Relaxed) == 3
-        })
-        .await;
+        until("it has the one before", || staying.version() == 3).await;
         until("nothing is suspect", || !is_suspect(&shop)).await;
         until("it is done", || rollout(third.id).phase == Phase::Done).await;
         shop.until_under_key(2, 0).await;
@@ -135,22 +112,12 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
 /// Somebody decides that a machine keeps the model: that is written down, and nobody is told any more.
 #[test]
 fn a_machine_may_keep_the_model() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let gateway = shop.gateway(0);
-        let id = shop.roll_out(
-            7,
-            Rules {
-                soak_s: 600.0,
-                ..Rules::default()
-            },
-        );
-        let name = shop.machines[0].0.identity.machine.clone();
-        until("it has it", || {
-            gateway.0.version.load(Ordering::Relaxed) == 1
-        })
-        .await;
+        let id = shop.roll_out(7, soak(600.0));
+        let name = shop.name(0).clone();
+        until("it has it", || gateway.0.version() == 1).await;
         until("its answer is stored", || {
             shop.store.versions(&name).unwrap()[0].outcome.is_some()
         })
@@ -169,15 +136,12 @@ fn a_machine_may_keep_the_model() {
         // It has had no other model: what cannot be done is not proposed.
         assert!(!text.contains("model back"), "{text}");
         assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
-        assert!(back::start(&shop.store, &name, Rules::default(), "bert").is_err());
+        assert!(start_way_back(&shop.store, &name, Rules::default(), "bert").is_err());
         // Other settings make nothing good.
         let mut machine = shop.machines[0].0.clone();
         machine.condition_s = Some(2);
         shop.store.put_machine(&machine, "anna").unwrap();
-        until("it is told", || {
-            gateway.0.version.load(Ordering::Relaxed) == 2
-        })
-        .await;
+        until("it is told", || gateway.0.version() == 2).await;
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
         assert!(is_suspect(&shop));
         shop.store.keep_model(id, &name, "bert").unwrap();
@@ -194,20 +158,15 @@ fn a_machine_may_keep_the_model() {
 /// corrects. That is told, other settings reach it, and it may keep what it has.
 #[test]
 fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
-    let Some(shop) = Shop::new(1, 1) else { return };
-    runtime().block_on(async {
+    Shop::run(1, 1, async |shop| {
         let centre = shop.centre(&shop.url()).await;
         let rules = Rules {
             answer_s: 1.0,
             ..Rules::default()
         };
         let id = shop.roll_out(7, rules);
-        let name = shop.machines[0].0.identity.machine.clone();
-        until("it stops", || {
-            let rollout = shop.store.rollout(id).unwrap().unwrap();
-            matches!(rollout.phase, Phase::Stopped { .. })
-        })
-        .await;
+        let name = shop.name(0).clone();
+        shop.until_stopped(id, "").await;
         shop.until_under_key(0, 0).await;
         let without = shop.store.keep_model(id, &name, "bert").unwrap_err();
         assert!(without.to_string().contains("does not have"), "{without}");
@@ -219,10 +178,8 @@ fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
         let mut machine = shop.machines[0].0.clone();
         machine.enable = false;
         shop.store.put_machine(&machine, "anna").unwrap();
-        until("it is told", || told.version.load(Ordering::Relaxed) == 2).await;
-        let issued = shop.store.issued(&name).unwrap().unwrap();
-        let desired = Desired::parse(issued.value.as_bytes()).unwrap();
-        let manifest: Manifest = serde_json::from_str(&desired.manifest).unwrap();
+        until("it is told", || told.version() == 2).await;
+        let manifest = manifest(shop.issued(0).unwrap().value.as_bytes());
         assert!(!manifest.enable);
         assert_eq!(manifest.model.sha256, model(7).model.sha256);
         until("it tells so", || {

@@ -1,6 +1,9 @@
 //! A server with a centre and two machines, for the tests.
 
-use async_nats::{ConnectOptions, jetstream};
+use async_nats::{
+    ConnectOptions,
+    jetstream::{self, kv},
+};
 use nkeys::KeyPair;
 use volcomp_fleet::{
     Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
@@ -25,12 +28,17 @@ pub(crate) fn identity(machine: &str) -> Identity {
 }
 
 impl Bench {
-    /// A running server; `None` where the program is not installed, which fails under CI.
-    pub(crate) fn start() -> Option<Self> {
+    /// Runs a test with a server; where the program is not installed it is not run, which fails under CI.
+    pub(crate) fn run(test: impl AsyncFnOnce(&mut Self)) {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server is not installed");
-            return None;
+            return;
         }
+        let mut bench = Self::start();
+        runtime().block_on(test(&mut bench));
+    }
+
+    fn start() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let centre = KeyPair::new_user();
         let machines = ["mill-a", "mill-b"].map(|name| (identity(name), KeyPair::new_user()));
@@ -50,13 +58,13 @@ impl Bench {
                 .collect(),
         };
         let server = Server::start(&settings, folder.path()).unwrap();
-        Some(Self {
+        Self {
             server: Some(server),
             settings,
             centre,
             machines,
             folder,
-        })
+        }
     }
 
     pub(crate) fn url(&self) -> String {
@@ -94,6 +102,24 @@ impl Bench {
         context
     }
 
+    /// The same with the bucket, in which each machine has a value.
+    pub(crate) async fn with_values(&self) -> (jetstream::Context, kv::Store) {
+        let context = self.prepared().await;
+        let store = context.get_key_value("desired").await.unwrap();
+        store.put("mill-a", "a".into()).await.unwrap();
+        store.put("mill-b", "b".into()).await.unwrap();
+        (context, store)
+    }
+
+    /// With the credentials of the first machine an answer of the server is stored under the key of the second.
+    pub(crate) async fn forge(&self) {
+        let thief = self.stolen(0).await;
+        let (subject, reply) = ("volcomp.berlin.mill-a.condition", "$KV.desired.mill-b");
+        let sent = thief.publish_with_reply(subject, reply, "forged".into());
+        sent.await.unwrap();
+        thief.flush().await.unwrap();
+    }
+
     /// A connection with the credentials of a machine and nothing else of ours.
     pub(crate) async fn stolen(&self, machine: usize) -> async_nats::Client {
         let (identity, key) = &self.machines[machine];
@@ -103,4 +129,12 @@ impl Bench {
             .await
             .unwrap()
     }
+}
+
+pub(crate) fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .unwrap()
 }

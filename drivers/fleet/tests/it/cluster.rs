@@ -12,7 +12,7 @@ use volcomp_fleet::{
 };
 use volcomp_test_support::free_address;
 
-use crate::bench::identity;
+use crate::bench::{identity, runtime};
 
 /// On the slowest computer.
 const LONG: Duration = Duration::from_secs(60);
@@ -75,12 +75,7 @@ fn who_does_not_know_the_password_does_not_join() {
         let server = Server::spawn(&settings, &folder).unwrap();
         servers.push((server, settings, folder));
     }
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(async {
+    runtime().block_on(async {
         let mut clients = Vec::new();
         for (_, settings, _) in &servers {
             clients.push(connected(settings, &centre).await);

@@ -9,19 +9,11 @@ use futures_util::StreamExt;
 use tokio::time::timeout;
 use volcomp_fleet::{Identity, Kind, MachineLink, ModelRef, put_model};
 
-use crate::bench::Bench;
+use crate::bench::{Bench, runtime};
 
 const SOON: Duration = Duration::from_secs(5);
 /// What does not come within this time is taken as refused.
 const NEVER: Duration = Duration::from_millis(400);
-
-fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap()
-}
 
 async fn bucket(context: &jetstream::Context) -> jetstream::kv::Store {
     context.get_key_value("desired").await.unwrap()
@@ -35,13 +27,12 @@ async fn link(bench: &Bench, machine: usize) -> MachineLink {
 
 #[test]
 fn a_machine_hears_its_key_at_the_start_and_at_each_change() {
-    let Some(bench) = Bench::start() else { return };
-    runtime().block_on(async {
+    Bench::run(async |bench| {
         let context = bench.prepared().await;
         let store = bucket(&context).await;
         store.put("mill-a", "first".into()).await.unwrap();
         store.put("mill-b", "other".into()).await.unwrap();
-        let mut link = link(&bench, 0).await;
+        let mut link = link(bench, 0).await;
         let next = async |link: &mut MachineLink| timeout(SOON, link.next_desired()).await.unwrap();
         assert_eq!(next(&mut link).await, "first");
         store.put("mill-b", "not for a".into()).await.unwrap();
@@ -56,27 +47,18 @@ fn a_machine_hears_its_key_at_the_start_and_at_each_change() {
 
 #[test]
 fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
-    let Some(mut bench) = Bench::start() else {
-        return;
-    };
-    runtime().block_on(async {
+    Bench::run(async |bench| {
         let context = bench.prepared().await;
-        bucket(&context)
-            .await
-            .put("mill-a", "before".into())
-            .await
-            .unwrap();
-        let mut link = link(&bench, 0).await;
+        let store = bucket(&context).await;
+        store.put("mill-a", "before".into()).await.unwrap();
+        let mut link = link(bench, 0).await;
         assert_eq!(timeout(SOON, link.next_desired()).await.unwrap(), "before");
         bench.stop();
         let error = link.publish(Kind::Condition, "1-1", "lost?".into()).await;
         assert!(error.is_err(), "nobody has stored it");
         bench.restart();
-        bucket(&context)
-            .await
-            .put("mill-a", "after".into())
-            .await
-            .unwrap();
+        let store = bucket(&context).await;
+        store.put("mill-a", "after".into()).await.unwrap();
         assert_eq!(
             timeout(4 * SOON, link.next_desired()).await.unwrap(),
             "after"
@@ -93,23 +75,16 @@ fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
 
 #[test]
 fn a_large_model_comes_from_the_object_store_whole_or_not_at_all() {
-    let Some(bench) = Bench::start() else { return };
-    runtime().block_on(async {
+    Bench::run(async |bench| {
         let context = bench.prepared().await;
         let text = "# a line of a large model\n".repeat(60_000);
         let model = ModelRef::of(text.as_bytes());
         let (identity, _) = &bench.machines[0];
-        let link = link(&bench, 0).await;
+        let link = link(bench, 0).await;
         assert!(link.fetch_model(&model).await.is_err(), "not there yet");
         let put = async |text: &str| {
-            put_model(
-                &context,
-                &identity.machine,
-                &model.sha256,
-                text.as_bytes(),
-                1,
-            )
-            .await
+            let (machine, sha256) = (&identity.machine, &model.sha256);
+            put_model(&context, machine, sha256, text.as_bytes(), 1).await
         };
         put(&text).await.unwrap();
         assert_eq!(link.fetch_model(&model).await.unwrap(), text);
@@ -124,12 +99,8 @@ fn a_large_model_comes_from_the_object_store_whole_or_not_at_all() {
 /// With the credentials of machine A: everything that is not its own is refused by the server.
 #[test]
 fn stolen_credentials_touch_nothing_else() {
-    let Some(bench) = Bench::start() else { return };
-    runtime().block_on(async {
-        let context = bench.prepared().await;
-        let store = bucket(&context).await;
-        store.put("mill-a", "a".into()).await.unwrap();
-        store.put("mill-b", "b".into()).await.unwrap();
+    Bench::run(async |bench| {
+        let (context, store) = bench.with_values().await;
         for (identity, _) in &bench.machines {
             put_model(&context, &identity.machine, "model", b"content", 1)
                 .await
@@ -188,7 +159,7 @@ fn stolen_credentials_touch_nothing_else() {
             store.put("mill-b", "secret".into()).await.unwrap();
             // Both machines say something, each of its own: not even that is heard.
             for machine in [0, 1] {
-                let link = link(&bench, machine).await;
+                let link = link(bench, machine).await;
                 let sent = link.publish(Kind::Condition, subject, "said".into());
                 sent.await.unwrap();
             }
@@ -231,24 +202,11 @@ async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
 /// machine accepts it, and the centre sees a value that it did not put.
 #[test]
 fn an_answer_that_is_sent_elsewhere_is_no_manifest() {
-    let Some(bench) = Bench::start() else { return };
-    runtime().block_on(async {
-        let context = bench.prepared().await;
-        let store = bucket(&context).await;
-        store.put("mill-a", "a".into()).await.unwrap();
-        store.put("mill-b", "b".into()).await.unwrap();
-        let mut machine = link(&bench, 1).await;
+    Bench::run(async |bench| {
+        bench.with_values().await;
+        let mut machine = link(bench, 1).await;
         assert_eq!(timeout(SOON, machine.next_desired()).await.unwrap(), "b");
-        let thief = bench.stolen(0).await;
-        thief
-            .publish_with_reply(
-                "volcomp.berlin.mill-a.condition",
-                "$KV.desired.mill-b",
-                "forged".into(),
-            )
-            .await
-            .unwrap();
-        thief.flush().await.unwrap();
+        bench.forge().await;
         if let Ok(value) = timeout(SOON, machine.next_desired()).await {
             assert!(volcomp_fleet::Desired::parse(&value).is_err(), "{value:?}");
             assert!(!value.windows(6).any(|part| part == b"forged"));

@@ -12,6 +12,18 @@ fn message(kind: Kind, number: usize, length: usize) -> Waiting {
     }
 }
 
+fn fill(spool: &mut Spool, kind: Kind, numbers: std::ops::Range<usize>) {
+    for number in numbers {
+        spool.push(message(kind, number, 100));
+    }
+}
+
+fn conditions(numbers: std::ops::RangeInclusive<usize>) -> Vec<String> {
+    numbers
+        .map(|number| format!("condition-{number}"))
+        .collect()
+}
+
 fn open(folder: &Path) -> Spool {
     Spool::open(folder, SpoolLimits::default()).unwrap()
 }
@@ -42,8 +54,7 @@ fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
     }
     assert!(files(folder.path()) > 0, "more waits than memory holds");
     let kept = (0..5).map(|number| format!("audit-{}", number * 100));
-    let passing = (0..500).map(|number| format!("condition-{number}"));
-    let expected: Vec<String> = kept.chain(passing).collect();
+    let expected: Vec<String> = kept.chain(conditions(0..=499)).collect();
     assert_eq!(all(&mut spool), expected);
     assert_eq!((spool.dropped(), files(folder.path())), (0, 0));
 }
@@ -77,9 +88,7 @@ fn a_server_that_is_there_costs_no_write() {
 fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
-    for number in 0..300 {
-        spool.push(message(Kind::Condition, number, 100));
-    }
+    fill(&mut spool, Kind::Condition, 0..300);
     spool.flush();
     let mut spool = open(folder.path());
     let first = spool.first().unwrap().id.clone();
@@ -93,9 +102,7 @@ fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() 
 fn a_crash_loses_nothing_that_was_on_disk() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
-    for number in 0..300 {
-        spool.push(message(Kind::Condition, number, 100));
-    }
+    fill(&mut spool, Kind::Condition, 0..300);
     spool.flush();
     for _ in 0..10 {
         assert!(spool.first().is_some());
@@ -103,9 +110,7 @@ fn a_crash_loses_nothing_that_was_on_disk() {
     }
     drop(spool);
     let again = all(&mut open(folder.path()));
-    let expected: Vec<String> = (10..300)
-        .map(|number| format!("condition-{number}"))
-        .collect();
+    let expected = conditions(10..=299);
     assert_eq!(again[again.len() - expected.len()..], expected[..]);
 }
 
@@ -117,12 +122,8 @@ fn telemetry_is_dropped_from_its_oldest_and_never_an_audit_record_for_it() {
         passing_bytes: 64 << 10,
     };
     let mut spool = Spool::open(folder.path(), limits).unwrap();
-    for number in 0..20 {
-        spool.push(message(Kind::Audit, number, 100));
-    }
-    for number in 0..5000 {
-        spool.push(message(Kind::Condition, number, 100));
-    }
+    fill(&mut spool, Kind::Audit, 0..20);
+    fill(&mut spool, Kind::Condition, 0..5000);
     spool.flush();
     let on_disk: u64 = std::fs::read_dir(folder.path().join("passing"))
         .unwrap()
@@ -143,19 +144,14 @@ fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
     let mut spool = open(folder.path());
     let lane = folder.path().join("passing");
     std::fs::remove_dir(&lane).unwrap();
-    for number in 0..3000 {
-        spool.push(message(Kind::Condition, number, 100));
-    }
+    fill(&mut spool, Kind::Condition, 0..3000);
     assert!(spool.trouble().is_some());
     assert!(spool.dropped() > 0);
     std::fs::create_dir(&lane).unwrap();
     spool.push(message(Kind::Condition, 3000, 100));
     assert_eq!(spool.trouble(), None);
     let dropped = usize::try_from(spool.dropped()).unwrap();
-    let expected: Vec<String> = (dropped..=3000)
-        .map(|number| format!("condition-{number}"))
-        .collect();
-    assert_eq!(all(&mut spool), expected);
+    assert_eq!(all(&mut spool), conditions(dropped..=3000));
 }
 
 /// The disk is away for a moment: unmounted, an error of reading, no descriptor left. What waits on it still comes.
@@ -164,9 +160,7 @@ fn a_disk_that_cannot_be_read_for_a_moment_loses_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let [place, away] = ["spool", "away"].map(|name| folder.path().join(name));
     let mut spool = open(&place);
-    for number in 0..500 {
-        spool.push(message(Kind::Ack, number, 100));
-    }
+    fill(&mut spool, Kind::Ack, 0..500);
     std::fs::rename(&place, &away).unwrap();
     assert!(spool.first().is_some(), "what is in memory comes");
     assert!(spool.trouble().is_some());
@@ -180,9 +174,7 @@ fn a_disk_that_cannot_be_read_for_a_moment_loses_nothing() {
 fn what_is_lost_with_a_damaged_file_is_counted() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
-    for number in 0..500 {
-        spool.push(message(Kind::Ack, number, 100));
-    }
+    fill(&mut spool, Kind::Ack, 0..500);
     spool.flush();
     drop(spool);
     let kept = std::fs::read_dir(folder.path().join("kept")).unwrap();

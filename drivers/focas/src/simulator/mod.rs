@@ -2,7 +2,6 @@
 //! request.
 
 mod answer;
-mod ladder;
 mod world;
 
 use std::{
@@ -16,8 +15,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-pub use ladder::{BarrierLadder, Ladder, LadderProgram};
-pub use world::{Motion, Scan, ScanLog, ShiftArea, World};
+pub use world::{BarrierLadder, Ladder, LadderProgram, Motion, Scan, ScanLog, ShiftArea, World};
 
 use crate::frame::{HEAD, Head, Kind, frame};
 

@@ -1,22 +1,110 @@
-//! The way back: the model that a machine has had in force before the one that it has now.
+//! Which version of a machine is in force, and the way back: the model that it has had in force before the one that it has now.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use volcomp_fleet::{MachineId, Outcome};
 
 use crate::{
-    drift::in_force,
-    models::{NoModel, fits},
-    records::{Live, Model, Version},
+    Error,
+    models::{due_days, fits},
+    records::{Live, Machine, Model, Version},
     rollout::{Rollout, Rules},
-    store::{Store, StoreError},
+    store::Store,
 };
+
+/// Whether a machine may correct by the model of this version: it has neither refused it, nor does it wait for a person, nor was
+/// it taken back.
+pub(crate) fn may_be_in_force(version: &Version) -> bool {
+    !version.withdrawn
+        && !matches!(
+            version.outcome,
+            Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
+        )
+}
+
+/// The version by whose model a machine corrects, by [`in_force`], of a machine whose `newest` version is known: where it tells
+/// that one, no other is read.
+pub(crate) fn version_in_force(
+    store: &Store,
+    machine: &MachineId,
+    newest: Option<&Version>,
+    live: Option<&Live>,
+) -> Result<Option<Version>, Error> {
+    let told = live.map_or(0, |live| live.version);
+    match newest {
+        Some(newest) if newest.version == told => Ok(Some(newest.clone())),
+        None if told == 0 => Ok(None),
+        _ => Ok(in_force(&store.versions(machine)?, live).cloned()),
+    }
+}
+
+/// The version by whose model a machine corrects: the one that it tells; where none is known of what it tells, or it has answered
+/// since that a newer one is in force, the newest that it has put in force and that was not taken back. `versions` begins with
+/// the newest.
+pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
+    let told = live.and_then(|live| {
+        let mut each = versions.iter();
+        each.find(|version| version.version == live.version)
+    });
+    let told_s = live.and_then(Live::made).map(|made| made.at_s);
+    let is_active = |version: &&Version| {
+        let is_newer = told.is_none_or(|told| {
+            // Conditions may be rarer than answers.
+            let is_later = version
+                .answered_s
+                .zip(told_s)
+                .is_some_and(|(at, told)| at > told);
+            version.version > told.version && is_later
+        });
+        is_newer && !version.withdrawn && version.outcome == Some(Outcome::Activated)
+    };
+    versions.iter().find(is_active).or(told)
+}
+
+/// The checksum of that model, where the newest version is known; older ones are read where they are needed. Where nothing tells
+/// what is in force it is the newest that may be.
+fn model_in_force(
+    store: &Store,
+    newest: &Version,
+    live: Option<&Live>,
+) -> Result<Option<String>, Error> {
+    if live.is_some_and(|live| live.version == newest.version) {
+        return Ok(Some(newest.model.clone()));
+    }
+    let versions = store.versions(&newest.machine)?;
+    let may_be = || versions.iter().find(|version| may_be_in_force(version));
+    let version = in_force(&versions, live).or_else(may_be);
+    Ok(version.map(|version| version.model.clone()))
+}
+
+/// For how many days a calibration of a machine has been due; see [`due_days`]. A calibration that was refused, or that waits for a
+/// confirmation, renews nothing. `models` are those of the newest versions; an older one is read.
+pub(crate) fn overdue_days(
+    store: &Store,
+    machine: &Machine,
+    newest: Option<&Version>,
+    live: Option<&Live>,
+    models: &BTreeMap<String, Model>,
+    now_s: f64,
+) -> Result<Option<f64>, Error> {
+    let Some(newest) = newest.filter(|_| machine.due_days.is_some()) else {
+        return Ok(None);
+    };
+    let Some(sha256) = model_in_force(store, newest, live)? else {
+        return Ok(None);
+    };
+    if let Some(model) = models.get(&sha256) {
+        return Ok(due_days(machine, model, now_s));
+    }
+    let model = store.model_with(&sha256)?;
+    Ok(model.and_then(|model| due_days(machine, &model, now_s)))
+}
 
 /// The newest version whose model was in force before the one that the machine has now; `None`: there was no other.
 ///
 /// `versions` begins with the newest. What was taken back is none, nor what is of a roll-out that was `broken_off` and that nobody
 /// has decided to keep.
-pub fn before<'a>(
+fn before<'a>(
     versions: &'a [Version],
     live: Option<&Live>,
     broken_off: &BTreeSet<u64>,
@@ -36,7 +124,7 @@ fn broken_off(
     store: &Store,
     machine: &MachineId,
     versions: &[Version],
-) -> Result<BTreeSet<u64>, StoreError> {
+) -> Result<BTreeSet<u64>, Error> {
     let all: BTreeSet<u64> = versions.iter().filter_map(|one| one.rollout).collect();
     let mut found = BTreeSet::new();
     for id in all {
@@ -48,30 +136,12 @@ fn broken_off(
     Ok(found)
 }
 
-/// Why there is no way back.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum NoWayBack {
-    /// The store, or a roll-out that is not over.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The model of before fits the machine no longer.
-    #[error(transparent)]
-    Model(#[from] NoModel),
-    /// There is no such machine, or it has had one model alone.
-    #[error("{machine}: found no model that it has had in force before the one that it has now")]
-    None { machine: MachineId },
-}
-
 /// The version whose model a machine can be given back; `None`: it has had no other in force, or what it had was broken off.
-///
-/// # Errors
-/// The database cannot be read.
-pub fn way(
+pub(crate) fn way_back(
     store: &Store,
     machine: &MachineId,
     live: Option<&Live>,
-) -> Result<Option<Version>, StoreError> {
+) -> Result<Option<Version>, Error> {
     let versions = store.versions(machine)?;
     let broken_off = broken_off(store, machine, &versions)?;
     Ok(before(&versions, live, &broken_off).cloned())
@@ -82,18 +152,18 @@ pub fn way(
 ///
 /// # Errors
 /// There is none, or the machine has its turn in a roll-out that is not over.
-pub fn start(
+pub fn start_way_back(
     store: &Store,
     machine: &MachineId,
     rules: Rules,
     by: &str,
-) -> Result<(Rollout, Model), NoWayBack> {
-    let none = || NoWayBack::None {
+) -> Result<(Rollout, Model), Error> {
+    let none = || Error::NoWayBack {
         machine: machine.clone(),
     };
     let known = store.machine(machine)?.ok_or_else(none)?;
     let live = store.live_of(machine)?;
-    let version = way(store, machine, live.as_ref())?.ok_or_else(none)?;
+    let version = way_back(store, machine, live.as_ref())?.ok_or_else(none)?;
     let model = store.model(&version.model)?.ok_or_else(none)?;
     fits(&model, &known)?;
     let machines = [(machine.clone(), true)];
