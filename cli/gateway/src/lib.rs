@@ -10,7 +10,6 @@ pub mod documents;
 pub mod error;
 #[cfg(feature = "fleet")]
 pub mod fleet;
-pub mod history;
 pub mod http;
 mod identity;
 pub mod interop;
@@ -21,7 +20,6 @@ pub mod models;
 mod observe;
 pub mod options;
 pub mod plan;
-pub mod process;
 pub mod published;
 pub mod rehearse;
 pub mod request;
@@ -34,6 +32,13 @@ pub mod slot;
 pub mod text;
 mod times;
 mod toml_text;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A lock whose data no holder leaves half changed, so that one that panicked is no reason to stop.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Bytes as hexadecimal digits.
 fn hex(bytes: &[u8]) -> String {

@@ -2,6 +2,7 @@
 
 use std::{
     io::Write,
+    net::TcpListener,
     os::unix::net::UnixListener,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
@@ -22,7 +23,10 @@ use crate::{
     documents::{Broken, LastOutput, Status},
     error::{Failure, GatewayError},
     http::{self, Dashboard, Door, Tls, Tokens},
-    interop::{Interop, Served, quantities::quantities},
+    interop::{
+        Interop, Served,
+        quantities::{Shape, quantities},
+    },
     lock::lock,
     models::Models,
     observe::{self, Facts},
@@ -71,15 +75,19 @@ impl Machine {
             Err(error) => return Err(error.failure()),
         };
         let Started {
-            mut service,
-            asks,
-            switch,
+            assembled,
             runtime,
             locks,
             interop,
+        } = started;
+        let Assembled {
+            mut service,
+            asks,
+            switch,
             #[cfg(feature = "fleet")]
             fleet,
-        } = started;
+            ..
+        } = assembled;
         let mut hurry = || slot.stops() > 1;
         let mut is_lost = false;
         let turned = catch_unwind(AssertUnwindSafe(|| {
@@ -144,18 +152,13 @@ fn panicked() -> Failure {
 
 /// A machine that runs.
 struct Started {
-    service: Service,
-    asks: Asks,
-    switch: DisarmSwitch,
+    assembled: Assembled,
     /// The dashboard.
     runtime: tokio::runtime::Runtime,
     /// One gateway for each device.
     locks: Vec<UnixListener>,
     /// Other systems that read it, as long as this is held.
     interop: Served,
-    /// The threads that speak with the centre, as long as this is held.
-    #[cfg(feature = "fleet")]
-    fleet: Option<crate::fleet::Fleet>,
 }
 
 /// Starts a machine; `None`: it was told to stop before anything could be written.
@@ -164,11 +167,13 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
     let (interop, shape) = (Interop::open(&plan.config)?, plan.shape());
     let locks = lock(&plan.config)?;
     let audit = open_audit(&plan.config)?;
-    let opened = plan.open()?;
+    let mut opened = plan.open()?;
+    restore_output(&mut opened);
     if !slot.launch() {
         return Ok(None);
     }
-    let assembled = assemble(machine, opened, audit, slot.life(), |cycle, realtime| {
+    let (audit, found) = audit;
+    let mut assembled = assemble(machine, opened, audit, slot.life(), |cycle, realtime| {
         let (handle, lacking) = start_thread(cycle, realtime)?;
         slot.launched(&handle.disarm_switch());
         for lacking in &lacking {
@@ -176,53 +181,19 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
         }
         Ok(handle)
     })?;
-    let Assembled {
-        config,
-        service,
-        published,
-        asks,
-        switch,
-        models,
-        tokens,
-        tls,
-        #[cfg(feature = "fleet")]
-        fleet,
-    } = assembled;
-    let interop = interop.serve(&shape, &published)?;
-    let address = listener
-        .local_addr()
-        .map_err(|e| GatewayError::system("dashboard", e))?;
-    let live = Live {
-        published: published.clone(),
-        address,
-        tls: tls.is_some(),
-    };
-    let dashboard = Dashboard {
-        models,
-        published,
-        quantities: quantities(&shape),
-        asks: asks.clone(),
-        switch: switch.clone(),
-        door: Arc::new(Door::new(&config.dashboard, tokens)),
-        streams: AtomicUsize::new(0),
-    };
-    let runtime = http::runtime(listener, |listener| {
-        http::serve(listener, tls, http::router(Arc::new(dashboard)))
-    })?;
+    let interop = interop.serve(&shape, &assembled.published)?;
+    assembled.service.started(&found);
+    let (runtime, live) = assembled.serve_dashboard(listener, &shape)?;
     let url = live.url();
     // Nobody may be reading.
     let mut out = std::io::stdout();
     let _ = writeln!(out, "listening on {url}");
     slot.set(Phase::Running(live));
     Ok(Some(Started {
-        service,
-        asks,
-        switch,
+        assembled,
         runtime,
         locks,
         interop,
-        #[cfg(feature = "fleet")]
-        fleet,
     }))
 }
 
@@ -241,20 +212,68 @@ pub struct Assembled {
     pub fleet: Option<crate::fleet::Fleet>,
 }
 
-/// Puts the service of a machine together around its cycle, which `launch` starts.
+impl Assembled {
+    /// Serves the dashboard on a socket, as long as the runtime lives.
+    ///
+    /// # Errors
+    /// The operating system gives no thread, or no address of the socket.
+    pub fn serve_dashboard(
+        &mut self,
+        listener: TcpListener,
+        shape: &Shape,
+    ) -> Result<(tokio::runtime::Runtime, Live), GatewayError> {
+        let address = listener
+            .local_addr()
+            .map_err(|e| GatewayError::system("dashboard", e))?;
+        let tls = self.tls.take();
+        let live = Live {
+            published: self.published.clone(),
+            address,
+            tls: tls.is_some(),
+        };
+        let tokens = std::mem::take(&mut self.tokens);
+        let tokens = tokens.with_clock(self.published.clock().clone());
+        let dashboard = Arc::new(Dashboard {
+            models: self.models.clone(),
+            published: self.published.clone(),
+            quantities: quantities(shape),
+            asks: self.asks.clone(),
+            switch: self.switch.clone(),
+            door: Arc::new(Door::new(&self.config.dashboard, tokens)),
+            streams: AtomicUsize::new(0),
+        });
+        let runtime = http::runtime(listener, |listener| {
+            http::serve(listener, tls, http::router(dashboard))
+        })?;
+        Ok((runtime, live))
+    }
+}
+
+/// Lets the cycle begin with the output that was stored last. What is not remembered is not zero: the device tells it, or a person
+/// has to look.
+pub fn restore_output(opened: &mut Opened) {
+    let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
+    let file = opened.config.audit_dir().join("output.json");
+    let remembered = last_output(&file, &opened.model, &opened.controllers);
+    let (output, age) = remembered.unwrap_or_else(unknown);
+    opened.cycle.restore(&output, age);
+}
+
+/// Puts the service of a machine together around its cycle, which `launch` starts. Its first record is written by
+/// [`Service::started`].
 ///
 /// # Errors
 /// What `launch` refuses, or the operating system gives no thread.
 pub fn assemble(
     machine: &Machine,
     opened: Opened,
-    (audit, found): (AuditLog, Found),
+    audit: AuditLog,
     life: &Life,
     launch: impl FnOnce(Cycle, Realtime) -> Result<Handle, GatewayError>,
 ) -> Result<Assembled, GatewayError> {
     let Opened {
         config,
-        mut cycle,
+        cycle,
         model,
         controllers,
         sensors,
@@ -262,15 +281,6 @@ pub fn assemble(
         tokens,
         tls,
     } = opened;
-    // What is not remembered is not zero: the device tells it, or a person has to look.
-    let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
-    let remembered = last_output(
-        &config.audit_dir().join("output.json"),
-        &model,
-        &controllers,
-    );
-    let (output, age) = remembered.unwrap_or_else(unknown);
-    cycle.restore(&output, age);
     let handle = launch(cycle, config.realtime)?;
     let switch = handle.disarm_switch();
     let facts = Facts {
@@ -302,8 +312,7 @@ pub fn assemble(
         proven_within: machine.proven_within,
         notes: models.notes(),
     };
-    let mut service = Service::new(parts, audit, publisher, asked)?;
-    service.started(&found);
+    let service = Service::new(parts, audit, publisher, asked)?;
     Ok(Assembled {
         config,
         service,

@@ -1,21 +1,26 @@
 //! The data that the service publishes and the dashboard reads.
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    collections::VecDeque,
+    sync::{Arc, Mutex},
     time::{Duration, Instant},
 };
 
+use volcomp_port::Clock;
 use volcomp_runtime::{Model, Pulse};
 
 use crate::{
-    documents::{FleetState, History, Status},
-    history::Trend,
-    observe,
+    documents::{FleetState, History, HistoryPoint, Status, round},
+    locked, observe,
 };
 
 /// The service publishes so often at least; a state that is older than this and the patience with the control thread
 /// says nothing of the present, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
+/// How long the history reaches back, s.
+const SPAN_S: f64 = 120.0;
+/// A point is kept so often, s.
+const STEP_S: f64 = 0.25;
 
 /// The side of the dashboard.
 #[derive(Clone)]
@@ -58,22 +63,27 @@ pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, 
 impl Publisher {
     /// Publishes the state of a cycle, which becomes a point of the history.
     pub fn publish(&self, status: Status, cycle_at: Instant) {
-        lock(&self.shared.trend).add(&status);
-        *lock(&self.shared.latest) = (Arc::new(status), cycle_at);
+        locked(&self.shared.trend).add(&status);
+        *locked(&self.shared.latest) = (Arc::new(status), cycle_at);
     }
 
     /// Publishes another model, for the error map.
     pub fn set_model(&self, model: Arc<Model>) {
-        *lock(&self.shared.model) = model;
+        *locked(&self.shared.model) = model;
     }
 }
 
 impl Published {
+    /// The clock of the cycle.
+    pub fn clock(&self) -> &Clock {
+        self.pulse.clock()
+    }
+
     /// The state of now, with its age: that of the last cycle, or `unknown` where there has been none for three
     /// periods ([`Pulse::patience`]).
     pub fn latest(&self) -> Status {
         let (status, cycle_at) = {
-            let latest = lock(&self.shared.latest);
+            let latest = locked(&self.shared.latest);
             (Arc::clone(&latest.0), latest.1)
         };
         let mut status = Status::clone(&status);
@@ -84,34 +94,74 @@ impl Published {
         if let Some(silence) = self.pulse.silence().or(stale) {
             observe::silence(&mut status, silence);
         }
-        status.fleet.clone_from(&lock(&self.shared.fleet));
+        status.fleet.clone_from(&locked(&self.shared.fleet));
         status
     }
 
     /// Publishes how it stands with the fleet.
     pub fn set_fleet(&self, state: FleetState) {
-        *lock(&self.shared.fleet) = Some(state);
+        *locked(&self.shared.fleet) = Some(state);
     }
 
     /// Publishes a change of how it stands with the fleet.
     pub fn tell_fleet(&self, change: impl FnOnce(&mut FleetState)) {
-        if let Some(state) = lock(&self.shared.fleet).as_mut() {
+        if let Some(state) = locked(&self.shared.fleet).as_mut() {
             change(state);
         }
     }
 
     /// The model that corrects, without its temperatures.
     pub fn model(&self) -> Arc<Model> {
-        Arc::clone(&lock(&self.shared.model))
+        Arc::clone(&locked(&self.shared.model))
     }
 
     /// The trend of the last minutes.
     pub fn history(&self) -> History {
-        lock(&self.shared.trend).history()
+        locked(&self.shared.trend).history()
     }
 }
 
-/// Nothing that holds one of these locks can panic in the middle of a change.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// The points of the last minutes. State: the points, oldest first.
+#[derive(Debug, Default)]
+struct Trend {
+    points: VecDeque<HistoryPoint>,
+}
+
+impl Trend {
+    /// Keeps a state as a point, unless the last point is too young. Points that are too old are dropped.
+    fn add(&mut self, status: &Status) {
+        let now = status.uptime_s;
+        if let Some(last) = self.points.back() {
+            if now < last.at_s {
+                // The clock began again.
+                self.points.clear();
+            } else if now - last.at_s < STEP_S {
+                return;
+            }
+        }
+        while self
+            .points
+            .front()
+            .is_some_and(|first| now - first.at_s > SPAN_S)
+        {
+            self.points.pop_front();
+        }
+        let length =
+            |v: Option<[f64; 3]>| v.map(|v| round(v.iter().map(|x| x * x).sum::<f64>().sqrt()));
+        self.points.push_back(HistoryPoint {
+            at_s: now,
+            error_um: length(status.true_error_um.or(status.error_um)),
+            residual_um: length(status.true_residual_um.or(status.residual_um)),
+            error_axis_urad: length(status.error_axis_urad),
+            residual_axis_urad: length(status.residual_axis_urad),
+        });
+    }
+
+    /// The points as a document.
+    fn history(&self) -> History {
+        History {
+            span_s: SPAN_S,
+            points: self.points.iter().copied().collect(),
+        }
+    }
 }

@@ -15,7 +15,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     differences::Differences,
-    documents::{Answer, ModelSource},
+    documents::{Answer, ModelSource, Refusal},
 };
 
 /// The largest number of requests that wait for the service, and of requests to disarm besides.
@@ -186,4 +186,12 @@ pub struct Reply {
     pub status: u16,
     /// The document of the answer.
     pub answer: Answer,
+}
+
+/// A refusal in words.
+pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Refusal(Refusal::new(why)),
+    }
 }

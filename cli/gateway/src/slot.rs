@@ -3,14 +3,14 @@
 use std::{
     net::SocketAddr,
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Mutex,
         atomic::{AtomicU32, Ordering},
     },
 };
 
 use volcomp_runtime::DisarmSwitch;
 
-use crate::{error::Failure, published::Published, service::Life};
+use crate::{error::Failure, locked, published::Published, service::Life};
 
 /// Orders to a machine, and how it is.
 #[derive(Default)]
@@ -89,7 +89,7 @@ impl Slot {
 
     /// How far it is.
     pub fn phase(&self) -> Phase {
-        lock(&self.phase).clone()
+        locked(&self.phase).clone()
     }
 
     /// The proof that its cycles come on time.
@@ -99,12 +99,12 @@ impl Slot {
 
     /// It is on its way to another phase.
     pub(crate) fn set(&self, phase: Phase) {
-        *lock(&self.phase) = phase;
+        *locked(&self.phase) = phase;
     }
 
     /// Asked before the control thread is started: `false` where it has been given up, and must not be.
     pub(crate) fn launch(&self) -> bool {
-        let mut phase = lock(&self.phase);
+        let mut phase = locked(&self.phase);
         let may = matches!(*phase, Phase::Starting) && self.stops() == 0;
         *phase = if may { Phase::Launching } else { Phase::Ended };
         may
@@ -112,7 +112,7 @@ impl Slot {
 
     /// Gives up a machine whose devices are still being opened.
     pub(crate) fn give_up(&self) {
-        let mut phase = lock(&self.phase);
+        let mut phase = locked(&self.phase);
         if matches!(*phase, Phase::Starting) {
             *phase = Phase::Ended;
         }
@@ -120,7 +120,7 @@ impl Slot {
 
     /// The control thread was started: an order to stop that came meanwhile acts now.
     pub(crate) fn launched(&self, switch: &DisarmSwitch) {
-        *lock(&self.switch) = Some(switch.clone());
+        *locked(&self.switch) = Some(switch.clone());
         if self.stops() > 0 {
             switch.end();
         }
@@ -132,9 +132,4 @@ impl Phase {
     pub(crate) fn is_starting(&self) -> bool {
         matches!(self, Self::Starting | Self::Launching)
     }
-}
-
-/// Nothing that holds one of these locks can panic in the middle of a change.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

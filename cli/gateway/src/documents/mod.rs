@@ -5,8 +5,6 @@
 //! JSON Schemas.
 
 mod answer;
-mod history;
-mod map;
 mod model;
 mod plan;
 mod record;
@@ -14,8 +12,6 @@ mod rehearsal;
 mod state;
 
 pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
-pub use history::{History, HistoryPoint};
-pub use map::{ErrorMap, MapAxis};
 pub use model::{
     Candidate, CandidateBrief, CandidateResult, CandidateStep, ConfiguredModel, ModelActivate,
     ModelBack, ModelDiagonal, ModelEntry, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
@@ -34,8 +30,9 @@ pub use rehearsal::{
     RehearsedLimits, RehearsedPath,
 };
 pub use state::{
-    ByAxis, ControllerState, CycleTimes, FleetState, MachineState, PathState, ProvenName,
-    SchemeName, SensorState, StateName, Status, StretchTimes, round,
+    ByAxis, ControllerState, CycleTimes, ErrorMap, FleetState, History, HistoryPoint, MachineState,
+    MapAxis, PathState, ProvenName, SchemeName, SensorState, StateName, Status, StretchTimes,
+    round,
 };
 
 use schemars::{Schema, schema_for};

@@ -356,3 +356,50 @@ pub fn round(value: f64) -> f64 {
     // Adding zero turns −0 into 0.
     rounded + 0.0
 }
+
+/// The answer to `GET /api/map`: the error over the travels of two linear axes, the others where they stand. Empty for
+/// a machine with fewer than two linear axes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ErrorMap {
+    /// The axis of the columns, then that of the rows.
+    pub axes: Vec<MapAxis>,
+    /// The length of the position error, µm: rows over the second axis, values in a row over the first, from the lower
+    /// to the upper end of the travel.
+    pub error_um: Vec<Vec<f64>>,
+}
+
+/// One axis of the map.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MapAxis {
+    /// The letter of the axis.
+    #[schemars(with = "String")]
+    pub name: AxisName,
+    /// The ends of its travel, mm.
+    pub travel: [f64; 2],
+}
+
+/// The answer to `GET /api/history`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct History {
+    /// How long the history reaches back at the most, s.
+    pub span_s: f64,
+    /// The points, oldest first.
+    pub points: Vec<HistoryPoint>,
+}
+
+/// The length of the error at one time. Of the simulated machine it is the true error, else the model's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HistoryPoint {
+    /// Time since the start of the control thread, s.
+    pub at_s: f64,
+    /// Length of the position error of the tool tip without correction, µm; null while it was not known.
+    pub error_um: Option<f64>,
+    /// Length of the position error with the applied correction, µm.
+    pub residual_um: Option<f64>,
+    /// Length of the direction error of the tool axis without correction, µrad; only with rotary axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_axis_urad: Option<f64>,
+    /// Length of the direction error of the tool axis with the applied correction, µrad; only with rotary axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_axis_urad: Option<f64>,
+}

@@ -4,7 +4,7 @@
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard,
         atomic::{AtomicU64, Ordering},
     },
     time::{Duration, Instant},
@@ -101,7 +101,7 @@ impl AtDisk {
 
     fn since(&self) -> MutexGuard<'_, Option<Instant>> {
         // A time or none: whoever ended with it in its hands has left it whole.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        crate::locked(&self.0)
     }
 }
 

@@ -17,10 +17,11 @@ use axum::{
 use volcomp_web::{headers, hosts, is_of_another_page};
 
 use super::{
-    shared::{Door, Shared},
-    tokens::{Denied, Role},
+    routes::Shared,
+    tokens::{Denied, Role, Tokens},
 };
 use crate::{
+    config::DashboardConfig,
     documents::{Refusal, TokenPlan},
     request::Reply,
 };
@@ -32,7 +33,26 @@ pub(super) const UPLOAD: &str = "/api/model/upload";
 /// Timeout of receiving a machine file.
 const UPLOAD_AT_MOST: Duration = Duration::from_secs(300);
 
+/// Who is let in.
+pub struct Door {
+    /// Who may do what.
+    pub tokens: Tokens,
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+    /// Whether reading needs a token, since others can reach it.
+    pub reading_needs_token: bool,
+}
+
 impl Door {
+    /// The door of a configured dashboard, with its tokens.
+    pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
+        Self {
+            tokens,
+            hosts: config.hosts.clone(),
+            reading_needs_token: config.reading_needs_token(),
+        }
+    }
+
     /// Who disarms: whoever may operate, and without a token somebody at this computer, but no page of another origin in their browser.
     pub(super) fn who_disarms(&self, from: IpAddr, headers: &HeaderMap) -> Result<String, Denied> {
         if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {

@@ -1,15 +1,54 @@
 //! The dashboard: pages, state, events, history, metrics, requests.
 
+use std::net::SocketAddr;
+
+use tokio::net::TcpListener;
+use tracing::Instrument;
+
+use crate::error::GatewayError;
+
 mod door;
 mod map;
 mod model;
 mod routes;
-mod server;
-mod shared;
 mod tokens;
 
-pub use routes::router;
-pub(crate) use server::{listen, runtime};
-pub use shared::{Dashboard, Door};
+pub use door::Door;
+pub use routes::{Dashboard, router};
 pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};
+
+/// The socket of a dashboard.
+///
+/// # Errors
+/// An address at which this computer does not let it listen.
+pub fn listen(address: SocketAddr) -> Result<std::net::TcpListener, GatewayError> {
+    std::net::TcpListener::bind(address)
+        .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
+        .map_err(|e| GatewayError::system(format!("dashboard {address}"), e))
+}
+
+/// A runtime with one worker that serves a socket.
+pub(crate) fn runtime<F>(
+    listener: std::net::TcpListener,
+    serve: impl FnOnce(TcpListener) -> F,
+) -> Result<tokio::runtime::Runtime, GatewayError>
+where
+    F: Future<Output = ()> + Send + 'static,
+{
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .max_blocking_threads(1)
+        .thread_name("volcomp-http")
+        .thread_stack_size(512 * 1024)
+        .enable_io()
+        .enable_time()
+        .build()
+        .map_err(|e| GatewayError::system("dashboard", e))?;
+    let guard = runtime.enter();
+    let listener =
+        TcpListener::from_std(listener).map_err(|e| GatewayError::system("dashboard", e))?;
+    drop(guard);
+    runtime.spawn(serve(listener).in_current_span());
+    Ok(runtime)
+}

@@ -15,7 +15,7 @@ use tokio_stream::StreamExt;
 
 use super::{
     door::{Engineer, UPLOAD, answer, refuse},
-    shared::Shared,
+    routes::Shared,
 };
 use crate::{
     documents::{ModelActivate, ModelBack, ModelRequest},

@@ -3,7 +3,11 @@
 use std::{
     convert::Infallible,
     net::SocketAddr,
-    sync::{Arc, mpsc::TrySendError},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+        mpsc::TrySendError,
+    },
     time::Duration,
 };
 
@@ -21,24 +25,30 @@ use axum::{
 };
 use tokio::{sync::oneshot, time::MissedTickBehavior};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
+use volcomp_runtime::DisarmSwitch;
 
 use super::{
-    door::{self, Operator, refuse},
+    door::{self, Door, Operator, refuse},
     map, model,
-    shared::{Dashboard, MAX_STREAMS, Shared, StreamSlot},
     tokens::Role,
 };
 
 use crate::{
     documents::{Confirmation, Status},
+    interop::quantities::Quantity,
     metrics,
-    request::{Ask, Asked},
+    models::Models,
+    published::Published,
+    request::{Ask, Asked, Asks},
 };
 
 /// The largest body of a request, bytes.
 const MAX_BODY: usize = 64 * 1024;
 /// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
+
+/// The largest number of event streams at one time.
+const MAX_STREAMS: usize = 16;
 
 const HTML: &str = "text/html; charset=utf-8";
 const JS: &str = "text/javascript; charset=utf-8";
@@ -57,6 +67,46 @@ const PAGES: [(&str, &str, &str); 9] = [
     ("/model.css", CSS, include_str!("../../web/model.css")),
     ("/icon.svg", SVG, include_str!("../../web/icon.svg")),
 ];
+
+/// The state that the routes of the dashboard share.
+pub struct Dashboard {
+    /// The models: which there were, and the one that somebody is making.
+    pub models: Models,
+    /// The state, history and model that the service publishes.
+    pub published: Published,
+    /// The quantities of the gateway.
+    pub quantities: Vec<Quantity>,
+    /// Where requests to the service go.
+    pub asks: Asks,
+    /// The order to disarm, which waits for no service.
+    pub switch: DisarmSwitch,
+    /// Who is let in.
+    pub door: Arc<Door>,
+    /// The number of event streams that are open.
+    pub streams: AtomicUsize,
+}
+
+/// What every request finds.
+pub(super) type Shared = Arc<Dashboard>;
+
+/// A place among the event streams, given back with it.
+struct StreamSlot(Arc<Dashboard>);
+
+impl StreamSlot {
+    fn take(dashboard: &Arc<Dashboard>) -> Option<Self> {
+        let more = |open| (open < MAX_STREAMS).then_some(open + 1);
+        let taken = dashboard
+            .streams
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, more);
+        taken.ok().map(|_| Self(Arc::clone(dashboard)))
+    }
+}
+
+impl Drop for StreamSlot {
+    fn drop(&mut self) {
+        self.0.streams.fetch_sub(1, Ordering::AcqRel);
+    }
+}
 
 /// The routes of pages, reading and operating.
 pub fn router(dashboard: Shared) -> Router {

@@ -4,16 +4,18 @@ use std::{
     collections::HashMap,
     net::IpAddr,
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
-    time::{Duration, Instant},
+    sync::Mutex,
+    time::Duration,
 };
 
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
+use volcomp_port::Clock;
 
 use crate::{
     documents::TokenPlan,
     error::{GatewayError, TokenError},
+    locked,
 };
 
 /// After so many wrong tokens from one address within [`WRONG_IN`] no further wrong one is looked at.
@@ -55,10 +57,23 @@ pub struct Holder {
 }
 
 /// The tokens of a file: only their hashes are kept.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Tokens {
     holders: Vec<(Holder, [u8; 32])>,
-    wrong: Mutex<HashMap<IpAddr, (u32, Instant)>>,
+    /// The number of wrong tokens by address, and the time of the first of them.
+    wrong: Mutex<HashMap<IpAddr, (u32, Duration)>>,
+    /// The clock by which an address stays blocked.
+    clock: Clock,
+}
+
+impl Default for Tokens {
+    fn default() -> Self {
+        Self {
+            holders: Vec::new(),
+            wrong: Mutex::default(),
+            clock: Clock::system(),
+        }
+    }
 }
 
 /// Why somebody is not let in.
@@ -139,8 +154,15 @@ impl Tokens {
         }
         Ok(Self {
             holders,
-            wrong: Mutex::default(),
+            ..Self::default()
         })
+    }
+
+    /// The same tokens by another clock.
+    #[must_use]
+    pub fn with_clock(mut self, clock: Clock) -> Self {
+        self.clock = clock;
+        self
     }
 
     /// Whose the tokens are, in the order of the file.
@@ -191,23 +213,25 @@ impl Tokens {
     }
 
     fn is_blocked(&self, from: IpAddr) -> bool {
-        let wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
+        let wrong = locked(&self.wrong);
+        let now = self.clock.elapsed();
         wrong
             .get(&from)
-            .is_some_and(|(count, since)| *count >= WRONG && since.elapsed() < WRONG_IN)
+            .is_some_and(|(count, since)| *count >= WRONG && now.saturating_sub(*since) < WRONG_IN)
     }
 
     fn count_wrong(&self, from: IpAddr) {
-        let mut wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut wrong = locked(&self.wrong);
+        let now = self.clock.elapsed();
         if wrong.len() >= ADDRESSES {
-            wrong.retain(|_, (_, since)| since.elapsed() < WRONG_IN);
+            wrong.retain(|_, (_, since)| now.saturating_sub(*since) < WRONG_IN);
         }
         if wrong.len() >= ADDRESSES && !wrong.contains_key(&from) {
             return;
         }
-        let (count, since) = wrong.entry(from).or_insert((0, Instant::now()));
-        if since.elapsed() >= WRONG_IN {
-            (*count, *since) = (0, Instant::now());
+        let (count, since) = wrong.entry(from).or_insert((0, now));
+        if now.saturating_sub(*since) >= WRONG_IN {
+            (*count, *since) = (0, now);
         }
         *count += 1;
     }

@@ -5,14 +5,18 @@
     allow(unused_variables, reason = "without any way there is nothing to do")
 )]
 
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+use std::thread::{self, JoinHandle};
+
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+use tokio::sync::oneshot;
+
 use crate::{config::Config, error::GatewayError, published::Published};
 
 pub mod alarms;
 #[cfg(feature = "opc-ua-server")]
 mod opc_ua;
 pub mod quantities;
-#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
-mod runtime;
 #[cfg(feature = "shdr")]
 pub mod shdr;
 
@@ -63,7 +67,59 @@ impl Interop {
 /// The threads of the ways. They end, and their sockets close, when this is dropped.
 pub struct Served {
     #[cfg(feature = "shdr")]
-    _shdr: Option<runtime::Serving>,
+    _shdr: Option<Serving>,
     #[cfg(feature = "opc-ua-server")]
-    _opc_ua: Option<runtime::Serving>,
+    _opc_ua: Option<Serving>,
+}
+
+/// A thread that serves another system. It ends, with its sockets, when this is dropped.
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+struct Serving {
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+impl Drop for Serving {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // A task never blocks, so this waits for its next look; where it panicked there is nothing to wait for.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Runs a task, which is made on a thread of its own and stays there, until what is returned is dropped.
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
+fn start<F: Future<Output = ()>>(
+    name: &'static str,
+    make: impl FnOnce() -> F + Send + 'static,
+) -> Result<Serving, GatewayError> {
+    let failed = |e| GatewayError::system(name, e);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_io()
+        .enable_time()
+        .build()
+        .map_err(failed)?;
+    let (stop, stopped) = oneshot::channel::<()>();
+    let span = tracing::Span::current();
+    let thread = thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(move || {
+            let _entered = span.entered();
+            runtime.block_on(async {
+                tokio::select! {
+                    () = make() => {}
+                    _ = stopped => {}
+                }
+            });
+            // A name that nobody resolves would hold it up.
+            runtime.shutdown_background();
+        })
+        .map_err(failed)?;
+    Ok(Serving {
+        stop: Some(stop),
+        thread: Some(thread),
+    })
 }

@@ -14,13 +14,14 @@ use volcomp_web::file_name;
 use super::{
     diagonals::diagonals,
     quiet,
-    shared::{Activate, BUILT_IN, Held, Shared, gone, lock, refused},
+    shared::{Activate, BUILT_IN, Held, Shared, gone},
 };
 use crate::{
     audit::utc_now,
     differences::{Differences, differences},
     documents::{Candidate, CandidateBrief, CandidateResult, CandidateStep, UploadedFile},
-    request::Reply,
+    locked,
+    request::{Reply, refused},
 };
 
 /// The largest machine file, bytes. Reading one takes some fifty times as much memory of the program that corrects.
@@ -42,7 +43,7 @@ pub(super) fn place(shared: &Arc<Shared>) -> Result<Place, Reply> {
     if shared.is_built_in {
         return Err(refused(422, BUILT_IN));
     }
-    if let Some(held) = &*lock(&shared.candidate) {
+    if let Some(held) = &*locked(&shared.candidate) {
         return Err(held.is_there());
     }
     let more = |open| (open < AT_ONE_TIME).then_some(open + 1);
@@ -80,7 +81,7 @@ pub(super) fn take(
         result: None,
     };
     {
-        let mut candidate = lock(&shared.candidate);
+        let mut candidate = locked(&shared.candidate);
         if let Some(held) = &*candidate {
             return Err(held.is_there());
         }
@@ -117,7 +118,7 @@ pub(super) fn take(
 impl Shared {
     /// Takes the outcome of a comparison; that of a candidate which was discarded meanwhile is dropped.
     fn done(&self, id: &str, done: Result<(String, CandidateResult), String>) {
-        let mut candidate = lock(&self.candidate);
+        let mut candidate = locked(&self.candidate);
         let Some(held) = candidate.as_mut().filter(|held| held.is(id)) else {
             return;
         };
@@ -136,13 +137,13 @@ impl Shared {
 
     /// Gives the candidate up.
     pub(crate) fn discard(&self, id: &str) -> Result<(), Reply> {
-        let taken = lock(&self.candidate).take_if(|held| held.is(id));
+        let taken = locked(&self.candidate).take_if(|held| held.is(id));
         taken.map(drop).ok_or_else(gone)
     }
 
     /// What can be put in force. `seen` is the hash of the result that the engineer has seen.
     pub(crate) fn ready(&self, id: &str, seen: &str) -> Result<Activate, Reply> {
-        let candidate = lock(&self.candidate);
+        let candidate = locked(&self.candidate);
         let held = candidate.as_ref().filter(|held| held.is(id));
         held.ok_or_else(gone)?.ready(seen)
     }

@@ -17,7 +17,7 @@ use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
 use super::{
-    shared::{Activate, GIVEN_UP, Job, Patience, Shared, lock, refused},
+    shared::{Activate, GIVEN_UP, Job, Patience, Shared},
     store,
 };
 use crate::{
@@ -26,7 +26,8 @@ use crate::{
     documents::{
         Answer, ConfiguredModel, ModelEntry, ModelInForce, ModelOutcome, ModelSource, ModelsKept,
     },
-    request::{Ask, Asked, ModelAsk, Reply},
+    locked,
+    request::{Ask, Asked, ModelAsk, Reply, refused},
 };
 
 /// How often the configured machine file is looked at, and what could not be written is tried again.
@@ -117,7 +118,7 @@ impl Desk {
             }
         }
         let there = self.shared.store.there(&self.kept);
-        let mut told = lock(&self.shared.told);
+        let mut told = locked(&self.shared.told);
         told.kept.clone_from(&self.kept);
         told.there = there;
         told.configured = configured;
@@ -145,7 +146,7 @@ impl Desk {
     /// Takes a line into the history.
     fn note(&mut self, entry: ModelEntry, text: Option<String>) {
         if entry.outcome == ModelOutcome::InForce {
-            lock(&self.shared.told).from = entry.from;
+            locked(&self.shared.told).from = entry.from;
             if let Some(text) = text {
                 self.keep(entry.hash.clone(), text);
             }

@@ -21,8 +21,9 @@ use crate::{
     config::Config,
     documents::{Candidate, ModelEntry, ModelSource, ModelState},
     error::GatewayError,
+    locked,
     published::Published,
-    request::{Asks, Reply},
+    request::{Asks, Reply, refused},
 };
 
 mod candidate;
@@ -34,7 +35,7 @@ pub(crate) mod store;
 
 pub(crate) use candidate::{LARGEST_FILE, Place};
 use desk::Desk;
-use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared, lock, refused};
+use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared};
 use store::Store;
 
 /// The models of a machine, as the dashboard has them.
@@ -107,8 +108,8 @@ impl Models {
     pub(crate) fn state(&self) -> ModelState {
         let shared = &self.shared;
         let model = shared.published.model();
-        let candidate = lock(&shared.candidate);
-        let told = lock(&shared.told);
+        let candidate = locked(&shared.candidate);
+        let told = locked(&shared.told);
         let mut configured = told.configured.clone();
         // The built-in simulation has no file that could differ.
         configured.differs = !shared.is_built_in && configured.hash.as_ref() != Some(&model.hash);
@@ -143,7 +144,7 @@ impl Models {
 
     /// The candidate, where there is one.
     pub(crate) fn candidate(&self) -> Option<Candidate> {
-        let candidate = lock(&self.shared.candidate);
+        let candidate = locked(&self.shared.candidate);
         candidate.as_ref().map(|held| held.document.clone())
     }
 

@@ -3,7 +3,7 @@
 use std::{
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, AtomicUsize, Ordering},
     },
     time::{Duration, Instant},
@@ -14,12 +14,12 @@ use volcomp_runtime::DisarmSwitch;
 
 use super::store::Store;
 use crate::{
-    documents::{Answer, Candidate, ConfiguredModel, ModelEntry, ModelSource, ModelsKept, Refusal},
+    documents::{Candidate, ConfiguredModel, ModelEntry, ModelSource, ModelsKept},
     published::Published,
-    request::{Asks, Reply},
+    request::{Asks, Reply, refused},
 };
 
-/// What the threads share.
+/// What the threads share. Nothing that holds one of its locks waits for a disk.
 pub(super) struct Shared {
     pub(super) store: Store,
     /// The built-in simulation has its own machine file.
@@ -84,14 +84,6 @@ pub(super) struct Held {
     pub(super) text: Option<String>,
 }
 
-/// Why a request cannot be carried out, and the status of HTTP.
-pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
-    }
-}
-
 /// The longest time until the service is asked. What waits for a disk that hangs is not done later, when nobody expects it any
 /// more: whoever asked hears that it is given up before the request is too old to be answered.
 const WITHIN: Duration = Duration::from_secs(5);
@@ -139,11 +131,6 @@ pub(super) fn gone() -> Reply {
         409,
         "this machine file is not here any more: it was discarded, or put in force",
     )
-}
-
-/// Nothing that holds one of these locks waits for a disk, or can panic in the middle of a change.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
@@ -26,6 +26,7 @@ use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 
 use crate::{
     error::GatewayError,
+    locked,
     plan::{Opened, Plan},
 };
 
@@ -62,10 +63,6 @@ pub(super) struct Wire {
 struct Held {
     description: Description,
     way: Way,
-}
-
-pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The program of a control, which may be stopped: then its report stays as it is, and the axes stand.
@@ -126,7 +123,7 @@ impl Controller for Wire {
 impl Held {
     fn new(way: &Way) -> Self {
         Self {
-            description: lock(way).device.description.clone(),
+            description: locked(way).device.description.clone(),
             way: Arc::clone(way),
         }
     }
@@ -138,15 +135,15 @@ impl Controller for Held {
     }
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        lock(&self.way).read(deadline)
+        locked(&self.way).read(deadline)
     }
 
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
-        lock(&self.way).post(frame, deadline)
+        locked(&self.way).post(frame, deadline)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        lock(&self.way).apply(corrections, deadline)
+        locked(&self.way).apply(corrections, deadline)
     }
 }
 
@@ -272,13 +269,13 @@ impl Rig {
 
     /// A fault on the way to the control.
     pub fn inject(&self, injection: Injection) {
-        lock(&self.way).inject(injection);
+        locked(&self.way).inject(injection);
     }
 
     /// Somebody else writes these values (mm, rad) into the words of the axes.
     pub fn overwrite(&self, values: &PerChannel<f64>) {
         // A machine that is out of reach is out of reach for everybody.
-        let _ = lock(&self.way)
+        let _ = locked(&self.way)
             .device
             .control
             .apply(values, self.clock.now());
@@ -287,7 +284,7 @@ impl Rig {
     /// A fault of the thermometer.
     pub fn inject_sensor(&self, injection: Injection) {
         if let Some(shared) = &self.thermometer {
-            lock(shared).inject(injection);
+            locked(shared).inject(injection);
         }
     }
 }
@@ -306,7 +303,7 @@ struct HeldThermometer {
 impl HeldThermometer {
     fn new(shared: &Thermometers) -> Self {
         let (device, names) = {
-            let faulty = lock(shared);
+            let faulty = locked(shared);
             (faulty.device().to_owned(), faulty.names().to_vec())
         };
         Self {
@@ -329,7 +326,7 @@ impl Thermometer for HeldThermometer {
 
     fn latest(&mut self) -> &[Temperature] {
         self.latest.clear();
-        self.latest.extend_from_slice(lock(&self.shared).latest());
+        self.latest.extend_from_slice(locked(&self.shared).latest());
         &self.latest
     }
 }

@@ -18,11 +18,8 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 
-use super::{
-    faults::Act,
-    machine::{Rig, lock},
-};
-use crate::{error::GatewayError, plan::Plan};
+use super::{faults::Act, machine::Rig};
+use crate::{error::GatewayError, locked, plan::Plan};
 
 /// So many cycles pass from one fault that is asked for to the next.
 const CYCLES_BETWEEN: u64 = 100;
@@ -226,7 +223,7 @@ impl<'a> Run<'a> {
 
     /// Sets the switches of the machine, from this moment on.
     fn switch(&self, act: Act, on: bool) {
-        lock(&self.rig.way).device.control.plant().pass();
+        locked(&self.rig.way).device.control.plant().pass();
         let controls = &self.rig.controls;
         let switch = match act {
             Act::EmergencyStop | Act::HiddenStop | Act::HiddenStopByChance => {
@@ -357,7 +354,7 @@ impl<'a> Run<'a> {
         self.owner = self.owner.wrapping_add(1).max(1);
         self.cycle = self.rig.cycle(self.plan, self.owner)?;
         self.rig.clock.advance(gone);
-        lock(&self.rig.way).device.control.plant().pass();
+        locked(&self.rig.way).device.control.plant().pass();
         self.cycle.restore(&applied, gone);
         Ok(())
     }
@@ -368,7 +365,7 @@ impl<'a> Run<'a> {
         let length = self.random.random_range(1..=MOST_WORDS);
         words.fill_with(|| self.random.random());
         if self.foreign.is_none() {
-            self.foreign = lock(&self.rig.way).device.control.another();
+            self.foreign = locked(&self.rig.way).device.control.another();
         }
         if let (Some(foreign), Some(words)) = (&mut self.foreign, Words::new(&words[..length])) {
             // A machine that is out of reach is out of reach for everybody.

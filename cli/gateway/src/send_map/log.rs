@@ -1,11 +1,6 @@
 //! The audit log of a sender: a thread of its own writes it, so that the map in use is kept whatever the disk does.
 
-use std::{
-    collections::BTreeMap,
-    io,
-    path::Path,
-    time::{Duration, Instant},
-};
+use std::{collections::BTreeMap, io, path::Path, time::Duration};
 
 use volcomp_port::Clock;
 
@@ -29,6 +24,7 @@ const END: Duration = Duration::from_secs(1);
 /// The log. No call waits for the disk but those before the first map is sent and after the last one.
 pub(super) struct Log {
     clerk: Clerk,
+    clock: Clock,
     /// Why records may be missing, as it was told.
     trouble: Option<&'static str>,
 }
@@ -38,10 +34,11 @@ impl Log {
     ///
     /// # Errors
     /// A folder that cannot be written, or the operating system gives no thread.
-    pub(super) fn begin(folder: &Path) -> io::Result<Self> {
+    pub(super) fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
         Ok(Self {
-            clerk: Clerk::start(audit, Clock::system())?,
+            clerk: Clerk::start(audit, clock.clone())?,
+            clock,
             trouble: None,
         })
     }
@@ -57,7 +54,7 @@ impl Log {
     /// The record cannot be written, or the disk does not answer.
     pub(super) fn wait_for_first(&self, checked: &Checked, heard: &Heard) -> io::Result<bool> {
         let receipt = self.record(checked, "a map is going to be sent");
-        let until = Instant::now() + RECORD;
+        let until = self.clock.now() + RECORD;
         loop {
             match receipt.written() {
                 Some(true) => return Ok(true),
@@ -66,7 +63,7 @@ impl Log {
                         "the audit log cannot be written, and nothing was sent",
                     ));
                 }
-                None if Instant::now() > until => {
+                None if self.clock.now() > until => {
                     return Err(io::Error::new(
                         io::ErrorKind::TimedOut,
                         format!(

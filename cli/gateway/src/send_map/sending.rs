@@ -13,6 +13,7 @@ use volcomp_devices::{
     map::{MapDevice, MapError, MapWords},
     map_device,
 };
+use volcomp_port::Clock;
 use volcomp_tables::{
     Exchange, SendError, Sender, Step,
     control::{FRAME_WORDS, REPORT_WORDS},
@@ -70,6 +71,8 @@ struct Recording {
 }
 
 struct Sending {
+    /// The clock by which records, other senders and a control that stands are given up.
+    clock: Clock,
     checked: Checked,
     place: MapDevice,
     sender: Sender,
@@ -98,7 +101,8 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let place = map_device(&config.keys).map_err(GatewayError::Device)?;
     let _locks = lock::lock_sender(&config.keys.url, &config.keys.audit.dir)?;
     let in_folder = |e| GatewayError::system(config.keys.audit.dir.display().to_string(), e);
-    let log = Log::begin(&config.keys.audit.dir).map_err(in_folder)?;
+    let clock = Clock::system();
+    let log = Log::begin(&config.keys.audit.dir, clock.clone()).map_err(in_folder)?;
     let mut number = [0; 2];
     rustix::rand::getrandom(&mut number, rustix::rand::GetRandomFlags::empty())
         .map_err(|e| GatewayError::system("random numbers", e.into()))?;
@@ -107,6 +111,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let sender = Sender::new(map, config.keys.number, owner, config.allowed);
     let others = watch(checked).map_err(|e| GatewayError::system("thread of files", e))?;
     let mut sending = Sending {
+        clock,
         checked: checked.clone(),
         place,
         sender: sender.map_err(|e| ended(checked, &e.to_string()))?,
@@ -186,7 +191,7 @@ impl Sending {
                 self.recording = Some(Recording {
                     checked,
                     receipt,
-                    until: Instant::now() + RECORD,
+                    until: self.clock.now() + RECORD,
                 });
             }
             Err(why) => self.refuse(&why),
@@ -213,7 +218,7 @@ impl Sending {
                 Err(unfit) => self.refuse(&unfit.to_string()),
             },
             Some(false) => self.refuse("the audit log cannot be written"),
-            None if Instant::now() < recording.until => self.recording = Some(recording),
+            None if self.clock.now() < recording.until => self.recording = Some(recording),
             // The record may come onto the disk later: the one behind it tells what became of it.
             None => self.refuse(&format!(
                 "the disk of the audit log has not answered for {} s: confirm it again once it does",
@@ -314,11 +319,12 @@ impl Sending {
     /// Whether another sender is waited for: one that is gone lets go of the control when its time is out; one that sends is
     /// left alone.
     fn is_waited_for(&mut self, sequence: u16) -> bool {
-        let other = self.other.get_or_insert_with(|| Other {
+        let now = self.clock.now();
+        let other = (self.other).get_or_insert(Other {
             sequence,
-            since: Instant::now(),
+            since: now,
         });
-        other.sequence == sequence && other.since.elapsed() <= self.checked.patience()
+        other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
     /// Warns of what is new.
@@ -332,9 +338,9 @@ impl Sending {
     /// Sends nothing any more, and waits until the control says that its corrections are zero.
     fn fall_silent(&mut self, heard: &Heard) -> Result<(), GatewayError> {
         let still = self.checked.patience();
-        let (mut last, mut since) = (None, Instant::now());
+        let (mut last, mut since) = (None, self.clock.now());
         let mut is_zero = false;
-        while !is_zero && since.elapsed() < still {
+        while !is_zero && self.clock.now() - since < still {
             let Some(words) = &mut self.words else {
                 let wait = self.connect();
                 if heard.next(wait) == Some(Signal::Stop) {
@@ -346,7 +352,7 @@ impl Sending {
                 Ok(Some(seen)) => {
                     let applied = seen.of.applied;
                     if last.replace(applied) != Some(applied) {
-                        since = Instant::now();
+                        since = self.clock.now();
                     }
                     is_zero = !seen.valid && applied.iter().all(|steps| *steps == 0);
                 }

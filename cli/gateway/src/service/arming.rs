@@ -20,14 +20,14 @@ use super::{
     Service,
     step::{
         Compared, Comparing, FILES, Progress, Recording, Step, disk_silent, no_log, no_orders,
-        refused, settled,
+        settled,
     },
 };
 use crate::{
     audit::clerk::Receipt,
     documents::{Answer, ConfirmedLimits, Event},
     identity::{self, Judge},
-    request::Reply,
+    request::{Reply, refused},
 };
 
 /// Arming waits for its record for so long.

@@ -15,7 +15,7 @@ use super::{
     Service,
     step::{
         FILES, Keeping, Planned, Progress, Reading, Step, Whose, disk_silent, finish, in_words,
-        no_log, no_orders, refused, settled,
+        no_log, no_orders, settled,
     },
 };
 use crate::{
@@ -29,7 +29,7 @@ use crate::{
     identity::{self, Judge},
     options::Options,
     plan::Plan,
-    request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
+    request::{Ask, Asked, CentreAsk, ModelAsk, Reply, refused},
     simulate,
 };
 

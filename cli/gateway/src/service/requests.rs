@@ -10,12 +10,12 @@ use super::{
     Service,
     step::{
         AUTO_ARM, Effect, Progress, Step, Underway, finish, has_taken, in_words, no_orders,
-        refusal, refused, settled,
+        refusal, settled,
     },
 };
 use crate::{
     documents::{Answer, Event},
-    request::{Ask, Asked, CentreAsk, Reply},
+    request::{Ask, Asked, CentreAsk, Reply, refused},
 };
 
 /// A request has taken effect after so long, or it has none.

@@ -11,11 +11,11 @@ use volcomp_guard::{End, Reasons, Request, State};
 use crate::{
     audit::clerk::Receipt,
     config::Config,
-    documents::{Answer, ModelSource, Question, Refusal, Settled},
+    documents::{Answer, ModelSource, Question, Settled},
     error::GatewayError,
     identity::Judged,
     plan::Plan,
-    request::{ModelAsk, Reply},
+    request::{ModelAsk, Reply, refused},
 };
 
 /// Files are read and compared within this, or the request is given up.
@@ -169,14 +169,6 @@ pub(super) fn no_orders() -> Reply {
 pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
     let why = why.unwrap_or("the audit log cannot be written");
     settled(409, state, Reasons::AUDIT, Some(why))
-}
-
-/// A refusal in words.
-pub(super) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
-    }
 }
 
 pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {

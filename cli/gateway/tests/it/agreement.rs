@@ -1,11 +1,11 @@
 //! `check` and the daemon say the same of a configuration that is wrong: the same message, and exit status 2.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::process::Command;
+
+use volcomp_gateway::check;
 
 use crate::{
+    manual::machine,
     program::{MACHINE, path, token_file},
     wrong_configurations::{CASES, FOCAS, RIGHT},
 };
@@ -38,66 +38,53 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-fn call(dir: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .current_dir(dir)
-        .args(arguments)
-        .output()
-        .expect("it was built for this test")
-}
-
 #[test]
 fn check_and_the_daemon_refuse_alike() {
     let dir = folder();
     let config = dir.path().join("G.toml");
     for case in CASES {
         std::fs::write(dir.path().join("machine.toml"), case.machine).expect("writable");
-        let text = case
-            .changes
-            .iter()
-            .fold(RIGHT.to_owned(), |text, (from, to)| {
-                assert!(text.contains(from), "{from}");
-                text.replace(from, to)
-            });
+        let text = case.text();
         // Files of URLs are relative to where a program was started.
+        let text = text.replace("dbc=", &format!("dbc={}/", path(dir.path())));
         std::fs::write(&config, &text).expect("writable");
-        let check = call(dir.path(), &["check", path(&config)]);
-        let daemon = call(dir.path(), &["--config", path(&config)]);
-        let [said, refused] =
-            [&check, &daemon].map(|o| String::from_utf8_lossy(&o.stderr).into_owned());
-        assert_eq!(said, refused, "{text}");
+        let check = check::check(&config, false, false).expect_err(&text);
+        let daemon = machine(&config).plan().err().expect(&text);
+        let said = check.to_string();
+        assert_eq!(said, daemon.to_string(), "{text}");
         assert!(
             said.contains(case.says),
             "{said} for {} in {text}",
             case.says
         );
-        assert_eq!(
-            [check.status.code(), daemon.status.code()],
-            [Some(2); 2],
-            "{said}"
-        );
+        assert_eq!([check.status(), daemon.status()], [2; 2], "{said}");
     }
 }
 
-/// With `--json` the message is one object.
+/// The programs say so, too, and with `--json` the message is one object.
 #[test]
-fn a_wrong_configuration_is_told_as_json() {
+fn a_wrong_configuration_ends_the_programs() {
     let dir = folder();
     let config = dir.path().join("G.toml");
     std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
-    std::fs::write(
-        &config,
-        RIGHT.replace("heartbeat = { pmc = \"R\", at = 120 }", ""),
-    )
-    .expect("writable");
-    let output = call(dir.path(), &["check", path(&config), "--json"]);
-    let error: serde_json::Value = serde_json::from_slice(&output.stderr).expect("one object");
+    let unwatched = RIGHT.replace("heartbeat = { pmc = \"R\", at = 120 }", "");
+    std::fs::write(&config, unwatched).expect("writable");
+    let call = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(arguments)
+            .output()
+            .expect("it was built for this test");
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let check = call(&["check", path(&config)]);
+    assert_eq!(check, call(&["--config", path(&config)]));
+    assert!(check.starts_with("error: ") && check.contains("unwatched = true"));
+    let told = call(&["check", path(&config), "--json"]);
+    let error: serde_json::Value = serde_json::from_str(&told).expect("one object");
     assert_eq!(error["status"], 2);
-    assert!(
-        error["error"]
-            .as_str()
-            .is_some_and(|text| text.contains("unwatched = true"))
-    );
+    let told = error["error"].as_str();
+    assert!(told.is_some_and(|text| text.contains("unwatched = true")));
 }
 
 /// What the plan says of a controller is what the open controller says of itself.

@@ -7,11 +7,11 @@ use std::{
 };
 
 use serde_json::Value;
-use volcomp_gateway::check;
 use volcomp_test_support::{Running, free_port};
 
 use crate::{
     controlled::{configuration, control},
+    online::check,
     program::{Program, change, path},
 };
 
@@ -76,8 +76,8 @@ fn status_and_check_speak_for_themselves() {
         assert!(text.contains(from), "{from}");
         let wrong = dir.path().join("wrong.toml");
         std::fs::write(&wrong, text.replacen(from, to, 1)).expect("writable");
-        let (status, _, message) = call(&["check", path(&wrong)]);
-        assert_eq!(status, Some(2), "{to}: {message}");
+        let (_, message, status) = check(&wrong, &[]);
+        assert_eq!(status, 2, "{to}: {message}");
         assert!(message.contains(expected), "{message}");
     }
 }
@@ -98,7 +98,7 @@ fn the_documented_configuration_is_right() {
     crate::program::token_file(dir.path());
     let config = volcomp_gateway::config::Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
     let plan = volcomp_gateway::plan::Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
-    let text = check::text(&plan.document().expect("a plan"), &plan.config);
+    let text = volcomp_gateway::check::text(&plan.document().expect("a plan"), &plan.config);
     assert!(text.contains("focas://192.0.2.10:8193"), "{text}");
     assert!(text.contains("axes = [\"X\", \"Y\", \"Z\"]"), "{text}");
 }

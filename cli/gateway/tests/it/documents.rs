@@ -4,8 +4,8 @@ use serde_json::Value;
 use volcomp_gateway::documents::schemas;
 
 use crate::{
-    controlled::{configuration, control},
-    program::{Program, path},
+    manual::{Served, served_configuration},
+    online::check,
 };
 
 pub(crate) fn validate(name: &str, document: &Value) {
@@ -24,9 +24,8 @@ pub(crate) fn validate(name: &str, document: &Value) {
 #[test]
 fn live_documents_fit_their_schemas() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    let config = served_configuration(dir.path(), "auto_arm = true");
+    let program = Served::start(&config);
     let state = program.wait_for("compensating");
     validate("gateway-state.json", &state);
     validate("gateway-map.json", &program.get("/api/map").json());
@@ -43,18 +42,14 @@ fn live_documents_fit_their_schemas() {
         let answer = program.post(&format!("/api/{request}"), body).json();
         validate("gateway-answer.json", &answer);
     }
-    let check = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["check", path(&config), "--json"])
-        .output()
-        .expect("built");
-    let plan: Value = serde_json::from_slice(&check.stdout).expect("one document");
+    let (plan, ..) = check(&config, &["--json"]);
+    let plan: Value = serde_json::from_str(&plan).expect("one document");
     validate("gateway-check.json", &plan);
     assert_eq!(plan["configuration"]["guard"]["limit_um"], 150.0);
     let defaults = plan["defaults"].to_string();
     assert!(!defaults.contains("guard.limit_um"), "{defaults}");
     assert!(defaults.contains("guard.stop_s"), "{defaults}");
-    program.signal("TERM");
-    assert_eq!(program.end(), Some(0));
+    program.stop();
     let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     let mut whats = Vec::new();
     for line in log.lines() {

@@ -1,6 +1,6 @@
 //! What ends the machine by itself: its state, the correction and the log.
 
-use std::{path::PathBuf, sync::Arc, time::Duration};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
 use volcomp_gateway::{
     error::Failure,
@@ -13,11 +13,21 @@ use volcomp_gateway::{
 use crate::controlled::{configuration, control};
 
 /// Runs the machine until it has failed.
-fn failed(config: PathBuf, slot: &Arc<Slot>, turn: Turn<'_>) -> Failure {
+pub(crate) fn failed(config: PathBuf, slot: &Arc<Slot>, turn: Turn<'_>) -> Failure {
+    failed_at(([127, 0, 0, 1], 0).into(), config, slot, turn)
+}
+
+/// The same with its dashboard at an address.
+pub(crate) fn failed_at(
+    listen: SocketAddr,
+    config: PathBuf,
+    slot: &Arc<Slot>,
+    turn: Turn<'_>,
+) -> Failure {
     let machine = Machine {
         options: Options {
             config: Some(config),
-            listen: Some(([127, 0, 0, 1], 0).into()),
+            listen: Some(listen),
             ..Options::default()
         },
         proven_within: Duration::from_secs(4),

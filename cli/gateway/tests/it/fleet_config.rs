@@ -84,12 +84,8 @@ fn a_build_without_the_fleet_refuses_it() {
         "[fleet]\nurl = \"nats://127.0.0.1:4222\"\nsite = \"berlin\"\nmachine = \"mill-1\"\nserial = \"4711\"\nnkey_file = \"nkey\"\ntrusted_keys = [\"{KEY}\"]\n"
     );
     std::fs::write(&config, text + &fleet).expect("writable");
-    let refused = std::process::Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["check", crate::program::path(&config)])
-        .output()
-        .expect("built");
-    assert_eq!(refused.status.code(), Some(2));
-    let message = String::from_utf8_lossy(&refused.stderr);
+    let (_, message, status) = crate::online::check(&config, &[]);
+    assert_eq!(status, 2);
     assert!(message.contains("--features fleet"), "{message}");
 }
 
@@ -104,14 +100,8 @@ fn check_says_who_the_machine_is() {
     let dir = tempfile::tempdir().expect("writable");
     let control = crate::controlled::control();
     let config = centre.configuration(dir.path(), &control, "");
-    let check = |arguments: &[&str]| {
-        std::process::Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(["check", crate::program::path(&config)])
-            .args(arguments)
-            .output()
-            .expect("built")
-    };
-    let text = String::from_utf8(check(&[]).stdout).expect("text");
+    let check = |options: &[&str]| crate::online::check(&config, options);
+    let (text, ..) = check(&[]);
     for words in [
         "machine = \"mill-1\"",
         "serial = \"4711\"",
@@ -121,17 +111,16 @@ fn check_says_who_the_machine_is() {
     ] {
         assert!(text.contains(words), "{words}: {text}");
     }
-    let plan = serde_json::from_slice(&check(&["--json"]).stdout).expect("one document");
+    let plan = serde_json::from_str(&check(&["--json"]).0).expect("one document");
     crate::documents::validate("gateway-check.json", &plan);
     let nkey = dir.path().join("nkey");
     std::fs::set_permissions(&nkey, std::fs::Permissions::from_mode(0o640)).expect("ours");
-    let refused = check(&[]);
-    assert_eq!(refused.status.code(), Some(2));
-    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let (_, message, status) = check(&[]);
+    assert_eq!(status, 2);
     assert!(message.contains("found mode 640"), "{message}");
     std::fs::write(&nkey, "SUNOSEED").expect("writable");
     std::fs::set_permissions(&nkey, std::fs::Permissions::from_mode(0o600)).expect("ours");
-    let message = String::from_utf8_lossy(&check(&[]).stderr).into_owned();
+    let (_, message, _) = check(&[]);
     assert!(message.contains("seed of an nkey"), "{message}");
     assert!(!message.contains("NOSEED"), "{message}");
 }

@@ -6,19 +6,21 @@ use std::{
 };
 
 use crate::{
-    controlled::{configuration, control},
-    program::{OPERATE, Program, VIEW, answer, change, path},
+    manual::{Served, served_configuration},
+    program::{OPERATE, Program, VIEW, answer, change},
 };
 
-fn simulated() -> (tempfile::TempDir, Program) {
+fn simulated() -> (tempfile::TempDir, Served) {
     let dir = tempfile::tempdir().expect("writable");
-    let program = Program::simulated(dir.path());
-    (dir, program)
+    let gateway = Served::simulated(dir.path());
+    (dir, gateway)
 }
 
+/// The program with its built-in simulation: its page, its state, its stream, and under a flood of requests.
 #[test]
 fn the_simulation_lives() {
-    let (_dir, program) = simulated();
+    let dir = tempfile::tempdir().expect("writable");
+    let program = Program::simulated(dir.path());
     let state = program.wait_for("compensating");
     assert_eq!(state["simulated"], true);
     for key in ["positions_mm", "correction_um"] {
@@ -52,11 +54,11 @@ fn the_simulation_lives() {
         );
     }
     assert_eq!(program.get("/nothing").status, 404);
+    the_stream_tells_the_state_again_and_again(&program);
+    a_flood_does_not_touch_the_correction(&program);
 }
 
-#[test]
-fn the_stream_tells_the_state_again_and_again() {
-    let (_dir, program) = simulated();
+fn the_stream_tells_the_state_again_and_again(program: &Program) {
     let mut stream = program.connect();
     write!(
         stream,
@@ -102,7 +104,18 @@ fn tokens_decide() {
     assert_eq!(program.post("/api/arm", "no json").status, 400);
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
-    assert!(!audit.contains(OPERATE) && !program.log().contains(OPERATE));
+    assert!(!audit.contains(OPERATE));
+    // A token is checked when it is entered, not when somebody has to stop the machine with it.
+    for (token, status, role) in [
+        (Some(OPERATE), 200, Some("operate")),
+        (Some(VIEW), 200, Some("view")),
+        (None, 401, None),
+    ] {
+        let answer = program.request("GET", "/api/token", token, "");
+        assert_eq!(answer.status, status, "{token:?}");
+        assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
+        assert!(!answer.body.contains(OPERATE), "never the token itself");
+    }
     // Four more wrong ones, then nobody from here gets in for a minute.
     for _ in 0..4 {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
@@ -112,6 +125,8 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some(OPERATE)), 200);
     assert_eq!(post("/api/disarm", Some("wrong")), 429);
     assert_eq!(program.get("/api/state").status, 200);
+    program.gateway().run(Duration::from_secs(60));
+    assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
 /// Clients that ask for a page and do not read it, and clients that send half a request, held every connection: nobody
@@ -133,28 +148,11 @@ fn clients_that_hang_keep_nobody_from_disarming() {
         let _ = client.write(bytes);
         clients.push(client);
     }
-    let begun = std::time::Instant::now();
+    let begun = Instant::now();
     assert_eq!(program.post("/api/disarm", "").status, 200);
     let took = begun.elapsed();
-    assert!(took < std::time::Duration::from_secs(4), "{took:?}");
+    assert!(took < Duration::from_secs(4), "{took:?}");
     program.wait_for("disarmed");
-}
-
-/// A token is checked when it is entered, not when somebody has to stop the machine with it.
-#[test]
-fn a_token_is_told_what_it_allows() {
-    let (_dir, program) = simulated();
-    for (token, status, role) in [
-        (Some(OPERATE), 200, Some("operate")),
-        (Some(VIEW), 200, Some("view")),
-        (Some("wrong"), 401, None),
-        (None, 401, None),
-    ] {
-        let answer = program.request("GET", "/api/token", token, "");
-        assert_eq!(answer.status, status, "{token:?}");
-        assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
-        assert!(!answer.body.contains(OPERATE), "never the token itself");
-    }
 }
 
 /// At the computer of the gateway disarming needs no token; a page of another origin that a browser there shows cannot disarm.
@@ -163,12 +161,11 @@ fn at_its_own_computer_disarming_needs_no_token() {
     for has_tokens in [true, false] {
         let dir = tempfile::tempdir().expect("writable");
         let audit = dir.path().join("audit");
-        let control = control();
-        let config = configuration(dir.path(), &control, "auto_arm = true");
+        let config = served_configuration(dir.path(), "auto_arm = true");
         if !has_tokens {
             change(&config, "token_file = \"tokens\"\n", "");
         }
-        let program = Program::start(dir.path(), &["--config", path(&config)]);
+        let program = Served::start(&config);
         program.wait_for("compensating");
         let disarm = |host: &str, headers: &str| {
             let head = format!("POST /api/disarm HTTP/1.1\r\nHost: {host}\r\n{headers}");
@@ -198,19 +195,11 @@ fn at_its_own_computer_disarming_needs_no_token() {
         let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
         let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
         assert!(log.contains(record), "{log}");
-    }
-}
-
-#[test]
-fn without_tokens_nobody_operates() {
-    let dir = tempfile::tempdir().expect("writable");
-    let program = Program::start(dir.path(), &["--simulate"]);
-    for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {
-        assert_eq!(
-            program.request("POST", path, Some(OPERATE), "").status,
-            404,
-            "{path}"
-        );
+        // Without tokens nobody operates.
+        for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {
+            let status = program.request("POST", path, Some(OPERATE), "").status;
+            assert_eq!(status == 404, !has_tokens, "{path}: {status}");
+        }
     }
 }
 
@@ -301,10 +290,7 @@ fn slow_and_many_connections_are_bounded() {
 }
 
 /// 10 000 requests as fast as they go, over kept connections: the correction goes on.
-#[test]
-fn a_flood_does_not_touch_the_correction() {
-    let (_dir, program) = simulated();
-    program.wait_for("compensating");
+fn a_flood_does_not_touch_the_correction(program: &Program) {
     let before = program.state()["cycle"].clone();
     std::thread::scope(|scope| {
         for _ in 0..8 {

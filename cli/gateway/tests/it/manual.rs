@@ -1,22 +1,37 @@
 //! A whole gateway in this process, on a simulated machine in the place of the configured one, by a clock that the test counts:
-//! cycle, service, audit log, models and files are those of the program; nothing waits for time to pass.
+//! cycle, service, audit log, models and files are those of the program; nothing waits for time to pass. And such a gateway behind its
+//! dashboard, for clients over HTTP and other protocols.
 
 use std::{
+    ops::Deref,
     path::{Path, PathBuf},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
     time::Duration,
 };
 
 use serde_json::Value;
-use tokio::sync::oneshot::{self, error::TryRecvError};
+use tokio::{
+    runtime::Runtime,
+    sync::oneshot::{self, error::TryRecvError},
+};
 use volcomp_gateway::{
-    machine::{Assembled, Machine, assemble, open_audit},
+    http,
+    interop::{Interop, Served as Others, quantities::Shape},
+    machine::{Assembled, Machine, assemble, open_audit, restore_output},
     options::Options,
     rehearse::Rig,
     request::{Ask, Asked, Asks, Reply},
     service::Life,
 };
+use volcomp_port::inject::Injection;
 use volcomp_runtime::{ByHand, DisarmSwitch, start_by_hand};
 use volcomp_vocabulary::PerChannel;
+
+use crate::program::{Client, token_file};
 
 /// The longest time by the machine's clock in which something has to happen.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -26,6 +41,7 @@ const DISK: Duration = Duration::from_secs(60);
 pub(crate) struct Gateway {
     pub(crate) rig: Rig,
     pub(crate) parts: Assembled,
+    shape: Shape,
     cycles: ByHand,
     period: Duration,
 }
@@ -105,17 +121,22 @@ impl Gateway {
         let plan = machine.plan().unwrap_or_else(|e| panic!("{e}"));
         let period = plan.config.cycle();
         let rig = rig.unwrap_or_else(|| Rig::of(&plan).expect("a machine"));
-        let audit = open_audit(&plan.config).expect("writable");
-        let opened = rig.open(plan).expect("it fits");
+        let shape = plan.shape();
+        let (audit, found) = open_audit(&plan.config).expect("writable");
+        let mut opened = rig.open(plan).expect("it fits");
+        restore_output(&mut opened);
         let mut cycles = None;
         let parts = assemble(&machine, opened, audit, &Life::default(), |cycle, _| {
             let (handle, by_hand) = start_by_hand(cycle);
             cycles = Some(by_hand);
             Ok(handle)
         });
+        let mut parts = parts.expect("threads");
+        parts.service.started(&found);
         Self {
             rig,
-            parts: parts.expect("threads"),
+            parts,
+            shape,
             cycles: cycles.expect("launched"),
             period,
         }
@@ -217,6 +238,11 @@ impl Gateway {
         panic!("no fault: {}", self.state());
     }
 
+    /// From now on nothing comes to the control, and nothing from it.
+    pub(crate) fn disconnect(&self) {
+        self.rig.inject(Injection::Disconnect { calls: u32::MAX });
+    }
+
     /// One cycle of which the service sees nothing yet.
     pub(crate) fn cycle_alone(&mut self) {
         self.rig.clock().advance(self.period);
@@ -276,4 +302,131 @@ fn begin(asks: &Asks, switch: &DisarmSwitch, ask: Ask) -> oneshot::Receiver<Repl
     let asked = Asked::new(ask, "anna", Some(answer), switch);
     assert!(asks.try_send(asked).is_ok(), "too many wait");
     wait
+}
+
+/// A gateway of this process behind its dashboard, and behind the other ways that its configuration names. Its time goes some three
+/// times as fast as that of its clients.
+pub(crate) struct Served {
+    client: Client,
+    gateway: Arc<Mutex<Gateway>>,
+    /// The largest change of Y between two cycles since it was reset, mm.
+    largest_step: Arc<Mutex<f64>>,
+    ends: Arc<AtomicBool>,
+    cycles: Option<JoinHandle<()>>,
+    _dashboard: Runtime,
+    _others: Others,
+}
+
+impl Deref for Served {
+    type Target = Client;
+
+    fn deref(&self) -> &Client {
+        &self.client
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.end_cycles();
+    }
+}
+
+/// A configuration with tokens, for [`Served`].
+pub(crate) fn served_configuration(dir: &Path, more: &str) -> PathBuf {
+    token_file(dir);
+    let tables = "[dashboard]\ntoken_file = \"tokens\"\n";
+    configuration_of("127.0.0.1:1", dir, more, tables)
+}
+
+impl Served {
+    /// One that compensates as soon as it may, with tokens in a folder.
+    pub(crate) fn simulated(dir: &Path) -> Self {
+        Self::start(&served_configuration(dir, "auto_arm = true"))
+    }
+
+    pub(crate) fn start(config: &Path) -> Self {
+        Self::of(Gateway::start(config))
+    }
+
+    /// Ends it as a power failure does, and starts it again on the same machine.
+    pub(crate) fn killed_and_started(self, config: &Path) -> Self {
+        Self::of(self.taken().killed_and_started(config))
+    }
+
+    /// Stops it as a signal does.
+    pub(crate) fn stop(self) -> Rig {
+        self.taken().stop()
+    }
+
+    /// The gateway, which nobody serves any more.
+    fn taken(mut self) -> Gateway {
+        self.end_cycles();
+        let gateway = Arc::clone(&self.gateway);
+        drop(self);
+        let gateway = Arc::into_inner(gateway).expect("its cycles have ended");
+        gateway.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The same of a gateway in which something was disturbed before.
+    pub(crate) fn of(mut gateway: Gateway) -> Self {
+        let others = Interop::open(&gateway.parts.config).expect("free addresses");
+        let shape = gateway.shape.clone();
+        let others = others.serve(&shape, &gateway.parts.published);
+        let listener = http::listen(([127, 0, 0, 1], 0).into()).expect("loopback");
+        let served = gateway.parts.serve_dashboard(listener, &shape);
+        let (dashboard, live) = served.expect("threads");
+        let gateway = Arc::new(Mutex::new(gateway));
+        let (ends, largest_step) = <(Arc<AtomicBool>, Arc<Mutex<f64>>)>::default();
+        let cycles = thread::spawn({
+            let (gateway, ends) = (Arc::clone(&gateway), Arc::clone(&ends));
+            let largest_step = Arc::clone(&largest_step);
+            let mut before = lock(&gateway).shifts()[1];
+            move || {
+                while !ends.load(Ordering::Relaxed) {
+                    let now = {
+                        let mut gateway = lock(&gateway);
+                        gateway.step();
+                        gateway.shifts()[1]
+                    };
+                    let mut largest = lock(&largest_step);
+                    *largest = largest.max((now - before).abs());
+                    before = now;
+                    drop(largest);
+                    // Clients and their requests get the processor, and the lock.
+                    thread::sleep(Duration::from_millis(1));
+                }
+            }
+        });
+        Self {
+            client: Client::of(live.address),
+            gateway,
+            largest_step,
+            ends,
+            cycles: Some(cycles),
+            _dashboard: dashboard,
+            _others: others.expect("threads"),
+        }
+    }
+
+    fn end_cycles(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        if let Some(cycles) = self.cycles.take() {
+            // Where it has panicked the test fails by what it waits for.
+            let _ = cycles.join();
+        }
+    }
+
+    /// The gateway, between two of its cycles.
+    pub(crate) fn gateway(&self) -> MutexGuard<'_, Gateway> {
+        lock(&self.gateway)
+    }
+
+    /// The largest change of Y between two cycles since the last call, µm.
+    pub(crate) fn largest_step_um(&self) -> f64 {
+        1e3 * std::mem::take(&mut *lock(&self.largest_step))
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

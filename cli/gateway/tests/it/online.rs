@@ -1,30 +1,22 @@
 //! `check --online` asks the control and compares; without it nothing is opened.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::path::Path;
 
 use serde_json::Value;
+use volcomp_gateway::check;
 
 use crate::{
     controlled::{configuration, control},
-    program::{change, path},
+    program::change,
 };
 
-pub(crate) fn check(config: &Path, more: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["check", path(config)])
-        .args(more)
-        .output()
-        .expect("it was built for this test")
-}
-
-/// Standard output and standard error, and the exit status.
-pub(crate) fn said(output: &Output) -> (String, String, Option<i32>) {
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let (out, errors) = (text(&output.stdout), text(&output.stderr));
-    (out, errors, output.status.code())
+/// What `check` prints, what it says on standard error, and its exit status.
+pub(crate) fn check(config: &Path, options: &[&str]) -> (String, String, u8) {
+    let has = |option| options.contains(&option);
+    match check::check(config, has("--online"), has("--json")) {
+        Ok(text) => (text, String::new(), 0),
+        Err(error) => (String::new(), error.to_string(), error.status()),
+    }
 }
 
 #[test]
@@ -32,17 +24,17 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "");
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    let (text, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 0, "{errors}");
     assert!(text.contains("# shift_words = 100"), "{text}");
-    let (json, ..) = said(&check(&config, &["--online", "--json"]));
+    let (json, ..) = check(&config, &["--online", "--json"]);
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
     assert_eq!(document["online"][0]["shift_words"], 100, "{json}");
     // It takes them from other words: refused, and the parameter named.
     control.world().parameters.insert((1280, 0), 300.0);
-    let (_, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(1), "{errors}");
+    let (_, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 1, "{errors}");
     assert!(
         errors.contains("parameter 1280 of the control")
             && errors.contains("found 300, expected 100"),
@@ -51,21 +43,21 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     // It does not tell: a note.
     control.world().parameters.clear();
     control.world().tells_shift_source = false;
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    let (text, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 0, "{errors}");
     assert!(
         text.contains("the control does not tell parameters 1203"),
         "{text}"
     );
     // Offline nothing is asked, and a control that is not there is no matter.
     let asked = control.requests();
-    let (json, _, status) = said(&check(&config, &["--json"]));
-    assert_eq!(status, Some(0));
+    let (json, _, status) = check(&config, &["--json"]);
+    assert_eq!(status, 0);
     assert!(!json.contains("\"online\""), "{json}");
     assert_eq!(control.requests(), asked);
     drop(control);
-    assert_eq!(said(&check(&config, &[])).2, Some(0));
-    assert_eq!(said(&check(&config, &["--online"])).2, Some(1));
+    assert_eq!(check(&config, &[]).2, 0);
+    assert_eq!(check(&config, &["--online"]).2, 1);
 }
 
 /// The settings of a barrier are held against the limits by the guard's own rule, and told where they fit, too. Here it
@@ -78,11 +70,11 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     // On a loaded computer the simulated control may count too few scans.
     let fits = |more: &[&str]| {
         let asked = [&["--online"], more].concat();
-        let mut answers = (0..20).map(|_| said(&check(&config, &asked)));
+        let mut answers = (0..20).map(|_| check(&config, &asked));
         let (text, errors, status) = answers
             .find(|(_, errors, _)| !errors.contains("scan_ms"))
             .expect("scans of 2 ms");
-        assert_eq!(status, Some(0), "{errors}");
+        assert_eq!(status, 0, "{errors}");
         text
     };
     let text = fits(&[]);
@@ -125,8 +117,8 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
         ),
     ] {
         change(&config, from, to);
-        let (_, errors, status) = said(&check(&config, &["--online"]));
-        assert_eq!(status, Some(1), "{to}: {errors}");
+        let (_, errors, status) = check(&config, &["--online"]);
+        assert_eq!(status, 1, "{to}: {errors}");
         assert!(errors.contains(expected), "{to}: {errors}");
         change(&config, to, from);
     }

@@ -6,9 +6,11 @@ use serde_json::{Value, json};
 use volcomp_focas::{PmcAddress, PmcArea, simulator::Simulator};
 use volcomp_gateway::{config::Config, plan::Plan};
 use volcomp_test_support::free_port;
+use volcomp_vocabulary::PerChannel;
 
 use crate::{
     controlled::{configuration, control},
+    manual::{Served, says, served_configuration},
     program::{Program, change, path},
 };
 
@@ -35,10 +37,6 @@ pub(crate) fn nobody() -> String {
 fn started(config: &Path) -> Program {
     let dir = config.parent().expect("a folder");
     Program::start(dir, &["--config", path(config)])
-}
-
-fn says(state: &Value, words: &str) -> bool {
-    state["reasons"].to_string().contains(words)
 }
 
 /// Before, nothing told that the path on which a machine would fall back had never been there.
@@ -99,12 +97,8 @@ fn a_standby_path_that_holds_a_correction_is_told() {
 #[test]
 fn an_unknown_correction_is_shown_as_unknown() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
-    let program = started(&config);
-    program
-        .wait(|state| state["error_um"].is_array())
-        .expect("it sees the machine");
+    let config = served_configuration(dir.path(), "");
+    let program = Served::start(&config);
     program.must_arm();
     let state = program.wait_for("compensating");
     assert_eq!(state["correction_known"], true);
@@ -113,7 +107,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
         json!({ "X": "not-proven", "Y": "not-proven", "Z": "not-proven" }),
         "no test shift is made"
     );
-    drop(control);
+    program.gateway().disconnect();
     let state = program
         .wait(|state| state["correction_known"] == false)
         .expect("it is not known any more");
@@ -152,18 +146,15 @@ fn an_unknown_correction_is_shown_as_unknown() {
 #[test]
 fn what_was_not_sent_and_is_not_known_is_not_shown() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let y = PmcAddress {
-        area: PmcArea::R,
-        at: 102,
-    };
-    control.world().set_words(y, &[21]);
-    let program = started(&configuration(dir.path(), &control, ""));
+    let program = Served::start(&served_configuration(dir.path(), ""));
+    let mut found = PerChannel::ZERO;
+    found[1] = 0.021;
+    program.gateway().rig.overwrite(&found);
     let state = program
         .wait(|state| state["correction_um"]["Y"] == 21.0)
         .expect("it finds a correction");
     assert_eq!(state["sent_um"], json!({}), "{state}");
-    drop(control);
+    program.gateway().disconnect();
     program
         .wait(|state| state["positions_mm"] == json!({}))
         .expect("positions are lost");

@@ -1,17 +1,19 @@
 //! From start to end: signals, restarts, controls that are slow or reboot, a second gateway.
 
 use std::{
+    path::PathBuf,
     process::Command,
     sync::Arc,
     time::{Duration, Instant},
 };
 
 use volcomp_focas::simulator::{Options, Simulator, World};
-use volcomp_gateway::request::Ask;
+use volcomp_gateway::{request::Ask, service::Service};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     controlled::{configuration, control},
+    ended::failed_at,
     manual::{self, Gateway},
     program::{PATIENCE, Program, change, path},
 };
@@ -111,18 +113,21 @@ fn a_slow_control_costs_cycles_not_the_connection() {
     assert_eq!(control.open_sessions(), 1);
 }
 
-/// What systemd hears: that it is ready, that cycles go on, that it stops.
+/// What systemd hears: that it is ready, that cycles go on, that it stops. And it takes as many descriptors as it may have: the usual
+/// soft limit is 1024.
 #[test]
 fn the_service_manager_is_told() {
     let dir = tempfile::tempdir().expect("writable");
     let socket = dir.path().join("notify");
     let listener = std::os::unix::net::UnixDatagram::bind(&socket).expect("writable");
     listener.set_read_timeout(Some(PATIENCE)).expect("a time");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
-    command
+    let mut shell = Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_volcomp-gateway");
+    shell.args(["-c", "ulimit -S -n 256; exec \"$0\" \"$@\"", program]);
+    shell
         .env("NOTIFY_SOCKET", &socket)
         .env("WATCHDOG_USEC", "400000");
-    let mut program = Program::spawn(command, dir.path(), &["--simulate"]);
+    let mut program = Program::spawn(shell, dir.path(), &["--simulate"]);
     let heard = || {
         let mut buffer = [0; 256];
         let count = listener.recv(&mut buffer).expect("a word");
@@ -132,59 +137,40 @@ fn the_service_manager_is_told() {
     for _ in 0..5 {
         assert!(heard().contains("WATCHDOG=1"));
     }
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", program.running.id()));
+    let limits = limits.expect("it runs");
+    let files = limits
+        .lines()
+        .find_map(|line| line.strip_prefix("Max open files"));
+    let files: Vec<&str> = files.expect("told").split_whitespace().collect();
+    assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
     program.signal("TERM");
     while !heard().contains("STOPPING=1") {}
     assert_eq!(program.end(), Some(0));
 }
 
-/// The port of the dashboard is another program's: status 1, with the address.
+/// Why a gateway does not start, with the port of its dashboard.
+fn does_not_start(config: PathBuf, listen: &str) -> String {
+    let listen = listen.parse().expect("an address");
+    let turn = &mut |_: &mut Service| panic!("it has started");
+    let failure = failed_at(listen, config, &Arc::default(), turn);
+    assert_eq!(failure.status, 1, "{failure:?}");
+    failure.what
+}
+
+/// The port of the dashboard is another program's.
 #[test]
 fn a_port_that_is_taken_ends_it_with_status_1() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
     let address = taken.local_addr().expect("bound").to_string();
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let ended = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["--config", path(&config), "--listen", &address])
-        .output()
-        .expect("built");
-    let message = String::from_utf8_lossy(&ended.stderr);
-    assert_eq!(ended.status.code(), Some(1), "{message}");
-    assert!(
-        message.contains(&format!("dashboard {address}")),
-        "{message}"
-    );
-    assert_eq!(control.world().shifts(), [0.0; 3]);
+    let config = manual::configuration(dir.path(), "auto_arm = true");
+    let why = does_not_start(config, &address);
+    assert!(why.contains(&format!("dashboard {address}")), "{why}");
 }
 
-/// Two machines whose gateways share a folder: one began with the output of the other, 30 µm in one write.
-#[test]
-fn two_gateways_in_one_folder() {
-    let dir = tempfile::tempdir().expect("writable");
-    let controls = [(); 2].map(|()| {
-        let world = World::new(&['X', 'Y', 'Z']);
-        Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
-    });
-    let config = configuration(dir.path(), &controls[0], "");
-    let first = Program::start(dir.path(), &["--config", path(&config)]);
-    let other = dir.path().join("other.toml");
-    let text = std::fs::read_to_string(&config).expect("written");
-    let [one, two] = [&controls[0], &controls[1]].map(|control| control.address().to_string());
-    std::fs::write(&other, text.replace(&one, &two)).expect("writable");
-    let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["--config", path(&other), "--listen", "127.0.0.1:0"])
-        .output()
-        .expect("built");
-    assert_eq!(second.status.code(), Some(1));
-    let message = String::from_utf8_lossy(&second.stderr);
-    assert!(
-        message.contains("[audit] dir: another gateway"),
-        "{message}"
-    );
-    drop(first);
-}
-
+/// On the same computer the second one finds the lock of the control, whatever its address is called, and that of the folder, in
+/// which one began with the output of the other, 30 µm in one write. As from another computer it sees the heartbeat move.
 #[test]
 fn two_gateways_on_one_controller() {
     let dir = tempfile::tempdir().expect("writable");
@@ -198,22 +184,23 @@ fn two_gateways_on_one_controller() {
     let config = at(dir.path(), "127.0.0.1", "auto_arm = true");
     let first = Program::start(dir.path(), &["--config", path(&config)]);
     first.wait_for("compensating");
-    // On the same host: the lock, whatever the address is called.
     let other = tempfile::tempdir().expect("writable");
     for spelling in ["127.0.0.1", "localhost", "LocalHost", "[::1]", "0.0.0.0"] {
-        let config = at(other.path(), spelling, "");
-        let second = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-            .args(["--config", path(&config), "--listen", "127.0.0.1:0"])
-            .output()
-            .expect("built");
-        assert_eq!(second.status.code(), Some(1), "{spelling}");
-        let message = String::from_utf8_lossy(&second.stderr);
+        let why = does_not_start(at(other.path(), spelling, ""), "127.0.0.1:0");
         assert!(
-            message.contains("another gateway on this computer"),
-            "{message}"
+            why.contains("another gateway on this computer"),
+            "{spelling}: {why}"
         );
     }
-    // As from another host, by another address: the heartbeat moves.
+    let text = std::fs::read_to_string(&config).expect("written");
+    let in_folder = dir.path().join("other.toml");
+    std::fs::write(
+        &in_folder,
+        text.replace("focas://127.0.0.1", "focas://127.0.0.3"),
+    )
+    .expect("writable");
+    let why = does_not_start(in_folder, "127.0.0.1:0");
+    assert!(why.contains("[audit] dir: another gateway"), "{why}");
     let config = at(other.path(), "127.0.0.2", "");
     let second = Program::start(other.path(), &["--config", path(&config)]);
     second
@@ -274,23 +261,6 @@ fn its_end_leaves_alone_what_it_has_only_found() {
     assert_eq!(gateway.ask(Ask::Disarm).0, 200);
     gateway.wait("ramped out", |state| state["correction_um"]["X"] == 0.0);
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
-}
-
-/// The usual soft limit of descriptors is 1024, which the dashboards of 17 machines took, where far more are allowed.
-#[test]
-fn it_takes_as_many_descriptors_as_it_may_have() {
-    let dir = tempfile::tempdir().expect("writable");
-    let mut shell = Command::new("sh");
-    let program = env!("CARGO_BIN_EXE_volcomp-gateway");
-    shell.args(["-c", "ulimit -S -n 256; exec \"$0\" \"$@\"", program]);
-    let program = Program::spawn(shell, dir.path(), &["--simulate"]);
-    let limits = std::fs::read_to_string(format!("/proc/{}/limits", program.running.id()));
-    let limits = limits.expect("it runs");
-    let files = limits
-        .lines()
-        .find_map(|line| line.strip_prefix("Max open files"));
-    let files: Vec<&str> = files.expect("told").split_whitespace().collect();
-    assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
 }
 
 /// A hangup reads the files again; what moves more than `confirm_um` waits for the hash, over HTTP as well.

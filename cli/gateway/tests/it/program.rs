@@ -3,6 +3,7 @@
 use std::{
     io::{Read, Write},
     net::{SocketAddr, TcpStream},
+    ops::Deref,
     path::{Path, PathBuf},
     process::Command,
     time::{Duration, Instant},
@@ -31,11 +32,26 @@ EYX = 20.0
 /// Everything that is waited for comes within this time, on a computer that has other work, too.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
+/// A client of a dashboard.
+#[derive(Clone)]
+pub(crate) struct Client {
+    pub(crate) address: SocketAddr,
+    /// The file with the log of the program.
+    log: PathBuf,
+}
+
 /// A running gateway; ended when it is dropped.
 pub(crate) struct Program {
     pub(crate) running: Running,
-    pub(crate) address: SocketAddr,
-    log: PathBuf,
+    client: Client,
+}
+
+impl Deref for Program {
+    type Target = Client;
+
+    fn deref(&self) -> &Client {
+        &self.client
+    }
 }
 
 /// An answer: status, head, body.
@@ -94,11 +110,8 @@ impl Program {
             .and_then(|address| address.parse().ok());
         let told = || std::fs::read_to_string(&log).unwrap_or_default();
         let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", told()));
-        Self {
-            running,
-            address,
-            log,
-        }
+        let client = Client { address, log };
+        Self { running, client }
     }
 
     /// A simulated one with tokens.
@@ -115,6 +128,29 @@ impl Program {
                 path(&audit),
             ],
         )
+    }
+
+    /// Sends a signal by name.
+    pub(crate) fn signal(&self, name: &str) {
+        self.running.signal(name);
+    }
+
+    /// Waits for its end: the status.
+    pub(crate) fn end(&mut self) -> Option<i32> {
+        let ended = self.running.ended(PATIENCE);
+        ended
+            .unwrap_or_else(|| panic!("it does not end\n{}", self.log()))
+            .code()
+    }
+}
+
+impl Client {
+    /// A client of a dashboard in this process, which has no log of its own.
+    pub(crate) fn of(address: SocketAddr) -> Self {
+        Self {
+            address,
+            log: PathBuf::new(),
+        }
     }
 
     pub(crate) fn log(&self) -> String {
@@ -211,19 +247,6 @@ impl Program {
             }
             std::thread::sleep(Duration::from_millis(20));
         }
-    }
-
-    /// Sends a signal by name.
-    pub(crate) fn signal(&self, name: &str) {
-        self.running.signal(name);
-    }
-
-    /// Waits for its end: the status.
-    pub(crate) fn end(&mut self) -> Option<i32> {
-        let ended = self.running.ended(PATIENCE);
-        ended
-            .unwrap_or_else(|| panic!("it does not end\n{}", self.log()))
-            .code()
     }
 }
 

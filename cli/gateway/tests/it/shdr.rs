@@ -3,24 +3,27 @@
 use std::{
     io::{BufRead, BufReader, Read, Write},
     net::{SocketAddr, TcpStream},
-    path::Path,
+    path::{Path, PathBuf},
     process::{ChildStdin, Command, Stdio},
     time::{Duration, Instant, SystemTime},
 };
 
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use volcomp_gateway::{
-    interop::quantities::{Shape, quantities},
-    interop::shdr::lines::{Items, Told, escaped},
+use volcomp_gateway::interop::{
+    quantities::{Shape, quantities},
+    shdr::{
+        self,
+        lines::{Items, Told, escaped},
+    },
 };
 use volcomp_test_support::{Running, free_port, peers};
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    controlled::{configuration, control},
     interop::status,
-    program::{Program, append, path},
+    manual::{Served, machine, served_configuration},
+    program::append,
 };
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -297,15 +300,22 @@ fn client(address: &str) -> TcpStream {
     stream
 }
 
+/// A gateway with an adapter of MTConnect, and its configuration.
+fn served(dir: &Path, more: &str, device: &str) -> (Served, PathBuf, String) {
+    let config = served_configuration(dir, more);
+    let address = format!("127.0.0.1:{}", free_port());
+    append(
+        &config,
+        &format!("\n[shdr]\nlisten = \"{address}\"\n{device}"),
+    );
+    (Served::start(&config), config, address)
+}
+
 #[test]
 fn an_agent_reads_what_the_dashboard_shows() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let address = format!("127.0.0.1:{}", free_port());
-    let table = format!("\n[shdr]\nlisten = \"{address}\"\ndevice = \"mill & drill\"\n");
-    append(&config, &table);
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let device = "device = \"mill & drill\"\n";
+    let (gateway, config, address) = served(dir.path(), "auto_arm = true", device);
     let Some(mut agent) = Agent::start(&address) else {
         return;
     };
@@ -320,19 +330,15 @@ fn an_agent_reads_what_the_dashboard_shows() {
         &json!(["WARNING", "no_barrier", null, null, "no barrier"]),
     );
     // Its control is gone.
-    drop(control);
+    gateway.gateway().disconnect();
     agent.hears("x_position", &json!(["UNAVAILABLE"]));
     agent.hears("y_correction", &json!(["UNAVAILABLE"]));
     agent.hears("guard", &json!(["WARNING", "controller_does_not_answer"]));
     let keys = agent.keys();
-    drop(program);
 
     // The description names exactly what is told.
-    let device = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
-        .args(["shdr-device", path(&config)])
-        .output()
-        .expect("built");
-    assert!(device.status.success());
+    let plan = machine(&config).plan().expect("right");
+    let device = shdr::device(&plan.shape(), plan.shdr_device());
     let python = peers::python().expect("the agent ran by it");
     let mut read = Command::new(python)
         .args(["-c", READ_DEVICE])
@@ -341,7 +347,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
         .spawn()
         .expect("Python");
     let mut stdin = read.stdin.take().expect("piped");
-    stdin.write_all(&device.stdout).expect("it reads");
+    stdin.write_all(device.as_bytes()).expect("it reads");
     drop(stdin);
     let output = read.wait_with_output().expect("ours");
     assert!(output.status.success());
@@ -364,16 +370,36 @@ device = root.find(f".//{space}Device")
 print(json.dumps({"name": device.get("name"), "ids": sorted(item.get("id") for item in items)}))
 "#;
 
-/// One client asks and never reads: it is let go, and the other one hears on meanwhile.
+/// A client may say what it likes: nothing happens, and a line without an end closes its connection. One asks and never reads: it is
+/// let go, and the other one hears on meanwhile.
 #[test]
-fn a_client_that_does_not_read_is_let_go_and_disturbs_nobody() {
+fn nothing_that_comes_in_commands_or_holds_up_anything() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
-    let address = format!("127.0.0.1:{}", free_port());
-    let table = format!("\n[shdr]\nlisten = \"{address}\"\n");
-    append(&config, &table);
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let (gateway, _, address) = served(dir.path(), "", "");
+    gateway.watch();
+    let mut stream = client(&address);
+    stream
+        .write_all(b"* arm\nPOST /api/arm HTTP/1.1\r\n\r\n|armed|TRUE\n\0\xff\n* PING\n")
+        .expect("open");
+    let (mut heard, mut buffer) = (Vec::new(), [0; 4096]);
+    while !String::from_utf8_lossy(&heard).contains("* PONG 10000\n") {
+        let read = stream.read(&mut buffer).expect("an answer");
+        heard.extend_from_slice(&buffer[..read]);
+        assert!(read > 0, "it was closed");
+    }
+    assert_eq!(gateway.state()["armed"], false);
+    // It may be closed in the middle of it.
+    let _ = stream.write_all(&[b'x'; 5000]);
+    loop {
+        match stream.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(_) => {}
+            Err(e) => {
+                assert_eq!(e.kind(), std::io::ErrorKind::ConnectionReset);
+                break;
+            }
+        }
+    }
     let deaf = client(&address);
     let mut asks = deaf.try_clone().expect("a handle");
     // It asks until the gateway takes no more, and then until it ends the connection.
@@ -397,42 +423,6 @@ fn a_client_that_does_not_read_is_let_go_and_disturbs_nobody() {
     let ended = asking.join().expect("it was let go");
     assert_ne!(ended, std::io::ErrorKind::WouldBlock, "it was not let go");
     assert!(count > 1, "the other heard {count} times");
-    assert_eq!(program.state()["state"], "disarmed");
+    assert_eq!(gateway.state()["state"], "disarmed");
     drop(deaf);
-}
-
-/// A client may say what it likes: nothing happens, and a line without an end closes its connection.
-#[test]
-fn nothing_that_comes_in_commands_anything() {
-    let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "");
-    let address = format!("127.0.0.1:{}", free_port());
-    let table = format!("\n[shdr]\nlisten = \"{address}\"\n");
-    append(&config, &table);
-    let program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.watch();
-    let mut stream = client(&address);
-    stream
-        .write_all(b"* arm\nPOST /api/arm HTTP/1.1\r\n\r\n|armed|TRUE\n\0\xff\n* PING\n")
-        .expect("open");
-    let (mut heard, mut buffer) = (Vec::new(), [0; 4096]);
-    while !String::from_utf8_lossy(&heard).contains("* PONG 10000\n") {
-        let read = stream.read(&mut buffer).expect("an answer");
-        heard.extend_from_slice(&buffer[..read]);
-        assert!(read > 0, "it was closed");
-    }
-    assert_eq!(program.state()["armed"], false);
-    // It may be closed in the middle of it.
-    let _ = stream.write_all(&[b'x'; 5000]);
-    loop {
-        match stream.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(_) => {}
-            Err(e) => {
-                assert_eq!(e.kind(), std::io::ErrorKind::ConnectionReset);
-                break;
-            }
-        }
-    }
 }

@@ -13,7 +13,7 @@ use serde_json::Value;
 use volcomp_test_support::{Running, peers, root};
 
 use crate::{
-    online::{check, said},
+    online::check,
     program::{Program, change, path, token_file},
 };
 
@@ -220,8 +220,8 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
         return;
     };
     let config = configuration(dir.path(), &control);
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    let (text, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 0, "{errors}");
     for part in [
         "terms = [\"thermal\"]",
         "# fastest_per_min = { X = 100.0",
@@ -230,7 +230,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert!(!text.contains("opc-ua-secret"), "{text}");
-    let (json, ..) = said(&check(&config, &["--online", "--json"]));
+    let (json, ..) = check(&config, &["--online", "--json"]);
     crate::documents::validate(
         "gateway-check.json",
         &serde_json::from_str(&json).expect("JSON"),
@@ -333,8 +333,8 @@ fn a_control_that_ignores_corrections_is_refused() {
         return;
     };
     let config = configuration(dir.path(), &control);
-    let (_, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(1), "{errors}");
+    let (_, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 1, "{errors}");
     assert!(
         errors.contains("MD32750 $MA_TEMP_COMP_TYPE is 2; expected bit 0 set (1 or 3): the control ignores SD43900"),
         "{errors}"
@@ -358,8 +358,8 @@ fn configurations_that_this_control_cannot_have() {
     let refused = |from: &str, to: &str| {
         let config = configuration(dir.path(), &control);
         change(&config, from, to);
-        let (_, errors, status) = said(&check(&config, &[]));
-        assert_eq!(status, Some(2), "{to}: {errors}");
+        let (_, errors, status) = check(&config, &[]);
+        assert_eq!(status, 2, "{to}: {errors}");
         errors
     };
     let errors = refused("terms = [\"thermal\"]\nhold_ms = 4000\n", "");
@@ -387,7 +387,7 @@ fn configurations_that_this_control_cannot_have() {
     let config = configuration(dir.path(), &control);
     let password = dir.path().join("password");
     std::fs::set_permissions(&password, std::fs::Permissions::from_mode(0o644)).expect("ours");
-    let (_, errors, status) = said(&check(&config, &[]));
-    assert_eq!(status, Some(2), "{errors}");
+    let (_, errors, status) = check(&config, &[]);
+    assert_eq!(status, 2, "{errors}");
     assert!(errors.contains("found mode 644, expected 600"), "{errors}");
 }

@@ -25,21 +25,68 @@ listen = "127.0.0.1:0"
 token_file = "tokens"
 "#;
 
-/// What is wrong: replacements in [`RIGHT`], and what the message holds.
+/// What is wrong: changes of [`RIGHT`], and what the message holds.
 pub(crate) struct Wrong {
-    pub(crate) changes: &'static [(&'static str, &'static str)],
+    change: (&'static str, &'static str),
+    more: &'static [(&'static str, &'static str)],
+    /// A key of the controller before its heartbeat.
+    key: &'static str,
+    /// A table at the end.
+    table: &'static str,
     pub(crate) machine: &'static str,
     pub(crate) says: &'static str,
 }
 
-const fn wrong(changes: &'static [(&'static str, &'static str)], says: &'static str) -> Wrong {
+impl Wrong {
+    /// The configuration.
+    pub(crate) fn text(&self) -> String {
+        let changes = self.more.iter().chain([&self.change]);
+        let text = changes.fold(RIGHT.to_owned(), |text, (from, to)| {
+            assert!(text.contains(from), "{from}");
+            text.replace(from, to)
+        });
+        let key = if self.key.is_empty() { "" } else { "\n" };
+        let heartbeat = format!("{}{key}heartbeat", self.key);
+        text.replace("heartbeat", &heartbeat) + self.table + "\n"
+    }
+}
+
+const fn wrong(from: &'static str, to: &'static str, says: &'static str) -> Wrong {
     Wrong {
-        changes,
+        change: (from, to),
+        more: &[],
+        key: "",
+        table: "",
         machine: MACHINE,
         says,
     }
 }
 
+/// Another table.
+const fn table(table: &'static str, says: &'static str) -> Wrong {
+    Wrong {
+        table,
+        ..wrong("", "", says)
+    }
+}
+
+/// Another key of the controller.
+const fn key(key: &'static str, says: &'static str) -> Wrong {
+    Wrong {
+        key,
+        ..wrong("", "", says)
+    }
+}
+
+/// A change of the published scheme on the lines of a chip.
+const fn on_lines(from: &'static str, to: &'static str, says: &'static str) -> Wrong {
+    Wrong {
+        more: &[(FOCAS, LINES), ("limit_um = 150.0", "limit_um = 120.0")],
+        ..wrong(from, to, says)
+    }
+}
+
+const HEARTBEAT: &str = "heartbeat = { pmc = \"R\", at = 120 }";
 pub(crate) const FOCAS: &str = "url = \"focas://127.0.0.1:1\"\naxes = [\"X\", \"Y\", \"Z\"]\nheartbeat = { pmc = \"R\", at = 120 }";
 
 /// The published scheme on the lines of a chip, instead of [`FOCAS`]; nothing is wrong with it where limits are below 127 µm.
@@ -47,650 +94,486 @@ const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = 
 
 /// One case for each rule that a configuration can break.
 pub(crate) const CASES: &[Wrong] = &[
-    wrong(
-        &[("\"machine.toml\"", "\"nothing.toml\"")],
-        ".toml: machine: ",
-    ),
+    wrong("\"machine.toml\"", "\"nothing.toml\"", ".toml: machine: "),
     // A heartbeat or a byte of referenced axes within the words that corrections are written to.
     wrong(
-        &[("at = 120 }", "at = 104 }")],
+        "at = 120 }",
+        "at = 104 }",
         ":12: controller[0].heartbeat: the heartbeat R104 lies within the words of the shifts R100 to R105 (the driver's own place, controller[0].url in line 10)",
     ),
     wrong(
-        &[(
-            "at = 120 }",
-            "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
-        )],
+        "at = 120 }",
+        "at = 120 }\nreferenced = { pmc = \"R\", at = 101 }",
         "the byte of the referenced axes R101 lies within",
     ),
     // A position stated for an axis that the control shows, and one that is no number of a machine.
-    wrong(
-        &[("heartbeat", "fixed = { Z = 50.0 }\nheartbeat")],
+    key(
+        "fixed = { Z = 50.0 }",
         "axis Z is one of the controller's axes",
     ),
     // Limits of rotary axes.
     Wrong {
-        changes: &[(
+        machine: FIVE,
+        ..wrong(
             "[\"X\", \"Y\", \"Z\"]",
             "[\"X\", \"Y\", \"Z\", \"B\", \"C\"]",
-        )],
-        machine: FIVE,
-        says: "limit_urad",
+            "limit_urad",
+        )
     },
     // Heartbeats: of FOCAS, of digital lines, of a CAN table without a counter.
+    wrong(HEARTBEAT, "", "unwatched = true"),
     wrong(
-        &[("heartbeat = { pmc = \"R\", at = 120 }", "")],
+        FOCAS,
+        "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
         "unwatched = true",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
-        )],
-        "unwatched = true",
-    ),
-    wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
-        )],
+        FOCAS,
+        "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }",
         "unwatched = true",
     ),
     // Cycles that are shorter than the device's shortest.
+    wrong("cycle_ms = 4.0", "cycle_ms = 0.5", "cycle_ms: found 0.5 ms"),
     wrong(
-        &[("cycle_ms = 4.0", "cycle_ms = 0.5")],
-        "cycle_ms: found 0.5 ms",
-    ),
-    wrong(
-        &[(
-            FOCAS,
-            "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
-        )],
+        FOCAS,
+        "url = \"modbus://127.0.0.1:1?profile=ADAM-6050\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }\n[controller.digital]\nposition_bits = 8\ncorrection_bits = 6",
         "cycle_ms: found 4 ms",
     ),
     // Axes.
-    wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"W\"]")], "axis W"),
+    wrong("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"W\"]", "axis W"),
+    key("fixed = { C = 0.0 }", "fixed: axis C"),
     wrong(
-        &[("heartbeat", "fixed = { C = 0.0 }\nheartbeat")],
-        "fixed: axis C",
-    ),
-    wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"can://can9?dbc=deg.dbc\"\naxes = [\"X\"]\nunwatched = true",
         "CORRECTION.X_CORR: found the unit `deg`",
     ),
-    wrong(&[(FOCAS, "url = \"can://can9\"\naxes = [\"V\"]")], "V_POS"),
+    wrong(FOCAS, "url = \"can://can9\"\naxes = [\"V\"]", "V_POS"),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\", \"Y\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\", \"Y\"]\nunwatched = true",
         "found 2 axes",
     ),
     // Limits against the step of the device, and against one another.
     wrong(
-        &[("limit_um = 150.0", "limit_um = 0.5")],
+        "limit_um = 150.0",
+        "limit_um = 0.5",
         "limit_um of axis X: found 0.5 µm",
     ),
-    wrong(
-        &[("heartbeat", "resolution_um = 200.0\nheartbeat")],
+    key(
+        "resolution_um = 200.0",
         "limit_um of axis X: found 30 µm, expected at least one step",
     ),
     // Limits against what a word can carry: 8 lines, one byte.
     wrong(
-        &[(
-            FOCAS,
-            "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
         "limit_um of axis X: found 150 µm, expected at most 127 µm",
     ),
     wrong(
-        &[(
-            "at = 120 }",
-            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1, copied = true }",
-        )],
+        "at = 120 }",
+        "at = 120 }\narea = { pmc = \"R\", first = 100, width = 1, copied = true }",
         "limit_um of axis X: found 150 µm, expected at most 127 µm",
     ),
     // The control takes two bytes for each axis.
     wrong(
-        &[(
-            "at = 120 }",
-            "at = 120 }\narea = { pmc = \"R\", first = 100, width = 4 }",
-        )],
+        "at = 120 }",
+        "at = 120 }\narea = { pmc = \"R\", first = 100, width = 4 }",
         "area.width: found 4, expected 2",
     ),
     // States that the device does not show, and states that it does.
-    wrong(
-        &[
-            (FOCAS, LINES),
-            ("limit_um = 150.0", "limit_um = 120.0"),
-            ("\"emergency_stop\"]", "\"referenced\"]"),
-        ],
+    on_lines(
+        "\"emergency_stop\"]",
+        "\"referenced\"]",
         "referenced stands twice",
     ),
-    wrong(
-        &[
-            (FOCAS, LINES),
-            ("limit_um = 150.0", "limit_um = 120.0"),
-            (", \"emergency_stop\"]", "]"),
-        ],
+    on_lines(
+        ", \"emergency_stop\"]",
+        "]",
         "this device does not show emergency_stop",
     ),
-    wrong(
-        &[("heartbeat", "unseen = [\"alarm\"]\nheartbeat")],
+    key(
+        "unseen = [\"alarm\"]",
         "unseen: found \"alarm\", expected only states that this device does not show",
     ),
-    wrong(
-        &[("heartbeat", "unseen = [\"alarms\"]\nheartbeat")],
+    key(
+        "unseen = [\"alarms\"]",
         "found \"alarms\", expected one of: referenced, alarm, emergency_stop",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }",
-        )],
+        FOCAS,
+        "url = \"can://can9?dbc=bare.dbc\"\naxes = [\"X\"]\nunwatched = true\nfixed = { Y = 0.0, Z = 0.0 }",
         "this device does not show referenced",
     ),
     // A barrier in the DBC file or in the configuration, but not in both.
     wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9?dbc=barrier.dbc\"\naxes = [\"X\", \"Y\", \"Z\"]",
-        )],
+        FOCAS,
+        "url = \"can://can9?dbc=barrier.dbc\"\naxes = [\"X\", \"Y\", \"Z\"]",
         "there is no table [controller.barrier]",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9\"\naxes = [\"X\", \"Y\", \"Z\"]\n[controller.barrier]\nmachine = 7\nscan_ms = 2.0",
-        )],
+        FOCAS,
+        "url = \"can://can9\"\naxes = [\"X\", \"Y\", \"Z\"]\n[controller.barrier]\nmachine = 7\nscan_ms = 2.0",
         "the DBC file has no words of a barrier",
     ),
     // A longer hold is for thermal terms alone, and a machine has to have some.
-    wrong(
-        &[("heartbeat = {", "hold_ms = 1000.0\nheartbeat = {")],
-        "hold_ms: found 1000",
-    ),
-    wrong(
-        &[("heartbeat = {", "terms = [\"curves\"]\nheartbeat = {")],
-        "expected [\"thermal\"]",
-    ),
-    wrong(
-        &[(
-            "heartbeat = {",
-            "terms = [\"thermal\"]\nhold_ms = 5001.0\nheartbeat = {",
-        )],
+    key("hold_ms = 1000.0", "hold_ms: found 1000"),
+    key("terms = [\"curves\"]", "expected [\"thermal\"]"),
+    key(
+        "terms = [\"thermal\"]\nhold_ms = 5001.0",
         "hold_ms: found 5001",
     ),
-    wrong(
-        &[("heartbeat = {", "terms = [\"thermal\"]\nheartbeat = {")],
+    key(
+        "terms = [\"thermal\"]",
         "carries thermal terms only, and the machine",
     ),
     // To the checksum the machine 65535 is the machine 0.
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "[controller.barrier]\nmachine = 65535\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }",
-        )],
+        HEARTBEAT,
+        "[controller.barrier]\nmachine = 65535\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }",
         "machine: found 65535",
     ),
     // A barrier never takes the words of lines without a latch.
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "[controller.barrier]\nmachine = 7\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]",
-        )],
+        HEARTBEAT,
+        "[controller.barrier]\nmachine = 7\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]",
         "controller[1].digital.latch: missing for gpio://?position=a:0-14&correction=b:0-7",
     ),
     // Two ways of which one would leave its correction on an axis that the other does not write.
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "heartbeat = { pmc = \"R\", at = 120 }\n[[controller]]\nurl = \"focas://127.0.0.2:1\"\naxes = [\"X\", \"Y\"]\nreads = [\"Z\"]\nunwatched = true",
-        )],
+        HEARTBEAT,
+        "heartbeat = { pmc = \"R\", at = 120 }\n[[controller]]\nurl = \"focas://127.0.0.2:1\"\naxes = [\"X\", \"Y\"]\nreads = [\"Z\"]\nunwatched = true",
         "axis Z is not written by focas://127.0.0.2:1, which may take over",
     ),
     // Positions beyond the word: 15 lines of 1/128 mm are 256 mm.
-    wrong(
-        &[
-            (FOCAS, LINES),
-            ("limit_um = 150.0", "limit_um = 120.0"),
-            ("correction_bits = 8", "position_mm_per_count = 0.0078125"),
-        ],
+    on_lines(
+        "correction_bits = 8",
+        "position_mm_per_count = 0.0078125",
         "axis X: found a travel from",
     ),
     // A latch beside eight lines, of which there are eight.
-    wrong(
-        &[
-            (FOCAS, LINES),
-            ("limit_um = 150.0", "limit_um = 120.0"),
-            ("correction_bits = 8", "latch = 8"),
-        ],
+    on_lines(
+        "correction_bits = 8",
+        "latch = 8",
         "outputs: found 8, expected a line below 8",
     ),
     // Without a latch the control sees no edge that could fail to come.
-    wrong(
-        &[
-            (FOCAS, LINES),
-            ("limit_um = 150.0", "limit_um = 120.0"),
-            ("correction_bits = 8", "time_out_ms = 450"),
-        ],
+    on_lines(
+        "correction_bits = 8",
+        "time_out_ms = 450",
         "found this key without latch",
     ),
     // Bytes that only the control writes, and words beyond the end of an area.
     wrong(
-        &[(
-            "at = 120 }",
-            "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
-        )],
+        "at = 120 }",
+        "at = 120 }\narea = { pmc = \"F\", first = 100, width = 2 }",
         "area.first: found F100, expected a place in R or D: F holds the signals of the control",
     ),
     wrong(
-        &[("pmc = \"R\", at = 120", "pmc = \"F\", at = 120")],
+        "pmc = \"R\", at = 120",
+        "pmc = \"F\", at = 120",
         "heartbeat: found F120, expected a place in R or D",
     ),
     // G8.4 is the emergency stop.
     wrong(
-        &[("pmc = \"R\", at = 120", "pmc = \"G\", at = 8")],
+        "pmc = \"R\", at = 120",
+        "pmc = \"G\", at = 8",
         "heartbeat: found G8, expected a place in R or D: G holds the signals to the control, its emergency stop among them",
     ),
     wrong(
-        &[(
-            "at = 120 }",
-            "at = 120 }\narea = { pmc = \"R\", first = 65535, width = 2 }",
-        )],
+        "at = 120 }",
+        "at = 120 }\narea = { pmc = \"R\", first = 65535, width = 2 }",
         "area.first: found R65535 for 3 words of 2 bytes each",
     ),
     // Devices: keys of the URL, profiles, files, lines.
+    wrong("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99", "path"),
     wrong(
-        &[("focas://127.0.0.1:1", "focas://127.0.0.1:1?path=99")],
-        "path",
-    ),
-    wrong(
-        &[("focas://127.0.0.1:1", "tcp://127.0.0.1:1")],
+        "focas://127.0.0.1:1",
+        "tcp://127.0.0.1:1",
         "controller[0].url: tcp://127.0.0.1:1: found the scheme `tcp`",
     ),
     // Before what it would mean for the other keys, and with the line.
-    wrong(
-        &[
-            ("focas://127.0.0.1:1", "192.0.2.10"),
-            (
-                "heartbeat = { pmc = \"R\", at = 120 }",
-                "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
-            ),
-        ],
-        "controller[0].url: 192.0.2.10: this is no device URL",
-    ),
-    wrong(
-        &[(
-            FOCAS,
-            "url = \"can://can9?dbc=missing.dbc\"\naxes = [\"X\"]",
+    Wrong {
+        more: &[(
+            "heartbeat = { pmc = \"R\", at = 120 }",
+            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
         )],
+        ..wrong(
+            "focas://127.0.0.1:1",
+            "192.0.2.10",
+            "controller[0].url: 192.0.2.10: this is no device URL",
+        )
+    },
+    wrong(
+        FOCAS,
+        "url = \"can://can9?dbc=missing.dbc\"\naxes = [\"X\"]",
         "missing.dbc",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"gpio://?position=a:0-14\"\naxes = [\"X\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"gpio://?position=a:0-14\"\naxes = [\"X\"]\nunwatched = true",
         "correction is missing",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"gpio://?position=a:0-3&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"gpio://?position=a:0-3&correction=b:0-7\"\naxes = [\"X\"]\nunwatched = true",
         "gpio a and b",
     ),
     wrong(
-        &[(
-            FOCAS,
-            "url = \"modbus://127.0.0.1:1?profile=PTA8C04\"\naxes = [\"X\"]\nunwatched = true",
-        )],
+        FOCAS,
+        "url = \"modbus://127.0.0.1:1?profile=PTA8C04\"\naxes = [\"X\"]\nunwatched = true",
         "no digital lines",
     ),
     wrong(
-        &[(
-            "[[thermometer]]",
-            "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
-        )],
+        "[[thermometer]]",
+        "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         "stands in two [[controller]]",
     ),
     // Channels that a control does not have, and words that two controllers write.
+    key("channel = \"nope\"", "channel: found \"nope\""),
+    key("channel = \"\"", "controller[0].channel"),
+    key("channel = \"a\\u0007\"", "controller[0].channel"),
     wrong(
-        &[("heartbeat", "channel = \"nope\"\nheartbeat")],
-        "channel: found \"nope\"",
-    ),
-    wrong(
-        &[("heartbeat", "channel = \"\"\nheartbeat")],
-        "controller[0].channel",
-    ),
-    wrong(
-        &[("heartbeat", "channel = \"a\\u0007\"\nheartbeat")],
-        "controller[0].channel",
-    ),
-    wrong(
-        &[(
-            "[[thermometer]]",
-            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nunwatched = true\n[[thermometer]]",
-        )],
+        "[[thermometer]]",
+        "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nunwatched = true\n[[thermometer]]",
         ":14: controller[1].url: the words of the shifts R100 to R101 overlap the words of the shifts R100 to R105 (the driver's own place, controller[0].url in line 10)",
     ),
     wrong(
-        &[(
-            "[[thermometer]]",
-            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
-        )],
+        "[[thermometer]]",
+        "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\narea = { pmc = \"R\", first = 200, width = 2 }\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
         ":17: controller[1].heartbeat: the heartbeat R120 lies within the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
     // A barrier: its words, and the keys that have no place beside it.
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 217 } }",
-        )],
+        HEARTBEAT,
+        "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 217 } }",
         ":12: controller[0].barrier.frame: the words of the frame R200 to R217 overlap the words of the report R217 to R254 (controller[0].barrier.report in line 12)",
     ),
-    wrong(
-        &[(
-            "heartbeat",
-            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }\nheartbeat",
-        )],
+    key(
+        "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
         "controller[0].heartbeat: found this key beside barrier",
     ),
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
-        )],
+        HEARTBEAT,
+        "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
         "key `report` is missing",
     ),
     // So many cycles later nothing of a write is remembered.
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
-        )],
+        HEARTBEAT,
+        "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
         "cycles until a correction is read back, from [controller.barrier] scan_ms and cycle_ms: found 52, expected 1 to 32",
     ),
     wrong(
-        &[(
-            "heartbeat = { pmc = \"R\", at = 120 }",
-            "barrier = { machine = 1, scan_ms = 0.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
-        )],
+        HEARTBEAT,
+        "barrier = { machine = 1, scan_ms = 0.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
         "scan_ms",
     ),
     wrong(
-        &[(
-            "[[thermometer]]",
-            "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nbarrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 120 }, report = { pmc = \"R\", at = 240 } }\n[[thermometer]]",
-        )],
+        "[[thermometer]]",
+        "[[controller]]\nurl = \"focas://127.0.0.1:1?path=2\"\naxes = [\"X\"]\nbarrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 120 }, report = { pmc = \"R\", at = 240 } }\n[[thermometer]]",
         ":16: controller[1].barrier.frame: the words of the frame R120 to R133 overlap the heartbeat R120 (controller[0].heartbeat in line 12)",
     ),
     // Thermometers.
-    wrong(
-        &[(
-            "[dashboard]",
-            "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?unit=2&profile=PTA8C04\"\nnames = [\"spindle\", \"bed\"]\n[dashboard]",
-        )],
+    table(
+        "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?unit=2&profile=PTA8C04\"\nnames = [\"spindle\", \"bed\"]",
         "found \"bed\", which is a sensor of another [[thermometer]]",
     ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?profile=PT21A01\"\nnames = [\"spindle\"]\n[dashboard]",
-        )],
+    table(
+        "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?profile=PT21A01\"\nnames = [\"spindle\"]",
         "profile=PT21A01 stands in two [[thermometer]]",
     ),
     wrong(
-        &[("\"column\"]", "\"\"]")],
+        "\"column\"]",
+        "\"\"]",
         "expected a name of visible characters",
     ),
     wrong(
-        &[("\"column\"]", "\"  \"]")],
+        "\"column\"]",
+        "\"  \"]",
         "expected a name of visible characters",
     ),
     wrong(
-        &[("\"column\"]", "\"a\\nb\"]")],
+        "\"column\"]",
+        "\"a\\nb\"]",
         "expected a name of visible characters",
     ),
     wrong(
-        &[(
-            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
-            "focas://127.0.0.1:1",
-        )],
+        "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+        "focas://127.0.0.1:1",
         "no temperatures",
     ),
-    wrong(&[("&profile=PTA8C04", "&profile=NONE")], "NONE"),
-    wrong(&[("&profile=PTA8C04", "")], "no profile is named"),
+    wrong("&profile=PTA8C04", "&profile=NONE", "NONE"),
+    wrong("&profile=PTA8C04", "", "no profile is named"),
+    Wrong {
+        more: &[("\"column\"]", "\"column\", \"x\", \"y\"]")],
+        ..wrong(
+            "profile=PTA8C04",
+            "profile=WAGO-750-461",
+            "4 names for the 2 channels",
+        )
+    },
     wrong(
-        &[
-            ("profile=PTA8C04", "profile=WAGO-750-461"),
-            ("\"column\"]", "\"column\", \"x\", \"y\"]"),
-        ],
-        "4 names for the 2 channels",
-    ),
-    wrong(
-        &[("[\"bed\", \"column\"]", "[\"bed\", \"bed\"]")],
+        "[\"bed\", \"column\"]",
+        "[\"bed\", \"bed\"]",
         "stands twice",
     ),
     wrong(
-        &[(
-            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
-            "can://can9?dbc=bare.dbc",
-        )],
+        "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+        "can://can9?dbc=bare.dbc",
         "_TEMP",
     ),
-    wrong(
-        &[
-            ("modbus://127.0.0.1:1?unit=1&profile=PTA8C04", "can://can9"),
-            ("\"column\"]", "\"nowhere\"]"),
-        ],
-        "nowhere",
-    ),
+    Wrong {
+        more: &[("\"column\"]", "\"nowhere\"]")],
+        ..wrong(
+            "modbus://127.0.0.1:1?unit=1&profile=PTA8C04",
+            "can://can9",
+            "nowhere",
+        )
+    },
     // The dashboard: TLS, tokens.
     wrong(
-        &[("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"")],
+        "listen = \"127.0.0.1:0\"",
+        "listen = \"0.0.0.0:0\"",
         "tls-init",
     ),
+    Wrong {
+        more: &[("token_file = \"tokens\"", "")],
+        ..wrong(
+            "listen = \"127.0.0.1:0\"",
+            "listen = \"0.0.0.0:0\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"",
+            "reading needs a token",
+        )
+    },
     wrong(
-        &[
-            (
-                "listen = \"127.0.0.1:0\"",
-                "listen = \"0.0.0.0:0\"\ntls_certificate = \"certificate.pem\"\ntls_key = \"key.pem\"",
-            ),
-            ("token_file = \"tokens\"", ""),
-        ],
-        "reading needs a token",
-    ),
-    wrong(
-        &[(
-            "token_file",
-            "tls_certificate = \"none.pem\"\ntls_key = \"none.pem\"\ntoken_file",
-        )],
+        "token_file",
+        "tls_certificate = \"none.pem\"\ntls_key = \"none.pem\"\ntoken_file",
         "none.pem",
     ),
     wrong(
-        &[(
-            "token_file",
-            "tls_certificate = \"tokens\"\ntls_key = \"key.pem\"\ntoken_file",
-        )],
+        "token_file",
+        "tls_certificate = \"tokens\"\ntls_key = \"key.pem\"\ntoken_file",
         "tokens",
     ),
     wrong(
-        &[("token_file = \"tokens\"", "token_file = \"nobody\"")],
+        "token_file = \"tokens\"",
+        "token_file = \"nobody\"",
         "nobody",
     ),
     wrong(
-        &[("token_file = \"tokens\"", "token_file = \"open\"")],
+        "token_file = \"tokens\"",
+        "token_file = \"open\"",
         "mode 644",
     ),
     wrong(
-        &[("token_file = \"tokens\"", "token_file = \"short\"")],
+        "token_file = \"tokens\"",
+        "token_file = \"short\"",
         "128 bits",
     ),
     // The audit log.
-    wrong(
-        &[("[dashboard]", "[audit]\ndir = \"tokens\"\n[dashboard]")],
-        "is no folder",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[audit]\ndir = \"tokens/audit\"\n[dashboard]",
-        )],
-        "tokens is no folder",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[audit]\ndir = \"nowhere/audit\"\n[dashboard]",
-        )],
-        "nowhere is no folder",
-    ),
-    wrong(
-        &[("[dashboard]", "[audit]\ndir = \"odd\"\n[dashboard]")],
+    table("[audit]\ndir = \"tokens\"", "is no folder"),
+    table("[audit]\ndir = \"tokens/audit\"", "tokens is no folder"),
+    table("[audit]\ndir = \"nowhere/audit\"", "nowhere is no folder"),
+    table(
+        "[audit]\ndir = \"odd\"",
         "audit.log is a folder, expected a file",
     ),
-    wrong(
-        &[("[dashboard]", "[audit]\ndir = \"\"\n[dashboard]")],
-        "audit.dir",
-    ),
-    wrong(
-        &[("[dashboard]", "[audit]\ndir = \"a\\u0000b\"\n[dashboard]")],
-        "cannot be used",
-    ),
-    wrong(
-        &[("[dashboard]", "[audit]\ndir = \"/proc/x\"\n[dashboard]")],
-        "\"/proc\" cannot be used",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[audit]\ndir = \"llllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllll\"\n[dashboard]",
-        )],
+    table("[audit]\ndir = \"\"", "audit.dir"),
+    table("[audit]\ndir = \"a\\u0000b\"", "cannot be used"),
+    table("[audit]\ndir = \"/proc/x\"", "\"/proc\" cannot be used"),
+    table(
+        "[audit]\ndir = \"llllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllll\"",
         "cannot be used",
     ),
     // An axis of the machine whose position nobody tells.
-    wrong(&[("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]")], "axis Z"),
+    wrong("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]", "axis Z"),
     Wrong {
-        changes: &[],
         machine: FIVE,
-        says: "in reads = [\"C\", \"B\"] where they are not",
+        ..wrong("", "", "in reads = [\"C\", \"B\"] where they are not")
     },
     // A rotary axis that turns is not where a number says.
     Wrong {
-        changes: &[("heartbeat", "fixed = { B = 0.0, C = 0.0 }\nheartbeat")],
         machine: FIVE,
-        says: "name it in reads = [\"B\"]",
+        ..key("fixed = { B = 0.0, C = 0.0 }", "name it in reads = [\"B\"]")
     },
     Wrong {
-        changes: &[(
-            "heartbeat",
-            "reads = [\"C\"]\nnot_driven = [\"B\"]\nheartbeat",
-        )],
         machine: FIVE,
-        says: "not_driven: axis B",
+        ..key(
+            "reads = [\"C\"]\nnot_driven = [\"B\"]",
+            "not_driven: axis B",
+        )
     },
     // Controllers that are only read: first, and beside a barrier's words.
     wrong(
-        &[(
-            FOCAS,
-            "url = \"focas://127.0.0.1:1\"\naxes = []\nreads = [\"X\", \"Y\", \"Z\"]",
-        )],
+        FOCAS,
+        "url = \"focas://127.0.0.1:1\"\naxes = []\nreads = [\"X\", \"Y\", \"Z\"]",
         "expected it after a [[controller]] that writes",
     ),
     // Keys that a kind of controller cannot use.
-    wrong(
-        &[("heartbeat", "digital = { position_bits = 8 }\nheartbeat")],
+    key(
+        "digital = { position_bits = 8 }",
         "digital: found this key for a FANUC control",
     ),
     // Ceilings that no configuration raises.
+    wrong("limit_um = 150.0", "limit_um = 2000.1", "guard.limit_um"),
     wrong(
-        &[("limit_um = 150.0", "limit_um = 2000.1")],
-        "guard.limit_um",
-    ),
-    wrong(
-        &[("slew_um_per_s = 500.0", "slew_um_per_s = 5000.1")],
+        "slew_um_per_s = 500.0",
+        "slew_um_per_s = 5000.1",
         "guard.slew_um_per_s",
     ),
     wrong(
-        &[(
-            "hold_ms",
-            "limit_urad = 2000.1\nslew_urad_per_s = 1.0\nhold_ms",
-        )],
+        "hold_ms",
+        "limit_urad = 2000.1\nslew_urad_per_s = 1.0\nhold_ms",
         "guard.limit_urad",
     ),
     wrong(
-        &[(
-            "hold_ms",
-            "limit_urad = 100.0\nslew_urad_per_s = 5000.1\nhold_ms",
-        )],
+        "hold_ms",
+        "limit_urad = 100.0\nslew_urad_per_s = 5000.1\nhold_ms",
         "guard.slew_urad_per_s",
     ),
-    wrong(&[("cycle_ms = 4.0", "cycle_ms = 0.24")], "cycle_ms"),
-    wrong(&[("cycle_ms = 4.0", "cycle_ms = 101.0")], "cycle_ms"),
-    wrong(&[("hold_ms = 50", "hold_ms = 201")], "guard.hold_ms"),
+    wrong("cycle_ms = 4.0", "cycle_ms = 0.24", "cycle_ms"),
+    wrong("cycle_ms = 4.0", "cycle_ms = 101.0", "cycle_ms"),
+    wrong("hold_ms = 50", "hold_ms = 201", "guard.hold_ms"),
     // Other systems.
-    wrong(
-        &[("[dashboard]", "[shdr]\nlisten = \"here\"\n[dashboard]")],
+    table(
+        "[shdr]\nlisten = \"here\"",
         "shdr.listen: found \"here\", expected an address and port such as 127.0.0.1:8080",
     ),
-    wrong(
-        &[("[dashboard]", "[shdr]\ndevice = \" \"\n[dashboard]")],
+    table(
+        "[shdr]\ndevice = \" \"",
         "shdr.device: found ` `, expected a name",
     ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[shdr]\nlisten = \"192.0.2.7:7878\"\n[dashboard]",
-        )],
+    table(
+        "[shdr]\nlisten = \"192.0.2.7:7878\"",
         "shdr.listen: found `192.0.2.7:7878`, which other computers reach",
     ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[opc_ua]\nlisten = \"[::]:4840\"\nanyone_may_read = false\n[dashboard]",
-        )],
+    table(
+        "[opc_ua]\nlisten = \"[::]:4840\"\nanyone_may_read = false",
         "opc_ua.listen: found `[::]:4840`, which other computers reach",
     ),
-    wrong(
-        &[("[dashboard]", "[opc_ua]\nport = 4840\n[dashboard]")],
-        "opc_ua.port",
-    ),
-    wrong(
-        &[("[dashboard]", "[shdr]\nport = 7878\n[dashboard]")],
-        "shdr.port",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\n[dashboard]",
-        )],
+    table("[opc_ua]\nport = 4840", "opc_ua.port"),
+    table("[shdr]\nport = 7878", "shdr.port"),
+    table(
+        "[sparkplug]\nurl = \"mqtt://192.0.2.9\"",
         "found [sparkplug], which is gone, expected [opc_ua] or [shdr]",
     ),
-    wrong(
-        &[("[dashboard]", "[several]\n[dashboard]")],
+    table(
+        "[several]",
         "found several machines in one gateway, which is gone",
     ),
     wrong(
-        &[("focas://127.0.0.1:1", "sinumerik-s7://192.0.2.9")],
+        "focas://127.0.0.1:1",
+        "sinumerik-s7://192.0.2.9",
         "found \"sinumerik-s7://192.0.2.9\", the S7 protocol, which is gone, expected opc.tcp://HOST:4840",
     ),
     wrong(
-        &[(
-            "machine = \"machine.toml\"\n",
-            "[[machine]]\nname = \"mill-1\"\n",
-        )],
+        "machine = \"machine.toml\"\n",
+        "[[machine]]\nname = \"mill-1\"\n",
         "several machines in one gateway are gone",
     ),
     // The machine.
-    wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
+    wrong("machine.toml", "missing.toml", "missing.toml"),
     Wrong {
-        changes: &[],
         machine: "structure = \"w X' b Y Z t\"",
-        says: "machine.toml",
+        ..wrong("", "", "machine.toml")
     },
 ];

@@ -20,7 +20,7 @@ use opcua::{
 };
 use tracing::subscriber::{NoSubscriber, set_default};
 
-use super::{quantities::Shape, runtime};
+use super::{Serving, quantities::Shape, start};
 use crate::{config::OpcUaConfig, error::GatewayError, published::Published};
 
 mod gate;
@@ -66,10 +66,10 @@ impl Bound {
         self,
         shape: &Shape,
         published: &Published,
-    ) -> Result<runtime::Serving, GatewayError> {
+    ) -> Result<Serving, GatewayError> {
         let (shape, published) = (shape.clone(), published.clone());
         let own = tracing::dispatcher::get_default(Clone::clone);
-        runtime::start("volcomp-opcua", move || async move {
+        start("volcomp-opcua", move || async move {
             // The library would tell every connection to the log of the gateway.
             let silent = set_default(NoSubscriber::default());
             let ended = self.run(&shape, &published).await;

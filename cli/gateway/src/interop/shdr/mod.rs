@@ -2,7 +2,7 @@
 
 use std::{net::TcpListener, sync::Arc};
 
-use super::{quantities::Shape, runtime};
+use super::{Serving, quantities::Shape, start};
 use crate::{config::ShdrConfig, error::GatewayError, published::Published};
 
 mod device;
@@ -31,9 +31,9 @@ impl Bound {
         self,
         shape: &Shape,
         published: Published,
-    ) -> Result<runtime::Serving, GatewayError> {
+    ) -> Result<Serving, GatewayError> {
         let items = Arc::new(Items::of(shape));
-        runtime::start("volcomp-shdr", move || async move {
+        start("volcomp-shdr", move || async move {
             match tokio::net::TcpListener::from_std(self.0) {
                 Ok(listener) => server::serve(listener, items, published).await,
                 Err(e) => tracing::error!("SHDR: {e}"),

@@ -5,7 +5,7 @@ use std::{
     collections::VecDeque,
     net::SocketAddr,
     sync::Arc,
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, SystemTime},
 };
 
 use tokio::{
@@ -64,7 +64,7 @@ async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> St
     let (mut reader, mut writer) = stream.into_split();
     let mut told = Told::nothing(items);
     let mut heard = Vec::with_capacity(MAX_LINE);
-    let mut asked: Option<Instant> = None;
+    let mut asked: Option<Duration> = None;
     let mut tick = interval(EVERY);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -76,14 +76,15 @@ async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> St
                     None => return "a line is too long".to_owned(),
                     Some(text) => {
                         if !text.is_empty() {
-                            asked = Some(Instant::now());
+                            asked = Some(published.clock().elapsed());
                         }
                         text
                     }
                 },
             },
             _ = tick.tick() => {
-                if asked.is_some_and(|asked| asked.elapsed() > 2 * HEARTBEAT) {
+                let now = published.clock().elapsed();
+                if asked.is_some_and(|asked| now.saturating_sub(asked) > 2 * HEARTBEAT) {
                     return "no PING".to_owned();
                 }
                 told.changes(items, &published.latest(), SystemTime::now())

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{
     MOST, PORT, alone::alone, corrected_at, gateway, no_jump, offsets, peer::LinuxCnc, wait_zero,
 };
-use crate::online::{check, said};
+use crate::online::check;
 
 alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_asked_for, an_offset_that_does_not_come_is_an_alarm);
 
@@ -16,8 +16,8 @@ fn in_joint_mode_nothing_is_asked_for() {
 
     // What `check --online` says of it.
     let config = super::configuration(dir.path(), PORT);
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    let (text, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 0, "{errors}");
     for line in [
         "# protocol = 2\n",
         "# state = \"on, homed\"\n",
@@ -35,7 +35,7 @@ fn in_joint_mode_nothing_is_asked_for() {
     control.do_it("joint_mode");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
-    let (text, _, _) = said(&check(&config, &["--online"]));
+    let (text, _, _) = check(&config, &["--online"]);
     assert!(
         text.contains("on, homed, an offset is lost, not reached, or does not move in this mode"),
         "{text}"

@@ -26,7 +26,7 @@ use super::{
     MOST, PORT, alone::alone, corrected_at, gateway, no_jump, part, peer::LinuxCnc, residuals,
     wait_corrected, wait_zero,
 };
-use crate::online::{check, said};
+use crate::online::check;
 
 alone!(key: without_the_key_nothing_moves_and_nobody_is_shut_out, a_program_with_the_key_is_another_gateway);
 
@@ -193,8 +193,8 @@ fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
     assert_eq!(control.pin("volcomp.taken"), 0.0);
 
     let config = super::configuration(dir.path(), PORT);
-    let (text, errors, status) = said(&check(&config, &["--online"]));
-    assert_eq!(status, Some(0), "{errors}");
+    let (text, errors, status) = check(&config, &["--online"]);
+    assert_eq!(status, 0, "{errors}");
     assert!(text.contains("# protocol = 2\n"), "{text}");
     let program = gateway(dir.path(), PORT);
     wait_corrected(&mut control, &program);

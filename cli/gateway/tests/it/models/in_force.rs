@@ -1,20 +1,18 @@
 //! A model goes into force, whole and without a step, and is gone back from.
 
-use std::{
-    io::{Read, Write},
-    time::Duration,
-};
+use std::{sync::atomic::Ordering, time::Duration};
 
 use serde_json::{Value, json};
 
-use super::{ENGINEER, Rig, activate, machine_file, model, post, wait_model, with_y, y};
+use super::{Rig, activate, engineers, machine_file, model, post, wait_model, with_y, y};
 use crate::{
+    controlled::{configuration, control},
     documents::validate,
-    program::{Program, answer, change},
+    program::{Client, Program, change, path},
 };
 
 /// Back to the model before, and to the first of all.
-fn goes_back(program: &Program, before: &Value) {
+fn goes_back(program: &Client, before: &Value) {
     let history = model(program)["history"].clone();
     let first = &history.as_array().expect("a list").last().expect("one")["hash"];
     for (hash, um) in [(before, -100.0), (first, -20.0)] {
@@ -31,7 +29,7 @@ fn goes_back(program: &Program, before: &Value) {
 #[test]
 fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     let rig = Rig::new("auto_arm = true");
-    let mut program = rig.start();
+    let program = rig.start();
     y(&program, -20.0);
     let made = machine_file(&program, &with_y(100.0));
     validate("gateway-model-candidate.json", &made);
@@ -42,7 +40,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
         "nothing happened"
     );
     // 80 µm: without the hash, and with another one, it is asked.
-    let step = rig.largest_step();
+    program.largest_step_um();
     let asked = activate(&program, &made, None);
     assert_eq!(asked.status, 409, "{}", asked.body);
     let asked = asked.json();
@@ -64,7 +62,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
     assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
     y(&program, -100.0);
-    let largest = *step.lock().expect("no panic");
+    let largest = program.largest_step_um();
     assert!(
         largest > 0.0 && largest < 20.0,
         "a step of {largest} µm of 80"
@@ -88,10 +86,8 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
         "{audit}"
     );
     // What the answer says is on disk.
-    program.signal("KILL");
-    program.end();
+    let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
-    let program = rig.start();
     let state = model(&program);
     assert_eq!(state["hash"], made["result"]["hash"]);
     y(&program, -100.0);
@@ -108,14 +104,14 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     let state = wait_model(&program, |now| now["configured"]["differs"] == true);
     assert_eq!(state["hash"], made["result"]["hash"]);
     // A person goes back to it: 75 µm, by the same question and the same ramp.
-    let step = rig.largest_step();
+    program.largest_step_um();
     let asked = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(asked.status, 409, "{}", asked.body);
     let back = json!({ "hash": null, "confirm": asked.json()["model"] });
     let taken = post(&program, "back", &back);
     assert_eq!(taken.status, 200, "{}", taken.body);
     y(&program, -25.0);
-    let largest = *step.lock().expect("no panic");
+    let largest = program.largest_step_um();
     assert!(
         largest > 0.0 && largest < 20.0,
         "a step of {largest} µm of 75"
@@ -132,72 +128,67 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
 /// had come.
 #[test]
 fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
-    let rig = Rig::new("");
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    engineers(dir.path());
+    let start = || Program::start(dir.path(), &["--config", path(&config)]);
+    let mut program = start();
     let mut answered = 0;
     // The whole takes some ten milliseconds on a computer that has nothing else to do.
     for (round, delay_ms) in [0, 4, 10, 20, 40, 80, 160, 1500].into_iter().enumerate() {
-        let mut program = rig.start();
         let before = model(&program)["hash"].clone();
         let um = 20.5 + f64::from(u8::try_from(round).expect("few"));
         let made = machine_file(&program, &with_y(um));
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
-        // Small moves need no confirmation.
-        let body = json!({ "candidate": made["id"], "hash": after }).to_string();
-        let request = format!(
-            "POST /api/model/activate HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
-            program.address,
-            body.len()
-        );
-        let mut stream = program.connect();
-        let asked = std::thread::spawn(move || {
-            // It may be killed in the middle of it.
-            let mut told = Vec::new();
-            let _ = stream.write_all(request.as_bytes());
-            let _ = stream.read_to_end(&mut told);
-            answer(&String::from_utf8_lossy(&told)).status
-        });
+        let client = program.clone();
+        // It may be killed in the middle of it. Small moves need no confirmation.
+        let asked = std::thread::spawn(move || activate(&client, &made, None).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
         program.end();
         let status = asked.join().expect("no panic");
         answered += u32::from(status == 200);
-        let program = rig.start();
+        program = start();
         let now = model(&program);
         assert!(now["hash"] == before || now["hash"] == after, "{now}");
         assert!(now["trouble"].is_null(), "{now}");
         if status == 200 {
             assert_eq!(now["hash"], after, "round {round}: the answer had come");
         }
-        // Whichever it is: it corrects.
-        program.must_arm();
     }
     println!("{answered} of 8 were answered before the kill");
     assert!(answered > 0, "none was ever put in force");
+    // Whichever it is: it corrects.
+    program.must_arm();
 }
 
 /// A fault in the middle of the ramp to a new model: no step, and the new model goes on once the fault is over.
 #[test]
 fn a_fault_on_the_ramp_makes_no_step() {
     let rig = Rig::new("auto_arm = true");
+    // Long enough for an alarm in the middle of it.
+    change(&rig.config, "ramp_s = 0.1", "ramp_s = 5");
     let program = rig.start();
     y(&program, -20.0);
     let made = machine_file(&program, &with_y(100.0));
     let asked = activate(&program, &made, None).json();
-    let step = rig.largest_step();
+    program.largest_step_um();
     assert_eq!(activate(&program, &made, Some(&asked["model"])).status, 200);
-    rig.control
-        .world()
-        .alarms
-        .push((7, "on the ramp".to_owned()));
+    let alarm = |is_on| {
+        let switch = &program.gateway().rig.controls.alarm;
+        switch.store(is_on, Ordering::Relaxed);
+    };
+    alarm(true);
     program
         .wait(|state| state["reasons"].to_string().contains("alarm"))
         .unwrap_or_else(|state| panic!("it sees no alarm: {state}"));
-    let largest = *step.lock().expect("no panic");
+    let largest = program.largest_step_um();
     assert!(largest < 20.0, "a step of {largest} µm");
-    rig.control.world().alarms.clear();
+    alarm(false);
     y(&program, -100.0);
-    let largest = *step.lock().expect("no panic");
+    let largest = program.largest_step_um();
     assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm");
 }
 
@@ -205,11 +196,9 @@ fn a_fault_on_the_ramp_makes_no_step() {
 #[test]
 fn a_damaged_model_is_not_loaded() {
     let rig = Rig::new("");
-    let mut program = rig.start();
+    let program = rig.start();
     let made = machine_file(&program, &with_y(25.0));
     assert_eq!(activate(&program, &made, None).status, 200);
-    program.signal("TERM");
-    program.end();
     let folder = rig.dir.path().join("audit/models");
     let hash = made["result"]["hash"]
         .as_str()
@@ -217,15 +206,10 @@ fn a_damaged_model_is_not_loaded() {
         .replace("sha256:", "");
     let file = folder.join(format!("machine-{hash}.toml"));
     change(&file, "25.0", "26.0");
-    let program = rig.start();
+    let program = program.killed_and_started(&rig.config);
     let now = model(&program);
     assert_eq!(now["from"], "file", "{now}");
-    assert!(
-        program.log().contains("the configured machine file holds"),
-        "{}",
-        program.log()
-    );
-    // The page says so, too, and goes on to.
+    // The page says so, and goes on to.
     let is_told = |now: &Value| {
         let trouble = now["trouble"].as_str().unwrap_or_default();
         trouble.contains(&hash) && trouble.contains("was not loaded")

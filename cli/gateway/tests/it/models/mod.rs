@@ -6,7 +6,7 @@ mod refused;
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, Mutex},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -14,62 +14,37 @@ use serde_json::{Value, json};
 use volcomp_focas::simulator::Simulator;
 
 use crate::{
-    controlled::{configuration, control},
-    program::{Answer, MACHINE, PATIENCE, Program, answer, path},
+    controlled::configuration,
+    manual::{Served, served_configuration},
+    program::{Answer, Client, MACHINE, PATIENCE, answer},
 };
 
 pub(crate) const ENGINEER: &str = "00112233445566778899aabbccddeeff";
 
 const OTHER_ENGINEER: &str = "ffeeddccbbaa99887766554433221100";
 
-/// A gateway whose machine stands at the middle of X, where only Y is corrected, and an engineer.
+/// A gateway whose Y is corrected by -20 µm, and an engineer.
 struct Rig {
     dir: tempfile::TempDir,
-    control: Simulator,
     config: PathBuf,
 }
 
 impl Rig {
     fn new(more: &str) -> Self {
         let dir = tempfile::tempdir().expect("writable");
-        let control = control();
-        let config = configuration(dir.path(), &control, more);
+        let config = served_configuration(dir.path(), more);
         engineers(dir.path());
-        Self {
-            dir,
-            control,
-            config,
-        }
+        Self { dir, config }
     }
 
-    fn start(&self) -> Program {
-        Program::start(self.dir.path(), &["--config", path(&self.config)])
+    fn start(&self) -> Served {
+        Served::start(&self.config)
     }
 
     fn standing(&self) -> Value {
         let file = self.dir.path().join("audit/models/standing.json");
         let text = std::fs::read_to_string(file).expect("written");
         serde_json::from_str(&text).expect("whole")
-    }
-
-    /// From now on the largest change of Y between two scans of the control, µm.
-    fn largest_step(&self) -> Arc<Mutex<f64>> {
-        let largest = Arc::new(Mutex::new(0.0_f64));
-        let told = Arc::clone(&largest);
-        let mut before: Option<i64> = None;
-        let mut world = self.control.world();
-        let count_um = world.shift.count * 1e3;
-        world.scan_log = Some(Box::new(move |scan| {
-            let now = scan.shifts[1];
-            if let Some(before) = before {
-                #[expect(clippy::cast_precision_loss, reason = "some hundreds")]
-                let step = (now - before).abs() as f64 * count_um;
-                let mut largest = told.lock().expect("no panic");
-                *largest = largest.max(step);
-            }
-            before = Some(now);
-        }));
-        largest
     }
 }
 
@@ -81,12 +56,12 @@ pub(crate) fn engineers(dir: &Path) {
     std::fs::write(file, text + &more).expect("writable");
 }
 
-pub(crate) fn post(program: &Program, what: &str, body: &Value) -> Answer {
+pub(crate) fn post(program: &Client, what: &str, body: &Value) -> Answer {
     let path = format!("/api/model/{what}");
     program.request("POST", &path, Some(ENGINEER), &body.to_string())
 }
 
-fn upload_as(program: &Program, token: &str, query: &str, bytes: &[u8]) -> Answer {
+fn upload_as(program: &Client, token: &str, query: &str, bytes: &[u8]) -> Answer {
     let mut request = format!(
         "POST /api/model/upload?{query} HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {token}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
         program.address,
@@ -97,20 +72,20 @@ fn upload_as(program: &Program, token: &str, query: &str, bytes: &[u8]) -> Answe
     answer(&program.raw(&request))
 }
 
-pub(crate) fn upload(program: &Program, query: &str, bytes: &[u8]) -> Answer {
+pub(crate) fn upload(program: &Client, query: &str, bytes: &[u8]) -> Answer {
     upload_as(program, ENGINEER, query, bytes)
 }
 
-pub(crate) fn model(program: &Program) -> Value {
+pub(crate) fn model(program: &Client) -> Value {
     program.get("/api/model").json()
 }
 
-pub(crate) fn candidate(program: &Program) -> Value {
+pub(crate) fn candidate(program: &Client) -> Value {
     program.get("/api/model/candidate").json()
 }
 
 /// Waits until nothing works at the candidate any more.
-fn settled(program: &Program) -> Value {
+fn settled(program: &Client) -> Value {
     let end = Instant::now() + Duration::from_secs(60);
     loop {
         let now = candidate(program);
@@ -123,13 +98,13 @@ fn settled(program: &Program) -> Value {
 }
 
 /// Uploads a machine file: its candidate.
-pub(crate) fn machine_file(program: &Program, text: &str) -> Value {
+pub(crate) fn machine_file(program: &Client, text: &str) -> Value {
     let sent = upload(program, "kind=machine&name=m.toml", text.as_bytes());
     assert_eq!(sent.status, 200, "{}", sent.body);
     settled(program)
 }
 
-pub(crate) fn activate(program: &Program, candidate: &Value, confirm: Option<&Value>) -> Answer {
+pub(crate) fn activate(program: &Client, candidate: &Value, confirm: Option<&Value>) -> Answer {
     // One without a result has no hash.
     let hash = candidate["result"]["hash"].as_str().unwrap_or("none");
     let mut body = json!({ "candidate": candidate["id"], "hash": hash });
@@ -139,7 +114,7 @@ pub(crate) fn activate(program: &Program, candidate: &Value, confirm: Option<&Va
     post(program, "activate", &body)
 }
 
-fn y(program: &Program, um: f64) {
+fn y(program: &Client, um: f64) {
     program
         .wait(|state| state["correction_um"]["Y"] == um)
         .unwrap_or_else(|state| panic!("Y is not {um}: {state}\n{}", program.log()));
@@ -150,7 +125,7 @@ pub(crate) fn with_y(um: f64) -> String {
 }
 
 /// Waits until the desk has taken something over.
-pub(crate) fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Value {
+pub(crate) fn wait_model(program: &Client, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + PATIENCE;
     loop {
         let now = model(program);

@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::{
-    ENGINEER, OTHER_ENGINEER, Rig, activate, machine_file, model, post, settled, upload, upload_as,
-    wait_model, with_y,
+    ENGINEER, OTHER_ENGINEER, Rig, activate, engineers, machine_file, model, post, settled, upload,
+    upload_as, wait_model, with_y,
 };
 use crate::{
+    controlled::{configuration, control},
     documents::validate,
-    program::{MACHINE, OPERATE, VIEW},
+    program::{MACHINE, OPERATE, Program, VIEW, path},
 };
 
 #[test]
@@ -189,8 +190,10 @@ fn one_comparison_at_a_time_also_of_discarded_files() {
 /// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
 #[test]
 fn no_upload_is_too_large_for_the_program_that_corrects() {
-    let rig = Rig::new("");
-    let program = rig.start();
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), &control(), "");
+    engineers(dir.path());
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
     let most = 4 * 1024 * 1024;
     let refused = upload(&program, "kind=machine&name=m.toml", &vec![b'['; most + 1]);
     assert_eq!(refused.status, 413, "{}", refused.body);
