@@ -9,41 +9,29 @@ use crate::structure::{Side, Structure};
 /// Why a chain cannot be built, or cannot have an error.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ChainError {
     /// The chain has no such axis.
     #[error("the structure `{structure}` has no axis {axis}")]
     NoSuchAxis {
-        /// The axis asked for.
         axis: AxisName,
-        /// The structure that was searched.
         structure: Structure,
     },
     /// An axis of the chain without a value.
     #[error("axis {axis} has no value, expected one for each axis of `{structure}`")]
     AxisMissing {
-        /// The axis that is not named.
         axis: AxisName,
-        /// The structure whose axes were asked for.
         structure: Structure,
     },
     /// An axis with two values.
     #[error("axis {axis} has two values, expected one")]
-    AxisTwice {
-        /// The axis that is named twice.
-        axis: AxisName,
-    },
+    AxisTwice { axis: AxisName },
     /// A direction that is zero or not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
-    Direction {
-        /// Which direction was set: of an axis or of the tool.
-        what: &'static str,
-        /// The vector that was given.
-        found: [f64; 3],
-    },
+    Direction { what: &'static str, found: [f64; 3] },
     /// A point that is not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers", found[0], found[1], found[2])]
     Point {
-        /// Which point was set: of an axis, the tool tip or the workpiece origin.
         what: &'static str,
         /// The vector that was given, mm.
         found: [f64; 3],
@@ -52,26 +40,17 @@ pub enum ChainError {
     #[error(
         "axis {axis} is linear: its error motions ride with its carriage, expected a rotary axis"
     )]
-    MotionFrame {
-        /// The axis that is meant.
-        axis: AxisName,
-    },
+    MotionFrame { axis: AxisName },
     /// A value of an error that is NaN or infinite.
     #[error("{error} is {found}, expected a finite number of {}", error.component.symbol())]
     NotFinite {
-        /// The error that was to be set.
         error: ErrorName,
         /// The value that was given, µm or µrad.
         found: f64,
     },
     /// A location error that moves nothing.
     #[error("{error} {reason}")]
-    NoEffect {
-        /// The error that was to be set.
-        error: ErrorName,
-        /// Why it moves nothing, and what takes its place.
-        reason: NoEffect,
-    },
+    NoEffect { error: ErrorName, reason: NoEffect },
 }
 
 /// Why a location error of an axis moves nothing, and the error motion whose constant says the same.

@@ -11,15 +11,14 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 /// Why a machine cannot be compiled or its bytes cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum EvaluatorError {
     /// A curve needs too much room.
     #[error(
         "curve {curve} needs more than 1 MiB for a tolerance of {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
     )]
     TooLarge {
-        /// Its name, or the axis whose curves do not fit together.
         curve: String,
-        /// The tolerance asked for, nm and nrad.
         tolerance_nm: f64,
         /// A tolerance that fits, nm and nrad; `None`: there are too many breakpoints for any.
         fitting_nm: Option<f64>,
@@ -29,25 +28,18 @@ pub enum EvaluatorError {
         "curve {curve}: found a value that is not finite near {at} (mm or deg), expected finite numbers"
     )]
     NotFinite {
-        /// Its name, or the axis whose curves are meant.
         curve: String,
         /// A coordinate near the place, mm or deg.
         at: f64,
     },
     /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
-    Tolerance {
-        /// The number that was given.
-        found: f64,
-    },
+    Tolerance { found: f64 },
     /// A part of an axis that makes no sense.
     #[error("axis {axis}: {what}: expected {expected}")]
     Axis {
-        /// The axis with the wrong part.
         axis: AxisName,
-        /// Which part of the axis is wrong.
         what: &'static str,
-        /// A description of the values that are accepted.
         expected: &'static str,
     },
     /// Coordinates that are not in the order of the chain.
@@ -56,25 +48,17 @@ pub enum EvaluatorError {
         names(found)
     )]
     AxisOrder {
-        /// The order of the coordinates.
         found: Vec<AxisName>,
-        /// The structure of the machine.
         structure: Structure,
     },
     /// An axis of the chain that was not added.
     #[error("axis {axis} of the chain was not added, expected every axis once")]
-    MissingAxis {
-        /// The axis that is missing.
-        axis: AxisName,
-    },
+    MissingAxis { axis: AxisName },
     /// A location error that is none, or with a value of the wrong kind.
     #[error(
         "{name}: expected a location error E?0N with a finite length (EX EY EZ) or angle (EA EB EC)"
     )]
-    Location {
-        /// The name that was given.
-        name: ErrorName,
-    },
+    Location { name: ErrorName },
     /// An axis that the chain does not have.
     #[error(transparent)]
     Chain(#[from] ChainError),
@@ -91,18 +75,14 @@ fn names(axes: &[AxisName]) -> String {
 /// Why bytes are no compiled machine.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum BlobError {
     /// The bytes do not begin with the letters of a compiled machine.
     #[error("found no VOLCOMPM at its start")]
     NotABlob,
     /// The bytes are of a version that this program does not read.
     #[error("found version {found}, expected {expected}")]
-    Version {
-        /// The version of the bytes.
-        found: u32,
-        /// The newest version that is read.
-        expected: u32,
-    },
+    Version { found: u32, expected: u32 },
     /// The checksum does not belong to the content.
     #[error("its checksum does not fit: it was changed or cut off")]
     Checksum,
@@ -118,19 +98,13 @@ pub enum BlobError {
     /// More of something than a machine can have.
     #[error("found {found} {what}, expected {most} at most")]
     TooMany {
-        /// The name of what is counted, in the plural.
         what: &'static str,
-        /// How many the bytes state.
         found: u64,
-        /// How many are allowed.
         most: usize,
     },
     /// A part of the machine that makes no sense.
     #[error("found {found}")]
-    Content {
-        /// The part that makes no sense.
-        found: &'static str,
-    },
+    Content { found: &'static str },
     /// Geometry that a chain cannot have.
     #[error(transparent)]
     Chain(#[from] ChainError),

@@ -9,6 +9,7 @@ use crate::provenance::ProvenanceRefusal;
 /// Why a machine file is refused or a machine cannot answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ModelError {
     /// The file cannot be read as text.
     #[error(transparent)]
@@ -19,11 +20,8 @@ pub enum ModelError {
     /// The machine has no such axis.
     #[error("machine `{machine}` with structure `{structure}` has no axis {axis}")]
     NoSuchAxis {
-        /// The name that the machine file states.
         machine: String,
-        /// Structure code of the machine.
         structure: String,
-        /// The axis that was asked for.
         axis: AxisName,
     },
     /// The machine file has no such tool.
@@ -36,52 +34,33 @@ pub enum ModelError {
         }
     )]
     NoSuchTool {
-        /// The name that the machine file states.
         machine: String,
-        /// The tool that was asked for.
         tool: String,
-        /// The names of the tools that the file has.
         known: String,
     },
     /// A coordinate that is no number, or too large for a machine.
     #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
-        /// The axis that is meant.
         axis: AxisName,
         /// The value that was found, mm or deg.
         found: f64,
     },
     /// A tool tip or a tool axis that no machine can have.
     #[error("{what} is [{}, {}, {}], expected finite numbers up to 1e9, and of a direction not all zero", found[0], found[1], found[2])]
-    Target {
-        /// Which of the two is meant.
-        what: &'static str,
-        /// The vector that was given.
-        found: [f64; 3],
-    },
+    Target { what: &'static str, found: [f64; 3] },
     /// Two coordinates of one axis.
     #[error("axis {axis} has two coordinates, expected one at the most")]
-    AxisTwice {
-        /// The axis that is meant.
-        axis: AxisName,
-    },
+    AxisTwice { axis: AxisName },
     /// An error motion or a location error that the machine cannot have.
     #[error("{error}: {reason}")]
     Refused {
-        /// The error that was to be set.
         error: ErrorName,
-        /// The reason why it is refused.
         #[source]
         reason: ErrorRefusal,
     },
     /// An assembly error that is no finite number.
     #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
-    Assembly {
-        /// The axis that is meant.
-        axis: AxisName,
-        /// The value that was found.
-        found: f64,
-    },
+    Assembly { axis: AxisName, found: f64 },
     /// Thermal terms that the machine cannot have.
     #[error(transparent)]
     Thermal(#[from] ThermalRefusal),
@@ -97,19 +76,14 @@ pub enum ModelError {
     /// The compiled form cannot be made.
     #[error("{machine}: {source}")]
     Compile {
-        /// The name that the machine file states.
         machine: String,
-        /// The reason why it cannot be made.
         source: volcomp_evaluator::EvaluatorError,
     },
     /// More of something than is computed at once.
     #[error("found {found} {what}, expected {most} at the most")]
     TooMany {
-        /// The name of the things of which there are too many, in the plural.
         what: &'static str,
-        /// How many were asked for.
         found: usize,
-        /// The largest number that is allowed.
         most: usize,
     },
 }
@@ -166,15 +140,11 @@ pub enum ErrorRefusal {
 /// Why thermal terms are refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ThermalRefusal {
     /// A term of an error that is no error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
-    Motion {
-        /// The name that was found.
-        found: String,
-        /// Structure code of the machine.
-        structure: String,
-    },
+    Motion { found: String, structure: String },
     /// A reference temperature that nothing can have.
     #[error(
         "reference temperature is {found} °C, expected {} to {} °C",
@@ -187,20 +157,13 @@ pub enum ThermalRefusal {
     },
     /// An expansion of an error that is no length of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
-    NotLength {
-        /// The error that the term is added to.
-        error: ErrorName,
-    },
+    NotLength { error: ErrorName },
     /// A drift without a sensor.
     #[error("found a drift of {error} without a sensor, expected at least one")]
-    NoSensor {
-        /// The error that the term is added to.
-        error: ErrorName,
-    },
+    NoSensor { error: ErrorName },
     /// A time constant that is negative or no number.
     #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
     Lag {
-        /// The error that the term is added to.
         error: ErrorName,
         /// The time constant found, s.
         found: f64,
@@ -210,7 +173,6 @@ pub enum ThermalRefusal {
     NotFinite {
         /// The number that is meant, with its unit.
         what: &'static str,
-        /// The value that was found.
         found: f64,
     },
     /// A margin that is too small, too large or no number.
@@ -224,9 +186,7 @@ pub enum ThermalRefusal {
         "the terms of {error} have seen {sensor} at {low} to {high} °C, expected two different temperatures, the lower one first"
     )]
     SeenTemperatures {
-        /// The error whose terms are meant.
         error: ErrorName,
-        /// Name of the sensor.
         sensor: String,
         /// The first temperature, °C.
         low: f64,
@@ -238,9 +198,7 @@ pub enum ThermalRefusal {
         "the terms of {error} have seen {sensor} change by {fall} to {rise} K/min, expected 0 or less, then 0 or more"
     )]
     SeenRates {
-        /// The error whose terms are meant.
         error: ErrorName,
-        /// Name of the sensor.
         sensor: String,
         /// The first rate, K/min.
         fall: f64,
@@ -249,20 +207,10 @@ pub enum ThermalRefusal {
     },
     /// What the terms of an error have seen of a sensor is stated more than once.
     #[error("what the terms of {error} have seen of {sensor} stands twice, expected it once")]
-    SeenTwice {
-        /// The error whose terms are meant.
-        error: ErrorName,
-        /// Name of the sensor.
-        sensor: String,
-    },
+    SeenTwice { error: ErrorName, sensor: String },
     /// Something is stated as seen that no term of the error looks at.
     #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
-    SeenUnused {
-        /// The error that is named.
-        error: ErrorName,
-        /// Name of the sensor.
-        sensor: String,
-    },
+    SeenUnused { error: ErrorName, sensor: String },
     /// Times of holding and fading that are negative or no numbers.
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {

@@ -157,41 +157,23 @@ impl Provenance {
 /// Why a machine cannot have a provenance.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ProvenanceRefusal {
     /// The date is none.
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
-    Date {
-        /// The text that was found.
-        found: String,
-    },
+    Date { found: String },
     /// An error stands twice.
     #[error("{error} stands twice")]
-    Twice {
-        /// The error.
-        error: ErrorName,
-    },
+    Twice { error: ErrorName },
     /// An error that the machine does not state.
     #[error("found {error}, expected an error that stands in [errors]")]
-    NotStated {
-        /// The error.
-        error: ErrorName,
-    },
+    NotStated { error: ErrorName },
     /// A residual or a leave-one-out error that is none.
     #[error("{error}: found {found}, expected a finite number of 0 or more")]
-    Number {
-        /// The error that it belongs to.
-        error: ErrorName,
-        /// The number that was found.
-        found: f64,
-    },
+    Number { error: ErrorName, found: f64 },
     /// A hash that is none.
     #[error("{error}: found `{found}` as sha256, expected 64 lower-case hexadecimal digits")]
-    Hash {
-        /// The error that it belongs to.
-        error: ErrorName,
-        /// The text that was found.
-        found: String,
-    },
+    Hash { error: ErrorName, found: String },
 }
 
 fn is_sha256(text: &str) -> bool {

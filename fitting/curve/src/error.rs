@@ -5,57 +5,40 @@ use thiserror::Error;
 /// `index` counts from 0. Callers that read files prefix the file and the key.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum CurveError {
     /// A number is NaN or infinite.
     #[error("{what} {index} is {value}: expected a finite number")]
     NotFinite {
-        /// The name of the quantity that the number is.
         what: &'static str,
-        /// Place of the number in its list.
         index: usize,
-        /// The number that was found.
         value: f64,
     },
     /// There are too few coefficients, nodes or values.
     #[error("found {found} {what}: expected at least {expected}")]
     TooFew {
-        /// The name of the things of which there are too few, in the plural.
         what: &'static str,
-        /// The number that was found.
         found: usize,
-        /// The number that is needed.
         expected: usize,
     },
     /// The domain is empty, reversed, or too wide for an `f64`.
     #[error(
         "domain [{lower}, {upper}]: expected a lower end below the upper end, a finite distance apart"
     )]
-    Domain {
-        /// The first end that was found.
-        lower: f64,
-        /// The second end that was found.
-        upper: f64,
-    },
+    Domain { lower: f64, upper: f64 },
     /// Abscissae must increase, and these do not.
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
     NotIncreasing {
-        /// The name of the abscissae.
         what: &'static str,
-        /// Where the offending one stands.
         index: usize,
-        /// The abscissa before the offending one.
         previous: f64,
-        /// The abscissa that was found.
         value: f64,
     },
     /// Knots of a spline must not decrease, and these do.
     #[error("knot {index} is {value}, after {previous}: expected non-decreasing knots")]
     KnotsDecrease {
-        /// Where the offending knot stands.
         index: usize,
-        /// The knot before the offending one.
         previous: f64,
-        /// The knot that was found.
         value: f64,
     },
     /// The number of knots does not belong to the number of coefficients.
@@ -67,7 +50,6 @@ pub enum CurveError {
         found: usize,
         /// The number of coefficients that was found.
         coefficients: usize,
-        /// The degree of the spline.
         degree: usize,
         /// The number of knots that is expected.
         expected: usize,
@@ -77,25 +59,17 @@ pub enum CurveError {
         "knot {value} stands {found} times inside the domain, from index {index}: expected at most {degree} times for degree {degree}"
     )]
     KnotRepeated {
-        /// Where the first of them stands.
         index: usize,
-        /// The knot that is repeated.
         value: f64,
-        /// How often it stands there.
         found: usize,
-        /// The degree of the spline.
         degree: usize,
     },
     /// A count is outside what the kind of curve allows.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
     OutOfRange {
-        /// The name of the count.
         what: &'static str,
-        /// The count that was found.
         found: usize,
-        /// The smallest count that is allowed.
         lowest: usize,
-        /// The largest count that is allowed.
         highest: usize,
     },
     /// A Fourier series has a cosine coefficient without its sine coefficient.
@@ -109,11 +83,8 @@ pub enum CurveError {
     /// A parameter is outside the interval it must lie in.
     #[error("{what} is {value}: expected {expected}")]
     Parameter {
-        /// The name of the parameter.
         what: &'static str,
-        /// The value that was found.
         value: f64,
-        /// The interval it must lie in, in words.
         expected: &'static str,
     },
     /// The weights of a moving least-squares curve leave too few nodes somewhere.
@@ -121,17 +92,11 @@ pub enum CurveError {
         "support {support} gives fewer than {needed} of {nodes} nodes a positive weight at {at}: expected more than {required_support} for order {order}, or a lower order"
     )]
     SupportTooNarrow {
-        /// The support found, as a fraction of the range.
         support: f64,
-        /// The order of the local polynomial.
         order: usize,
-        /// How many nodes the order needs everywhere.
         needed: usize,
-        /// How many nodes there are.
         nodes: usize,
-        /// The abscissa at which the nodes are sparsest.
         at: f64,
-        /// The support that must be exceeded.
         required_support: f64,
     },
     /// The number of rows of a grid is not its number of nodes along the first axis.
@@ -141,7 +106,6 @@ pub enum CurveError {
     GridRows {
         /// The number of rows that was found.
         found: usize,
-        /// Number of nodes along the first axis.
         expected: usize,
     },
     /// A row of a grid has not as many values as there are nodes along the second axis.
@@ -153,13 +117,9 @@ pub enum CurveError {
         row: usize,
         /// The number of values that was found.
         found: usize,
-        /// Number of nodes along the second axis.
         expected: usize,
     },
     /// Both arguments of a grid are the same axis.
     #[error("both grid axes are coordinate {axis}: expected two different axes")]
-    GridAxes {
-        /// The coordinate that is named twice.
-        axis: usize,
-    },
+    GridAxes { axis: usize },
 }

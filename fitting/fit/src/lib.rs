@@ -40,8 +40,7 @@ pub use thermal::{
     CoarseRows, JudgedThermal, ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber,
     ThermalOptions, ThermalPrediction, ThermalRecord, ThermalRun, ThermalSearch, ThermalSeen,
     ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms, ThermalVerdict, fit_thermal,
-    judge_thermal_rows, judge_thermal_runs, left_out_runs, refit_thermal, search_thermal,
-    search_thermal_rows,
+    judge_thermal_rows, judge_thermal_runs, left_out_runs, search_thermal, search_thermal_rows,
 };
 pub use volcomp_curve as curve;
 

@@ -14,20 +14,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// From the readings of the same targets, pooled; none where no target has several, or where they do not differ.
-    pub fn of(x: &[f64], u: &[f64]) -> Option<Self> {
-        Self::pooled(&readings::counted(x, u))
-    }
-
-    /// That of the mean of so many readings.
-    #[must_use]
-    pub fn of_mean(self, readings: usize) -> Self {
-        Self {
-            deviation: self.deviation / (readings.max(1) as f64).sqrt(),
-            ..self
-        }
-    }
-
+    /// From the readings of the same targets; `None` where no target has several, or where they do not differ.
     pub(crate) fn pooled(targets: &[readings::Target]) -> Option<Self> {
         let squares: f64 = targets.iter().map(|t| t.squares).sum();
         let freedom: f64 = targets.iter().map(|t| t.count - 1.0).sum();

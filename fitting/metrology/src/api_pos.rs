@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use volcomp_document::quoted;
 
 use crate::decimal_comma::{begins_with_number, with_points};
-use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
 use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
@@ -56,12 +56,7 @@ pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         (None, Some(backward), None) => readings.extend(backward.readings(Direction::Negative)),
         (None, None, None) => {
             let first = text.lines().next().unwrap_or_default().trim();
-            return Err(MetrologyError::Kind(wrong_kind(
-                name,
-                1,
-                quoted(first),
-                EXPECTED,
-            )));
+            return Err(Place::new(name, 1).wrong_kind(quoted(first), EXPECTED));
         }
     }
     let above = text
@@ -136,18 +131,11 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
     let mut open = false;
     for (index, line) in text.lines().enumerate() {
         let (number, line) = (index + 1, line.trim());
-        let place = Place {
-            file: name,
-            line: number,
-        };
+        let place = Place::new(name, number);
         if let Some(which) = Which::of(line) {
             if let Some(first) = tables.iter().find(|table| table.which == which) {
                 let found = format!("{} again (first in line {})", quoted(line), first.line);
-                return Err(MetrologyError::Repeated(place.finding(
-                    "table",
-                    found,
-                    "each table once",
-                )));
+                return Err(place.contradictory("table", found, "each table once"));
             }
             tables.push(Table {
                 which,
@@ -172,11 +160,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
         }
         let [target, error] = cells[..] else {
             let expected = "two numbers: position and error, mm";
-            return Err(MetrologyError::Structure(place.finding(
-                "row",
-                quoted(line),
-                expected,
-            )));
+            return Err(place.malformed("row", quoted(line), expected));
         };
         let row = Row {
             line: number,
@@ -186,23 +170,14 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
         };
         if let Some(first) = table.rows.iter().find(|other| other.target == row.target) {
             let found = format!("{} again (first in line {})", quoted(target), first.line);
-            return Err(MetrologyError::Repeated(place.finding(
-                "position",
-                found,
-                "each position once",
-            )));
+            return Err(place.contradictory("position", found, "each position once"));
         }
         table.rows.push(row);
     }
     if let Some(empty) = tables.iter().find(|table| table.rows.is_empty()) {
-        let place = Place {
-            file: name,
-            line: empty.line,
-        };
+        let place = Place::new(name, empty.line);
         let expected = "rows of position and error under each head (the file may be cut off)";
-        return Err(MetrologyError::Truncated(
-            place.finding("table", "no rows", expected),
-        ));
+        return Err(place.truncated("table", "no rows", expected));
     }
     Ok(tables)
 }
@@ -220,28 +195,22 @@ fn compare(
     };
     for other in [Some(backward), both].into_iter().flatten() {
         if other.rows.len() != forward.rows.len() {
-            let place = Place {
-                file: name,
-                line: other.rows.last().map_or(other.line, |row| row.line),
-            };
-            return Err(MetrologyError::Count(place.finding(
+            let place = Place::new(name, other.rows.last().map_or(other.line, |row| row.line));
+            return Err(place.contradictory(
                 "table",
                 format!("{} rows", other.rows.len()),
                 format!(
                     "{}, as in the forward table (the file may be cut off)",
                     forward.rows.len()
                 ),
-            )));
+            ));
         }
     }
     for row in &forward.rows {
-        let place = Place {
-            file: name,
-            line: row.line,
-        };
+        let place = Place::new(name, row.line);
         let missing = || {
             let expected = "the same positions in every table";
-            MetrologyError::Count(place.finding("position", row.target.to_string(), expected))
+            place.contradictory("position", row.target.to_string(), expected)
         };
         let (back, _, of_back) = value(backward, row.target).ok_or_else(missing)?;
         let Some(both) = both else { continue };
@@ -250,15 +219,15 @@ fn compare(
         // With exponents each number has a last digit of its own.
         let rounding = 1.01 * step_of([row.decimals, of_back, of_mean].into_iter());
         if (mean - expected).abs() > rounding {
-            let place = Place { file: name, line };
-            return Err(MetrologyError::Structure(place.finding(
+            let place = Place::new(name, line);
+            return Err(place.malformed(
                 "mean of both directions",
                 mean.to_string(),
                 format!(
                     "{expected}, the mean of forward and backward at {}",
                     row.target
                 ),
-            )));
+            ));
         }
     }
     Ok(())

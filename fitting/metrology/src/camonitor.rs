@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use volcomp_document::quoted;
 
 use crate::MetrologyError;
-use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 
 const EXPECTED: &str =
@@ -93,12 +93,7 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
     }
     let Some(start) = raw.values().filter_map(Raw::earliest).min() else {
         let (line, found) = first_unread.unwrap_or((1, ""));
-        return Err(MetrologyError::Kind(wrong_kind(
-            name,
-            line,
-            quoted(found),
-            EXPECTED,
-        )));
+        return Err(Place::new(name, line).wrong_kind(quoted(found), EXPECTED));
     };
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     if let Some((line, found)) = first_unread {
@@ -208,7 +203,7 @@ impl<'t> Line<'t> {
         let mut words = line.split_ascii_whitespace();
         let (channel, date, time, value) =
             (words.next()?, words.next()?, words.next()?, words.next()?);
-        let value = Place { file: "", line: 0 }.number("value", value).ok()?;
+        let value = Place::new("", 0).number("value", value).ok()?;
         let alarm: Vec<&str> = words.collect();
         // A waveform has numbers behind the first.
         let is_word = |word: &&str| word.chars().all(|c| c.is_ascii_alphabetic() || c == '_');

@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::csv_head::unit_of;
-use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
+use crate::csv_head::{heads, not_read, unit_of, with_unit};
+use crate::encoding::{decode, first_line, refuse_empty};
 use crate::number::{Place, decimals};
 use crate::test_plan::counted;
 use crate::{
@@ -117,18 +117,15 @@ impl Columns {
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))
         };
-        let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
-        let names = || quoted(&heads.join(&table.separator().to_string()));
-        let column = |name: &str| table.column(name);
         let (target, deviation) = (with_unit(table, "target")?, with_unit(table, "deviation")?);
         let (Some((target, target_unit)), Some((deviation, unit))) = (target, deviation) else {
-            let is_wide = target.is_some() && deviation.is_none() && heads.len() > 2;
+            let is_wide = target.is_some() && deviation.is_none() && table.names().count() > 2;
             let expected = if is_wide {
                 ONE_ROW_A_READING
             } else {
                 EXPECTED_HEADER
             };
-            return Err(wrong(names(), expected).into());
+            return Err(wrong(heads(table), expected).into());
         };
         let targets_in_inches = ReadingUnit::named(target_unit) == Some(ReadingUnit::Inch);
         let target_unit = match target_unit {
@@ -154,12 +151,12 @@ impl Columns {
             let found = "deviations in inches and targets without a unit".to_owned();
             return Err(wrong(found, "`target inch`, `target mm` or `target deg`").into());
         }
-        let run_and_direction = match (column("run")?, column("direction")?) {
+        let run_and_direction = match (table.column("run")?, table.column("direction")?) {
             (Some(run), Some(direction)) => Some((run, direction)),
             (None, None) => None,
             _ => {
                 let expected = "both of the columns `run` and `direction`, or none of them";
-                return Err(wrong(names(), expected).into());
+                return Err(wrong(heads(table), expected).into());
             }
         };
         Ok(Self {
@@ -171,22 +168,6 @@ impl Columns {
             run_and_direction,
         })
     }
-}
-
-/// The column of a name, alone or with a unit behind it, and that unit.
-fn with_unit<'t>(
-    table: &'t CsvTable,
-    name: &str,
-) -> Result<Option<(Column, &'t str)>, MetrologyError> {
-    let mut named = table
-        .names()
-        .filter_map(|(column, head)| Some((column, unit_of(head, name)?)));
-    let first = named.next();
-    if named.next().is_some() {
-        let message = format!("column `{name}` stands twice");
-        return Err(table.header_error(message).into());
-    }
-    Ok(first)
 }
 
 /// The readings of the rows so far.
@@ -205,7 +186,7 @@ impl Rows {
         columns: &Columns,
     ) -> Result<(), MetrologyError> {
         let line = row.line();
-        let place = Place { file, line };
+        let place = Place::new(file, line);
         let stated = place.number("target", &row.cell(columns.target).decimal_text()?)?;
         let target = if columns.targets_in_inches {
             25.4 * stated
@@ -225,11 +206,7 @@ impl Rows {
         if let Some(first) = self.lines.insert((run, direction, target.to_bits()), line) {
             let found =
                 format!("target {target} in run {run} {direction} again (first in line {first})");
-            return Err(MetrologyError::Repeated(place.finding(
-                "reading",
-                found,
-                "each target once in a run",
-            )));
+            return Err(place.contradictory("reading", found, "each target once in a run"));
         }
         self.readings.push(Reading {
             target,
@@ -256,9 +233,7 @@ impl Rows {
             let expected = format!(
                 "{fewest} decimals as in every other row: the file seems cut in the middle of a number"
             );
-            return Err(MetrologyError::Truncated(
-                Place { file: name, line }.finding("last deviation", found, expected),
-            ));
+            return Err(Place::new(name, line).truncated("last deviation", found, expected));
         }
         Ok(Some(
             "the last line does not end in a line break: the file may be cut off".into(),
@@ -268,12 +243,9 @@ impl Rows {
 
 fn refuse_renishaw(text: &str, name: &str) -> Result<(), MetrologyError> {
     match first_line(text) {
-        Some((line, first)) if first.ends_with("::") => Err(MetrologyError::Kind(wrong_kind(
-            name,
-            line,
-            quoted(first),
-            EXPECTED_HEADER,
-        ))),
+        Some((line, first)) if first.ends_with("::") => {
+            Err(Place::new(name, line).wrong_kind(quoted(first), EXPECTED_HEADER))
+        }
         _ => Ok(()),
     }
 }
@@ -293,20 +265,11 @@ fn columns_not_read(table: &CsvTable) -> Option<String> {
     not_read(&names)
 }
 
-/// The note of columns with these heads.
-pub(crate) fn not_read(names: &[&str]) -> Option<String> {
-    (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
-}
-
 fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
     match text {
         "+" => Ok(Direction::Positive),
         "-" => Ok(Direction::Negative),
-        _ => Err(MetrologyError::Structure(place.finding(
-            "direction",
-            quoted(text),
-            "`+` or `-`",
-        ))),
+        _ => Err(place.malformed("direction", quoted(text), "`+` or `-`")),
     }
 }
 

@@ -1,31 +1,47 @@
-//! The head of a column of readings: its name, alone or with a unit behind it.
+//! The heads of columns: names alone or with a unit behind them.
 
-use volcomp_document::split_head;
+use volcomp_document::{Column, CsvTable, quoted, split_head};
 
-/// A head is a name alone or with its unit behind a blank or a mark: `target`, `target mm`, `target_mm`,
-/// `deviation [µm]`. The unit; `None` where the head is another one.
+use crate::MetrologyError;
+
+/// The unit of a head of this name, empty for the name alone: `target`, `target mm`, `target_mm`, `deviation [µm]`. `None` where the head is another one.
 pub(crate) fn unit_of<'a>(head: &'a str, name: &str) -> Option<&'a str> {
     let (found, unit) = split_head(head);
     found.eq_ignore_ascii_case(name).then_some(unit)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// The column of a name, alone or with a unit behind it, and that unit.
+pub(crate) fn with_unit<'t>(
+    table: &'t CsvTable,
+    name: &str,
+) -> Result<Option<(Column, &'t str)>, MetrologyError> {
+    one_column(table, name, |head| unit_of(head, name))
+}
 
-    #[test]
-    fn heads_are_names_alone_or_with_a_unit() {
-        for (head, unit) in [
-            ("target", Some("")),
-            ("Target mm", Some("mm")),
-            ("target_mm", Some("mm")),
-            ("target [deg]", Some("deg")),
-            ("targets", None),
-            ("tar", None),
-            ("deviation", None),
-            ("targeµ", None),
-        ] {
-            assert_eq!(unit_of(head, "target"), unit, "{head}");
-        }
+/// The one column in whose head a unit is found, which may be empty.
+pub(crate) fn one_column<'t>(
+    table: &'t CsvTable,
+    name: &str,
+    unit: impl Fn(&'t str) -> Option<&'t str>,
+) -> Result<Option<(Column, &'t str)>, MetrologyError> {
+    let mut named = table
+        .names()
+        .filter_map(|(column, head)| Some((column, unit(head)?)));
+    let first = named.next();
+    if named.next().is_some() {
+        let message = format!("column `{name}` stands twice");
+        return Err(table.header_error(message).into());
     }
+    Ok(first)
+}
+
+/// All heads as the file has them, for messages.
+pub(crate) fn heads(table: &CsvTable) -> String {
+    let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
+    quoted(&heads.join(&table.separator().to_string()))
+}
+
+/// The note on columns with these heads.
+pub(crate) fn not_read(names: &[&str]) -> Option<String> {
+    (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }

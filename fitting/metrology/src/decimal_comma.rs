@@ -36,10 +36,7 @@ pub(crate) fn with_points<'t>(
                 written.push_str(&token[number.len()..]);
                 continue;
             }
-            let place = Place {
-                file: name,
-                line: index + 1,
-            };
+            let place = Place::new(name, index + 1);
             if number.contains('.') && place.number("", number).is_ok() {
                 point.get_or_insert((index + 1, number));
             }
@@ -50,12 +47,8 @@ pub(crate) fn with_points<'t>(
         return Ok(Cow::Borrowed(text));
     };
     let wrong = |line, found: &str, expected: String| {
-        let place = Place { file: name, line };
-        Err(MetrologyError::Number(place.finding(
-            "decimal comma",
-            quoted(found),
-            expected,
-        )))
+        let place = Place::new(name, line);
+        Err(place.not_a_number("decimal comma", quoted(found), expected))
     };
     if let Some((other, point)) = point {
         let expected = format!(
@@ -83,7 +76,7 @@ fn may_be_thousands(number: &str) -> bool {
 /// Whether a line begins with a number, of either notation.
 pub(crate) fn begins_with_number(line: &str) -> bool {
     let first = line.split_ascii_whitespace().next().unwrap_or_default();
-    let place = Place { file: "", line: 0 };
+    let place = Place::new("", 0);
     with_point(first).is_some() || place.number("", first).is_ok()
 }
 

@@ -1,6 +1,7 @@
 //! Readings from a log of channels: where the axis stood still, and what the instrument said there.
 
 use crate::camonitor::{Channel, ChannelLog};
+use crate::number::range;
 use crate::travel::runs_by_travel;
 use crate::{FileFormat, Measurement, Metadata, MetrologyError, Reading, ReadingUnit};
 
@@ -50,15 +51,15 @@ pub fn readings_at_dwells(
     let read = Read::of(log, axis, reading, &stands, channels)?;
     let mut readings = read.readings;
     let Some(first) = readings.first().map(|reading| reading.deviation) else {
-        return Err(MetrologyError::Readings {
-            name: log.name.clone(),
-            what: format!("channel {}", axis.name),
-            found: format!(
+        return Err(MetrologyError::readings(
+            log.name.clone(),
+            format!("channel {}", axis.name),
+            format!(
                 "no stand of {} s within ±{} at a target",
                 channels.dwell_s, channels.within
             ),
-            expected: "an axis that stands at its targets: check the channel, `within`, `dwell_s` and `targets`".into(),
-        });
+            "an axis that stands at its targets: check the channel, `within`, `dwell_s` and `targets`",
+        ));
     };
     if channels.zero_at_first {
         for reading in &mut readings {
@@ -167,15 +168,15 @@ impl Read {
                 continue;
             }
             let Some((value, spread)) = mean_within(reading, stand, channels.settle_s) else {
-                return Err(MetrologyError::Readings {
-                    name: log.name.clone(),
-                    what: format!("channel {}", reading.name),
-                    found: format!(
+                return Err(MetrologyError::readings(
+                    log.name.clone(),
+                    format!("channel {}", reading.name),
+                    format!(
                         "no value before the stand at {target} ended, {:.1} s after the start",
                         stand.to_s
                     ),
-                    expected: "a value of the instrument at every target".into(),
-                });
+                    "a value of the instrument at every target",
+                ));
             };
             let micro = channels.unit.micro();
             read.widest = read.widest.max(spread * micro);
@@ -202,12 +203,12 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
             .iter()
             .map(|channel| channel.name.as_str())
             .collect();
-        MetrologyError::Readings {
-            name: log.name.clone(),
-            what: "channel".to_owned(),
-            found: format!("no `{name}`"),
-            expected: format!("one of {}", names.join(", ")),
-        }
+        MetrologyError::readings(
+            log.name.clone(),
+            "channel",
+            format!("no `{name}`"),
+            format!("one of {}", names.join(", ")),
+        )
     })
 }
 
@@ -312,8 +313,6 @@ fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, 
         at_rest(within)
     };
     let mean = read.iter().map(|(_, value)| value).sum::<f64>() / read.len() as f64;
-    let values = || within.iter().map(|(_, value)| *value);
-    let spread =
-        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
-    Some((mean, spread))
+    let [low, high] = range(within.iter().map(|(_, value)| *value));
+    Some((mean, high - low))
 }

@@ -1,14 +1,14 @@
 //! Text of measurement files: UTF-8, else GBK or Latin-1 (Windows-1252) in the free text.
 
+use crate::MetrologyError;
 use crate::number::Place;
-use crate::{Finding, MetrologyError};
 
 /// The text of a file, and a note when it is not UTF-8.
 pub(crate) fn decode(bytes: &[u8], file: &str) -> Result<(String, Option<String>), MetrologyError> {
     let refuse = |at: usize, found: &str| {
         let line = bytes[..at].split(|b| *b == b'\n').count();
         let expected = "text in UTF-8, GBK or Latin-1";
-        MetrologyError::Encoding(Place { file, line }.finding("encoding", found, expected))
+        MetrologyError::Encoding(Place::new(file, line).finding("encoding", found, expected))
     };
     if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) {
         return Err(refuse(0, "UTF-16"));
@@ -63,11 +63,6 @@ pub(crate) fn first_line(text: &str) -> Option<(usize, &str)> {
         .enumerate()
         .map(|(i, line)| (i + 1, line.trim()))
         .find(|(_, line)| !line.is_empty())
-}
-
-/// The finding for content of another kind than named.
-pub(crate) fn wrong_kind(file: &str, line: usize, found: String, expected: &str) -> Finding {
-    Place { file, line }.finding("kind of file", found, expected)
 }
 
 #[cfg(test)]

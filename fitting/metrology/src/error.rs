@@ -39,13 +39,12 @@ impl std::fmt::Display for Finding {
 /// Everything that can be wrong with a measurement file or with what is asked of it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum MetrologyError {
     /// The operating system does not give the file.
     #[error("{file}: cannot be read: {source}")]
     Unreadable {
-        /// The file as it was named by the caller.
         file: String,
-        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A directory stands where a file should.
@@ -53,39 +52,25 @@ pub enum MetrologyError {
         "{file}: found a directory, expected a measurement file ({})",
         crate::READ_EXTENSIONS
     )]
-    Directory {
-        /// The path as it was named by the caller.
-        file: String,
-    },
+    Directory { file: String },
     /// The extension does not say how to read the file.
     #[error(
         "{file}: found {found}, expected one that is read: {}",
         crate::READ_EXTENSIONS
     )]
-    Extension {
-        /// The file as it was named by the caller.
-        file: String,
-        /// The extension found, or that there is none.
-        found: String,
-    },
+    Extension { file: String, found: String },
     /// The file is larger than any measurement file.
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
     )]
     TooLarge {
-        /// The file as it was named by the caller.
         file: String,
         /// The largest size that is read, MiB.
         limit_mib: u64,
     },
     /// The file holds no data.
     #[error("{file}: found nothing in the file, expected {expected}")]
-    Empty {
-        /// The file as it was named by the caller.
-        file: String,
-        /// The content that the file should have.
-        expected: String,
-    },
+    Empty { file: String, expected: String },
     /// The bytes are not a text file of a known encoding.
     #[error("{0}")]
     Encoding(Finding),
@@ -101,40 +86,28 @@ pub enum MetrologyError {
     /// A number is not a number, not finite or out of its range.
     #[error("{0}")]
     Number(Finding),
-    /// A declared count differs from what the file holds.
+    /// A declared count differs from what the file holds, a target or key stands twice, or the order of targets contradicts the directions.
     #[error("{0}")]
-    Count(Finding),
-    /// A target, a reading or a key stands twice.
-    #[error("{0}")]
-    Repeated(Finding),
+    Contradiction(Finding),
     /// The file ends before it is complete.
     #[error("{0}")]
     Truncated(Finding),
-    /// The order of the targets of a run contradicts what the file says about directions.
-    #[error("{0}")]
-    TargetOrder(Finding),
     /// A target was measured in one direction only, though the other direction was run.
     #[error(
         "{name}: target {target}: found no reading in direction {direction}, expected every target in each direction that was run"
     )]
     TargetLacking {
-        /// The name of the measurement, as it was read.
         name: String,
         /// The target, mm or deg.
         target: f64,
-        /// The direction without readings.
         direction: Direction,
     },
     /// Readings that cannot be evaluated (only possible when built in code).
     #[error("{name}: {what}: found {found}, expected {expected}")]
     Readings {
-        /// The measurement's or argument's name.
         name: String,
-        /// The quantity or argument that is wrong.
         what: String,
-        /// The value that was found.
         found: String,
-        /// The value that was expected, in words.
         expected: String,
     },
     /// The targets are not one bridge length apart.
@@ -154,39 +127,43 @@ pub enum MetrologyError {
     /// A file holds no readings at targets, though something else.
     #[error("{file}: found {found}, expected readings at targets: {how}")]
     NoTargets {
-        /// The file as it was named by the caller.
         file: String,
-        /// What the file holds.
         found: String,
-        /// How readings may be had from it.
         how: String,
     },
     /// The file that says what the columns or channels of another mean cannot be read.
     #[error("{message}")]
-    Mapping {
-        /// The message of the reader, with the file.
-        message: String,
-    },
+    Mapping { message: String },
     /// A mapping of columns for a log, or of channels for a table.
     #[error("{file}: found {found}, expected {expected}")]
     WrongMapping {
-        /// The measurement file.
         file: String,
-        /// The mapping that was given.
         found: &'static str,
-        /// The one that such a file needs.
         expected: &'static str,
     },
     /// An error name has no meaning in this place.
     #[error("{what}: found `{found}`, expected {expected}")]
     ErrorName {
-        /// The purpose for which the name was given.
         what: String,
-        /// The name that was found.
         found: String,
-        /// The names that fit.
         expected: String,
     },
+}
+
+impl MetrologyError {
+    pub(crate) fn readings(
+        name: impl Into<String>,
+        what: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Readings {
+            name: name.into(),
+            what: what.into(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
 }
 
 impl From<InputError> for MetrologyError {

@@ -132,28 +132,18 @@ pub fn evaluate(measurement: &Measurement) -> Result<Iso230Part2, MetrologyError
 }
 
 fn check_readings(measurement: &Measurement) -> Result<(), MetrologyError> {
-    let refuse = |found: String, expected: &str| {
-        let (name, what) = (measurement.name.clone(), "readings".into());
-        Err(MetrologyError::Readings {
-            name,
-            what,
-            found,
-            expected: expected.into(),
-        })
+    let refuse = |found: &str, expected: &str| {
+        let name = measurement.name.as_str();
+        Err(MetrologyError::readings(name, "readings", found, expected))
     };
-    let sound = |x: f64| x.abs() <= LARGEST;
     if measurement.readings.is_empty() {
-        return refuse("none".into(), "at least one reading");
+        return refuse("none", "at least one reading");
     }
-    match measurement
-        .readings
-        .iter()
-        .find(|r| !sound(r.target) || !sound(r.deviation))
-    {
-        Some(Reading {
-            target, deviation, ..
-        }) => refuse(
-            format!("deviation {deviation} at target {target}"),
+    let sound = |x: f64| x.abs() <= LARGEST;
+    let unsound = |r: &&Reading| !sound(r.target) || !sound(r.deviation);
+    match measurement.readings.iter().find(unsound) {
+        Some(r) => refuse(
+            &format!("deviation {} at target {}", r.deviation, r.target),
             "finite numbers, at most 1e12",
         ),
         None => Ok(()),
@@ -174,7 +164,7 @@ fn target_row(readings: &TargetReadings) -> TargetRow {
     }
 }
 
-fn approach(deviations: &[f64]) -> Option<Approach> {
+pub(crate) fn approach(deviations: &[f64]) -> Option<Approach> {
     let (n, mean) = (deviations.len(), mean(deviations)?);
     let sum_of_squares: f64 = deviations.iter().map(|x| (x - mean).powi(2)).sum();
     let s = (n > 1).then(|| (sum_of_squares / (n - 1) as f64).sqrt());

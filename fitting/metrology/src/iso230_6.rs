@@ -2,6 +2,7 @@
 
 use volcomp_vocabulary::ErrorName;
 
+use crate::number::range;
 use crate::{
     Iso230Part2, Measurement, MetrologyError, ReferenceLine, StandardQuantity,
     circular::CircularPlane, evaluate, opening,
@@ -161,12 +162,12 @@ pub fn evaluate_diagonals(
         diagonals.push(one);
     }
     let Some(first) = diagonals.first() else {
-        return Err(MetrologyError::Readings {
-            name: "diagonals".into(),
-            what: "files".into(),
-            found: "none".into(),
-            expected: "at least one measured diagonal".into(),
-        });
+        return Err(MetrologyError::readings(
+            "diagonals",
+            "files",
+            "none",
+            "at least one measured diagonal",
+        ));
     };
     let set = first.diagonal.set();
     let lacking: Vec<Diagonal> = set
@@ -188,8 +189,7 @@ pub fn evaluate_diagonals(
         all?.into_iter().reduce(f64::max)
     };
     let growths = || diagonals.iter().map(|m| m.growth_um);
-    let highest = growths().fold(f64::NEG_INFINITY, f64::max);
-    let lowest = growths().fold(f64::INFINITY, f64::min);
+    let [lowest, highest] = range(growths());
     let length_mm: f64 = diagonals.iter().map(|m| m.length_mm).sum();
     Ok(Iso230Part6 {
         e_d_um: largest(&|r| r.e),
@@ -280,11 +280,8 @@ fn check_beside(
 }
 
 fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), MetrologyError> {
-    let refuse = |found: String, expected: String| MetrologyError::Readings {
-        name: "diagonals".into(),
-        what: "edges of the box".into(),
-        found,
-        expected,
+    let refuse = |found: String, expected: String| {
+        MetrologyError::readings("diagonals", "edges of the box", found, expected)
     };
     let [a, b, c] = edges_mm;
     let moving = first.diagonal.moving();
@@ -340,10 +337,5 @@ fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<S
 }
 
 fn refuse(measurement: &Measurement, what: &str, found: String, expected: &str) -> MetrologyError {
-    MetrologyError::Readings {
-        name: measurement.name.clone(),
-        what: what.into(),
-        found,
-        expected: expected.into(),
-    }
+    MetrologyError::readings(measurement.name.clone(), what, found, expected)
 }

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use volcomp_document::quoted;
 
 use crate::decimal_comma::{begins_with_number, with_points};
-use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::encoding::{decode, refuse_empty};
+use crate::iso230_2::approach;
 use crate::number::Place;
 use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
 use crate::{
@@ -42,12 +43,7 @@ pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, Me
     refuse_empty(&text, name, EXPECTED)?;
     if !is_report(&text) {
         let first = text.lines().next().unwrap_or_default().trim();
-        return Err(MetrologyError::Kind(wrong_kind(
-            name,
-            1,
-            quoted(first),
-            EXPECTED,
-        )));
+        return Err(Place::new(name, 1).wrong_kind(quoted(first), EXPECTED));
     }
     let text = with_points(&text, name, |line| begins_with_number(line).then_some(0))?;
     let rows = rows(&text, name)?;
@@ -93,10 +89,7 @@ struct Row {
 fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
     let mut rows: Vec<Row> = Vec::new();
     for (index, line) in text.lines().enumerate() {
-        let place = Place {
-            file: name,
-            line: index + 1,
-        };
+        let place = Place::new(name, index + 1);
         let cells: Vec<&str> = line.split_ascii_whitespace().collect();
         let Some(first) = cells.first() else { continue };
         if place.number("row", first).is_err() {
@@ -108,11 +101,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
                 continue;
             }
             let expected = format!("{COLUMNS} numbers: the file may be cut off");
-            return Err(MetrologyError::Truncated(place.finding(
-                "row",
-                quoted(line.trim()),
-                expected,
-            )));
+            return Err(place.truncated("row", quoted(line.trim()), expected));
         }
         let cells = match cells.len() {
             COLUMNS => &cells[..],
@@ -120,21 +109,17 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
             n if n == COLUMNS + 1 && *first == (rows.len() + 1).to_string() => &cells[1..],
             n => {
                 let expected = format!("{COLUMNS} numbers: {EXPECTED}");
-                return Err(MetrologyError::Structure(place.finding(
+                return Err(place.malformed(
                     "row",
                     format!("{n} in {}", quoted(line.trim())),
                     expected,
-                )));
+                ));
             }
         };
         let row = row(place, cells)?;
         if let Some(first) = rows.iter().find(|other| other.target == row.target) {
             let found = format!("{} again (first in line {})", row.target, first.line);
-            return Err(MetrologyError::Repeated(place.finding(
-                "target",
-                found,
-                "each target once",
-            )));
+            return Err(place.contradictory("target", found, "each target once"));
         }
         rows.push(row);
     }
@@ -168,11 +153,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
             return Ok(());
         }
         let expected = format!("{}, {why}", (expected * 1e9).round() / 1e9);
-        Err(MetrologyError::Structure(place.finding(
-            what,
-            found.to_string(),
-            expected,
-        )))
+        Err(place.malformed(what, found.to_string(), expected))
     };
     let mean = f64::midpoint(forward, reverse);
     check(
@@ -189,11 +170,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     )?;
     let two_sigma = two_sigma_forward.max(two_sigma_reverse);
     if two_sigma_forward.min(two_sigma_reverse) < 0.0 {
-        return Err(MetrologyError::Number(place.finding(
-            "2σ",
-            "a negative number",
-            "0 or more",
-        )));
+        return Err(place.not_a_number("2σ", "a negative number", "0 or more"));
     }
     Ok(Row {
         line: place.line,
@@ -215,10 +192,7 @@ fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
         {
             continue;
         }
-        let place = Place {
-            file: name,
-            line: index + 1,
-        };
+        let place = Place::new(name, index + 1);
         for word in bracketed(&lower) {
             let unit = match word {
                 "microns" | "micron" | "micrometers" | "micrometres" => Some(ReadingUnit::Um),
@@ -228,18 +202,18 @@ fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
             match (unit, found) {
                 (None, _) => {}
                 (Some(ReadingUnit::Inch), _) => {
-                    return Err(MetrologyError::Structure(place.finding(
+                    return Err(place.malformed(
                         "unit",
                         "inches".to_owned(),
                         "a report in micrometres or millimetres: one in inches does not say whether its targets are inches, too",
-                    )));
+                    ));
                 }
                 (Some(unit), Some(before)) if unit != before => {
-                    return Err(MetrologyError::Structure(place.finding(
+                    return Err(place.malformed(
                         "unit",
                         format!("{unit} and {before}"),
                         "one unit for all means and sigmas",
-                    )));
+                    ));
                 }
                 (Some(unit), _) => found = Some(unit),
             }
@@ -302,8 +276,5 @@ pub fn write_keysight_report(measurement: &Measurement) -> String {
 
 /// The mean and twice the standard deviation, `None` without readings.
 fn scatter(deviations: &[f64]) -> Option<[f64; 2]> {
-    let mean = crate::measurement::mean(deviations)?;
-    let squares: f64 = deviations.iter().map(|value| (value - mean).powi(2)).sum();
-    let freedom = deviations.len().saturating_sub(1).max(1);
-    Some([mean, 2.0 * (squares / freedom as f64).sqrt()])
+    approach(deviations).map(|found| [found.mean, 2.0 * found.s.unwrap_or(0.0)])
 }

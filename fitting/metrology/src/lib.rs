@@ -25,21 +25,18 @@ mod motion_kind;
 mod number;
 mod positioning_uncertainty;
 mod read;
-mod reading_unit;
 mod renishaw;
 mod run_scatter;
 mod squareness;
-mod squareness_uncertainty;
-mod standard_quantity;
 mod straightness;
 mod straightness_error;
-mod target_unit;
 mod test_plan;
 mod text_report;
 mod three_lines;
 mod title;
 mod tolerance;
 mod travel;
+mod unit;
 mod vdi_3441;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
@@ -68,24 +65,24 @@ pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
 };
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
-pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use run_scatter::{OfRun, RunScatter};
-pub use squareness::{opening, squareness, squareness_parts};
-pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
-pub use standard_quantity::StandardQuantity;
+pub use squareness::{
+    SquarenessInputs, SquarenessUncertainty, opening, squareness, squareness_parts,
+    squareness_uncertainty,
+};
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use straightness_error::{
     Straightness, StraightnessAbout, slope_uncertainty_with_runs, straightness_of,
     straightness_of_profile,
 };
-pub use target_unit::TargetUnit;
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
 pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
 pub use title::errors_named;
 pub use tolerance::{
-    Decision, JudgedQuantity, Tolerance, Verdict, decide, judged, parse_tolerances,
-    parse_tolerances_of,
+    Decision, JudgedQuantity, StandardQuantity, Tolerance, Verdict, decide, judged,
+    parse_tolerances, parse_tolerances_of,
 };
+pub use unit::{ReadingUnit, TargetUnit};
 pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

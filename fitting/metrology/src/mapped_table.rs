@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use csv::{ReaderBuilder, Trim};
 use volcomp_document::{quoted, split_unit, unit_named};
 
-use crate::csv_file::{incomplete_runs, not_read, zero_direction};
+use crate::csv_file::{incomplete_runs, zero_direction};
+use crate::csv_head::not_read;
 use crate::encoding::{decode, refuse_empty};
 use crate::mapping::{ColumnName, Columns};
 use crate::number::Place;
@@ -36,16 +37,7 @@ pub fn parse_table_with(
     let columns = &places.with_units_of_heads(header.last(), name, columns)?;
     let read: Vec<Row> = body
         .iter()
-        .map(|(line, cells)| {
-            places.row(
-                Place {
-                    file: name,
-                    line: *line,
-                },
-                cells,
-                columns,
-            )
-        })
+        .map(|(line, cells)| places.row(Place::new(name, *line), cells, columns))
         .collect::<Result<_, _>>()?;
     if read.is_empty() {
         return Err(MetrologyError::Empty {
@@ -110,11 +102,8 @@ fn rows(
     for record in reader.records() {
         let record = record.map_err(|error| {
             let line = error.position().map_or(1, csv::Position::line);
-            let place = Place {
-                file: name,
-                line: usize::try_from(line).unwrap_or(1),
-            };
-            MetrologyError::Structure(place.finding("row", error.to_string(), "cells"))
+            let place = Place::new(name, usize::try_from(line).unwrap_or(1));
+            place.malformed("row", error.to_string(), "cells")
         })?;
         let start = record.position().map_or(0, csv::Position::byte);
         let line = lines.of(usize::try_from(start).unwrap_or(0));
@@ -189,9 +178,7 @@ impl Places {
                             _ => format!("{} {count} times", quoted(head)),
                         };
                         let expected = format!("one column {} (the {what})", quoted(head));
-                        Err(MetrologyError::Structure(
-                            Place { file, line }.finding("header", found, expected),
-                        ))
+                        Err(Place::new(file, line).malformed("header", found, expected))
                     }
                 }
             }
@@ -200,12 +187,12 @@ impl Places {
         for (what, name) in columns.names() {
             let place = place_of(what, name)?;
             if let Some(other) = taken.insert(place, what) {
-                return Err(MetrologyError::Readings {
-                    name: file.into(),
-                    what: "columns".into(),
-                    found: format!("column {} as {other} and as {what}", place + 1),
-                    expected: "a column of its own for each".into(),
-                });
+                return Err(MetrologyError::readings(
+                    file,
+                    "columns",
+                    format!("column {} as {other} and as {what}", place + 1),
+                    "a column of its own for each",
+                ));
             }
         }
         Ok(Self {
@@ -236,8 +223,8 @@ impl Places {
             return Ok(columns);
         };
         let wrong = |what: &str, head: &str, expected: &str| {
-            let place = Place { file, line: *line };
-            MetrologyError::Structure(place.finding(what, quoted(head), expected))
+            let place = Place::new(file, *line);
+            place.malformed(what, quoted(head), expected)
         };
         let unit_of = |column: usize| {
             let head: &str = cells.get(column)?;
@@ -299,7 +286,7 @@ impl Places {
             cells.get(at).map(String::as_str).ok_or_else(|| {
                 let found = format!("{} cells", cells.len());
                 let expected = format!("at least {}: the {what} is column {}", at + 1, at + 1);
-                MetrologyError::Structure(place.finding("row", found, expected))
+                place.malformed("row", found, expected)
             })
         };
         let number = |what: &str, at: usize| {
@@ -307,11 +294,7 @@ impl Places {
             if columns.decimal_comma {
                 if text.contains('.') {
                     let expected = "a number with a decimal comma, as the mapping states";
-                    return Err(MetrologyError::Number(place.finding(
-                        what,
-                        quoted(text),
-                        expected,
-                    )));
+                    return Err(place.not_a_number(what, quoted(text), expected));
                 }
                 return place.number(what, &text.replacen(',', ".", 1));
             }
@@ -383,11 +366,11 @@ fn direction(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> 
         }
         "-" | "−" | "-1" | "r" | "b" | "rev" | "reverse" | "bwd" | "backward" | "neg"
         | "negative" | "down" | "↓" => Ok(Direction::Negative),
-        _ => Err(MetrologyError::Structure(place.finding(
+        _ => Err(place.malformed(
             "direction",
             quoted(text),
             "+ or -, forward or backward, 1 or -1",
-        ))),
+        )),
     }
 }
 
@@ -409,19 +392,12 @@ fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
             }
         };
         if let Some(first) = seen.insert((run, direction, row.target.to_bits()), row.line) {
-            let place = Place {
-                file,
-                line: row.line,
-            };
+            let place = Place::new(file, row.line);
             let found = format!(
                 "target {} in run {run} {direction} again (first in line {first})",
                 row.target
             );
-            return Err(MetrologyError::Repeated(place.finding(
-                "reading",
-                found,
-                "each target once in a run",
-            )));
+            return Err(place.contradictory("reading", found, "each target once in a run"));
         }
         readings.push(Reading {
             target: row.target,

@@ -188,12 +188,12 @@ impl Measurement {
     pub fn check_targets(&self, axis: AxisName) -> Result<(), MetrologyError> {
         let expected = axis.kind().coordinate_unit();
         match self.target_unit {
-            Some(found) if found.kind() != axis.kind() => Err(MetrologyError::Readings {
-                name: self.name.clone(),
-                what: "the head of the targets".to_owned(),
-                found: format!("`target {}`", found.key()),
-                expected: format!("`target` or `target {expected}` for axis {axis}"),
-            }),
+            Some(found) if found.kind() != axis.kind() => Err(MetrologyError::readings(
+                self.name.clone(),
+                "the head of the targets",
+                format!("`target {}`", found.key()),
+                format!("`target` or `target {expected}` for axis {axis}"),
+            )),
             _ => Ok(()),
         }
     }

@@ -14,7 +14,11 @@ pub(crate) struct Place<'a> {
     pub(crate) line: usize,
 }
 
-impl Place<'_> {
+impl<'a> Place<'a> {
+    pub(crate) fn new(file: &'a str, line: usize) -> Self {
+        Self { file, line }
+    }
+
     pub(crate) fn finding(
         self,
         what: &str,
@@ -30,6 +34,47 @@ impl Place<'_> {
         }
     }
 
+    pub(crate) fn malformed(
+        self,
+        what: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MetrologyError {
+        MetrologyError::Structure(self.finding(what, found, expected))
+    }
+
+    pub(crate) fn not_a_number(
+        self,
+        what: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MetrologyError {
+        MetrologyError::Number(self.finding(what, found, expected))
+    }
+
+    pub(crate) fn contradictory(
+        self,
+        what: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MetrologyError {
+        MetrologyError::Contradiction(self.finding(what, found, expected))
+    }
+
+    pub(crate) fn truncated(
+        self,
+        what: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MetrologyError {
+        MetrologyError::Truncated(self.finding(what, found, expected))
+    }
+
+    /// The content is of another kind than the extension or the caller says.
+    pub(crate) fn wrong_kind(self, found: impl Into<String>, expected: &str) -> MetrologyError {
+        MetrologyError::Kind(self.finding("kind of file", found, expected))
+    }
+
     /// A finite decimal number; −0 becomes 0, so that equal targets are equal.
     pub(crate) fn number(self, what: &str, text: &str) -> Result<f64, MetrologyError> {
         let value = if is_decimal(text) {
@@ -39,7 +84,7 @@ impl Place<'_> {
         };
         match value {
             Some(value) if value.abs() <= LARGEST => Ok(value + 0.0),
-            _ => Err(MetrologyError::Number(self.finding(
+            _ => Err(self.not_a_number(
                 what,
                 quoted(text),
                 if with_point(text).is_some() {
@@ -47,7 +92,7 @@ impl Place<'_> {
                 } else {
                     "a finite decimal number such as -12.5, at most 1e12"
                 },
-            ))),
+            )),
         }
     }
 
@@ -55,11 +100,7 @@ impl Place<'_> {
     pub(crate) fn count(self, what: &str, text: &str) -> Result<u32, MetrologyError> {
         match text.parse::<u32>() {
             Ok(count) if count >= 1 && text.bytes().all(|b| b.is_ascii_digit()) => Ok(count),
-            _ => Err(MetrologyError::Number(self.finding(
-                what,
-                quoted(text),
-                "a whole number of at least 1",
-            ))),
+            _ => Err(self.not_a_number(what, quoted(text), "a whole number of at least 1")),
         }
     }
 }
@@ -69,6 +110,13 @@ pub(crate) fn with_point(text: &str) -> Option<String> {
     let (whole, part) = text.split_once(',')?;
     let number = format!("{whole}.{part}");
     (is_decimal(&number) && !whole.contains(['e', 'E'])).then_some(number)
+}
+
+/// Smallest and largest of some numbers.
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+        [low.min(x), high.max(x)]
+    })
 }
 
 /// Digits after the decimal point.
@@ -101,7 +149,7 @@ mod tests {
 
     #[test]
     fn only_plain_finite_decimals_are_numbers() {
-        let place = Place { file: "f", line: 1 };
+        let place = Place::new("f", 1);
         for (text, value) in [
             ("-12.50", -12.5),
             ("+3", 3.0),
@@ -136,7 +184,7 @@ mod tests {
 
     #[test]
     fn counts_are_whole_and_positive() {
-        let place = Place { file: "f", line: 1 };
+        let place = Place::new("f", 1);
         assert_eq!(place.count("x", "007").unwrap(), 7);
         for text in [
             "",

@@ -161,11 +161,8 @@ impl PositioningUncertainty {
 }
 
 fn check(inputs: &UncertaintyInputs, length_m: f64, runs: usize) -> Result<(), MetrologyError> {
-    let refuse = |what: &str, found: String, expected: &str| MetrologyError::Readings {
-        name: "measurement uncertainty".into(),
-        what: what.into(),
-        found,
-        expected: expected.into(),
+    let refuse = |what: &str, found: String, expected: &str| {
+        MetrologyError::readings("measurement uncertainty", what, found, expected)
     };
     if !(length_m.is_finite() && length_m > 0.0) {
         let found = format!("{length_m} m");

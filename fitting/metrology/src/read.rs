@@ -7,10 +7,11 @@ use crate::api_pos::parse_pos;
 use crate::camonitor::{ChannelLog, is_log, parse_camonitor};
 use crate::circular::looks_like_circle;
 use crate::dwell::readings_at_dwells;
-use crate::encoding::{decode, first_line, wrong_kind};
+use crate::encoding::{decode, first_line};
 use crate::keysight::{is_report, parse_keysight_report};
 use crate::mapped_table::parse_table_with;
 use crate::mapping::Mapping;
+use crate::number::Place;
 use crate::renishaw::{Capture, parse_ren, parse_rtx};
 use crate::{Measurement, MetrologyError, RenishawKind, parse_csv, parse_renishaw};
 use volcomp_document::quoted;
@@ -163,12 +164,8 @@ fn by_content(
     }
     if looks_like_circle(&text, name) {
         let (line, first) = first_line(&text).unwrap_or((1, ""));
-        return Err(MetrologyError::Kind(wrong_kind(
-            name,
-            line,
-            quoted(first),
-            "readings at targets: this looks like a circle, which `volcomp iso230 --part 4` evaluates",
-        )));
+        let expected = "readings at targets: this looks like a circle, which `volcomp iso230 --part 4` evaluates";
+        return Err(Place::new(name, line).wrong_kind(quoted(first), expected));
     }
     if extension == "csv" {
         return parse_csv(bytes, name).map(measured);
@@ -184,12 +181,8 @@ fn by_content(
     if lower.contains("target") && lower.contains("deviation") {
         return parse_csv(bytes, name).map(measured);
     }
-    Err(MetrologyError::Kind(wrong_kind(
-        name,
-        line,
-        quoted(first),
-        "a report of a 5529 or 5530 laser, a log of camonitor, the header `target,run,direction,deviation`, or `columns` that say what stands where",
-    )))
+    let expected = "a report of a 5529 or 5530 laser, a log of camonitor, the header `target,run,direction,deviation`, or `columns` that say what stands where";
+    Err(Place::new(name, line).wrong_kind(quoted(first), expected))
 }
 
 fn file_name(path: &Path) -> String {

@@ -100,10 +100,11 @@ mod tests {
                 deviation: zero + slope * target + times * pattern,
             }
         };
-        let mut measurement = Measurement::default();
-        measurement.readings = (0..3)
-            .flat_map(|run| (0..6).map(move |at| reading(run, at)))
-            .collect();
+        let readings = (0..3).flat_map(|run| (0..6).map(move |at| reading(run, at)));
+        let mut measurement = Measurement {
+            readings: readings.collect(),
+            ..Measurement::default()
+        };
         let of_lines = measurement.scatter_of_mean(OfRun::Line).expect("a scatter");
         let expected = (8.0 / 8.0_f64 / 3.0).sqrt();
         assert!(

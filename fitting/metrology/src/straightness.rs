@@ -243,27 +243,16 @@ pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f
 }
 
 fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError> {
-    let refuse = |what: &str, found: String, expected: &str| {
-        let (name, what) = (name.into(), what.into());
-        Err(MetrologyError::Readings {
-            name,
-            what,
-            found,
-            expected: expected.into(),
-        })
+    let refuse = |found: String, expected: &str| {
+        Err(MetrologyError::readings(name, "points", found, expected))
     };
-    if let Some((q, x)) = points
-        .iter()
-        .find(|(q, x)| !q.is_finite() || !x.is_finite())
-    {
-        return refuse("points", format!("{x} at target {q}"), "finite numbers");
+    let unsound = |(q, x): &&(f64, f64)| !q.is_finite() || !x.is_finite();
+    if let Some((q, x)) = points.iter().find(unsound) {
+        return refuse(format!("{x} at target {q}"), "finite numbers");
     }
     if points.iter().all(|(q, _)| *q == points[0].0) {
-        return refuse(
-            "points",
-            points.len().to_string(),
-            "at least two different targets",
-        );
+        let found = points.len().to_string();
+        return refuse(found, "at least two different targets");
     }
     Ok(())
 }
@@ -272,10 +261,10 @@ fn check_bridge(bridge_mm: f64) -> Result<(), MetrologyError> {
     if bridge_mm.is_finite() && bridge_mm > 0.0 {
         return Ok(());
     }
-    Err(MetrologyError::Readings {
-        name: "straightness by the angular method".into(),
-        what: "bridge length".into(),
-        found: format!("{bridge_mm} mm"),
-        expected: "a positive length".into(),
-    })
+    Err(MetrologyError::readings(
+        "straightness by the angular method",
+        "bridge length",
+        format!("{bridge_mm} mm"),
+        "a positive length",
+    ))
 }

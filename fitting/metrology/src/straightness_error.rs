@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::number::range;
 use crate::{Direction, Measurement, MetrologyError, ReferenceKind, ReferenceLine};
 
 /// The straightness error about one reference line.
@@ -73,8 +74,7 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
     let about = |kind: ReferenceKind| -> Result<StraightnessAbout, MetrologyError> {
         let line = ReferenceLine::of(kind, profile)?;
         let residuals = line.removed_from(profile);
-        let highest = residuals.iter().fold(f64::NEG_INFINITY, |m, r| m.max(r.1));
-        let lowest = residuals.iter().fold(f64::INFINITY, |m, r| m.min(r.1));
+        let [lowest, highest] = range(residuals.iter().map(|r| r.1));
         Ok(StraightnessAbout {
             kind,
             line,

@@ -28,11 +28,8 @@ pub struct Separated {
 /// # Errors
 /// Fewer than three lines, lines in one plane, different numbers of deviations, numbers that are not finite.
 pub fn separate_parallel_lines(lines: &[ParallelLine]) -> Result<Vec<Separated>, MetrologyError> {
-    let refuse = |what: &str, found: String, expected: &str| MetrologyError::Readings {
-        name: "parallel lines".into(),
-        what: what.into(),
-        found,
-        expected: expected.into(),
+    let refuse = |what: &str, found: String, expected: &str| {
+        MetrologyError::readings("parallel lines", what, found, expected)
     };
     if lines.len() < 3 {
         let found = lines.len().to_string();

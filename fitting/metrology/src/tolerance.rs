@@ -1,6 +1,28 @@
-//! Tolerances on evaluated quantities, and the decision with the measurement uncertainty.
+//! Quantities of standards, tolerances on them, and the decision with the measurement uncertainty.
 
-use crate::{DeviationUnit, MetrologyError, StandardQuantity};
+use crate::{DeviationUnit, MetrologyError};
+
+/// A quantity of a standard: what it is called there, and what it came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct StandardQuantity {
+    /// The symbol in plain letters, as a tolerance names it: `A`, `A_forward`, `mean_B`, `Ps_max`.
+    pub symbol: &'static str,
+    /// The name in words.
+    pub name: &'static str,
+    /// The value in the unit of the evaluation; `None` where it cannot be evaluated.
+    pub value: Option<f64>,
+}
+
+impl StandardQuantity {
+    pub(crate) fn new(symbol: &'static str, name: &'static str, value: Option<f64>) -> Self {
+        Self {
+            symbol,
+            name,
+            value,
+        }
+    }
+}
 
 /// The largest value that a quantity may have.
 #[derive(Debug, Clone, PartialEq)]
@@ -179,11 +201,8 @@ pub fn parse_tolerances_of(
     named: impl Fn(&str) -> Option<String>,
     expected: &str,
 ) -> Result<Vec<Tolerance>, MetrologyError> {
-    let refuse = |what: String, found: &str, expected: String| MetrologyError::Readings {
-        name: "tolerance".into(),
-        what,
-        found: volcomp_document::quoted(found),
-        expected,
+    let refuse = |what: String, found: &str, expected: String| {
+        MetrologyError::readings("tolerance", what, volcomp_document::quoted(found), expected)
     };
     let mut tolerances: Vec<Tolerance> = Vec::new();
     for part in text.split(',') {

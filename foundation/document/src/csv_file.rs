@@ -125,11 +125,6 @@ impl CsvTable {
         self.decimal_comma_line.is_some()
     }
 
-    /// The line of the header, from 1.
-    pub fn header_line(&self) -> usize {
-        self.header.line
-    }
-
     /// Every column with its name in the header as it is written, which may be empty.
     pub fn columns(&self) -> impl Iterator<Item = (Column, &str)> {
         let cells = self.header.cells.iter().enumerate();

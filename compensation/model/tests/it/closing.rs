@@ -1,6 +1,7 @@
 //! On an axis with `modulo`, a curve must end where it starts.
 
 use volcomp_model::Machine;
+use volcomp_test_support::cases;
 
 fn parsed(error: &str) -> Result<Machine, String> {
     let text = format!(
@@ -60,22 +61,15 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
 /// A table parked at 0.000° whose last digit flickers was thrown to and fro by 160 µm.
 #[test]
 fn curves_of_every_kind_close_where_the_axis_rolls_over() {
-    for (curve, jump) in [
-        (
-            "{ chebyshev = [0.0, 80.0], domain = [0.0, 360.0] }",
-            "160.000",
-        ),
-        ("{ poly = [0.0, 0.5] }", "180.000"),
-        ("{ fourier = [0.0, 80.0, 80.0], period = 250.0 }", "124.9"),
-        (
-            "{ bspline = { knots = [0, 0, 0, 0, 360, 360, 360, 360], coefficients = [0, 10, 70, 80], degree = 3 } }",
-            "80.000",
-        ),
-        (
-            "{ forward = { poly = [1.0] }, backward = { poly = [0.0, 0.5] } }",
-            "180.000",
-        ),
-    ] {
+    for [curve, jump] in &cases(
+        r"
+{ chebyshev = [0.0, 80.0], domain = [0.0, 360.0] } | 160.000
+{ poly = [0.0, 0.5] } | 180.000
+{ fourier = [0.0, 80.0, 80.0], period = 250.0 } | 124.9
+{ bspline = { knots = [0, 0, 0, 0, 360, 360, 360, 360], coefficients = [0, 10, 70, 80], degree = 3 } } | 80.000
+{ forward = { poly = [1.0] }, backward = { poly = [0.0, 0.5] } } | 180.000
+",
+    ) {
         let told = parsed(&format!("EXC = {curve}")).expect_err(curve);
         let expected = format!("jumps by {jump}");
         assert!(

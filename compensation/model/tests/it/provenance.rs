@@ -1,6 +1,7 @@
 //! `[provenance]`: read, written, forgotten with the error that it tells of, refused where it cannot be.
 
 use volcomp_model::{Machine, Provenance, Source, is_date, sha256_of};
+use volcomp_test_support::cases;
 
 /// SHA-256 of no bytes and of "abc" (FIPS 180-4, examples).
 const OF_NOTHING: &str = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
@@ -62,34 +63,20 @@ fn what_is_set_anew_loses_its_provenance() {
 
 #[test]
 fn what_cannot_be_is_refused_with_its_place() {
-    for (from, to, expected) in [
-        (
-            "2024-02-29",
-            "2023-02-29",
-            "m.toml:9: provenance: date: found `2023-02-29`",
-        ),
-        ("error = \"EBZ\"", "error = \"EXX\"", "residual_urad"),
-        ("error = \"EB0Z\"", "error = \"EXX\"", "EXX stands twice"),
-        (
-            "error = \"EB0Z\"",
-            "error = \"EYX\"",
-            "found EYX, expected an error that stands in [errors]",
-        ),
-        (
-            "residual_um = 0.25",
-            "residual_um = -1",
-            "EXX: found -1, expected a finite number of 0 or more",
-        ),
-        ("residual_um", "residual_urad", "residual_urad"),
-        (OF_ABC, "abc", "EXX: found `abc` as sha256"),
-        (
-            "method = \"stated\"\nresidual",
-            "methode = \"stated\"\nresidual",
-            "methode",
-        ),
-        ("runs = 5", "runs = -5", "runs"),
-        ("{ Z = 120.5 }", "{ Q = 120.5 }", "Q"),
-    ] {
+    for [from, to, expected] in &cases(
+        r#"
+2024-02-29 | 2023-02-29 | m.toml:9: provenance: date: found `2023-02-29`
+error = "EBZ" | error = "EXX" | residual_urad
+error = "EB0Z" | error = "EXX" | EXX stands twice
+error = "EB0Z" | error = "EYX" | found EYX, expected an error that stands in [errors]
+residual_um = 0.25 | residual_um = -1 | EXX: found -1, expected a finite number of 0 or more
+residual_um | residual_urad | residual_urad
+ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad | abc | EXX: found `abc` as sha256
+method = "stated"\nresidual | methode = "stated"\nresidual | methode
+runs = 5 | runs = -5 | runs
+{ Z = 120.5 } | { Q = 120.5 } | Q
+"#,
+    ) {
         let wrong = told().replacen(from, to, 1);
         assert_ne!(wrong, told(), "{from}");
         let message = Machine::parse(&wrong, "m.toml").expect_err(to).to_string();

@@ -2,7 +2,6 @@
 
 use proptest::prelude::*;
 use volcomp_model::Machine;
-use volcomp_vocabulary::ErrorName;
 
 use crate::EXAMPLE;
 
@@ -37,27 +36,6 @@ fn a_changed_file_is_noticed() {
         message.starts_with("a.toml:2: checksum: found sha256:"),
         "{message}"
     );
-}
-
-#[test]
-fn names_and_aliases() {
-    for (text, name) in [
-        ("EXX", "EXX"),
-        ("EC0Y", "EC0Y"),
-        ("EC(0X)Y", "EC0Y"),
-        ("EB(0X)Z", "EB0Z"),
-        ("EA(0Y)Z", "EA0Z"),
-        ("C0Y", "EC0Y"),
-        ("X0C", "EX0C"),
-        ("EYW", "EYW"),
-    ] {
-        assert_eq!(text.parse::<ErrorName>().unwrap().to_string(), name);
-    }
-    for wrong in [
-        "", "E", "EX", "EXXX", "EQX", "EX1Y", "exx", "E0X", "é0Y", "EX0", "0XY",
-    ] {
-        assert!(wrong.parse::<ErrorName>().is_err(), "{wrong}");
-    }
 }
 
 proptest! {

@@ -57,23 +57,6 @@ pub fn fit_thermal(
     fit_choices(record, &features, &train, options, choices)
 }
 
-/// Fits the rows `train` with choices that were made before, on a part of them.
-///
-/// # Errors
-/// As [`fit_thermal`]; no choice, or one with a lag or sensor that is not there, without any, or with a penalty that is
-/// not positive.
-pub fn refit_thermal(
-    record: &ThermalRecord,
-    train: Range<usize>,
-    options: &ThermalOptions,
-    choices: &[ThermalChoice],
-) -> Result<ThermalFit, FitError> {
-    let train = checked(record, &train, options)?;
-    check_choices(record, options, choices)?;
-    let features = Features::new(record, &options.lags_s);
-    fit_choices(record, &features, &train, options, choices.to_vec())
-}
-
 /// The rows of `train` that gaps of the log leave.
 fn checked(
     record: &ThermalRecord,
@@ -107,47 +90,6 @@ fn enough_rows(
         found: known.len(),
         needed,
     })
-}
-
-/// Choices that were made elsewhere name lags and sensors that are there.
-fn check_choices(
-    record: &ThermalRecord,
-    options: &ThermalOptions,
-    choices: &[ThermalChoice],
-) -> Result<(), FitError> {
-    if choices.is_empty() {
-        return Err(FitError::Parameter {
-            what: "number of choices",
-            value: 0.0,
-            expected: "at least one",
-        });
-    }
-    for choice in choices {
-        let lists = [
-            ("lag of a choice", &choice.lags, options.lags_s.len()),
-            ("sensor of a choice", &choice.sensors, record.degc.len()),
-        ];
-        for (what, places, count) in lists {
-            if let Some(&place) = places.iter().find(|&&place| place >= count) {
-                return Err(FitError::Parameter {
-                    what,
-                    value: place as f64,
-                    expected: "the place of one that is there",
-                });
-            }
-            if places.is_empty() {
-                return Err(FitError::Undetermined { coefficients: 0 });
-            }
-        }
-        if !(choice.penalty > 0.0 && choice.penalty.is_finite()) {
-            return Err(FitError::Parameter {
-                what: "penalty",
-                value: choice.penalty,
-                expected: "a positive number",
-            });
-        }
-    }
-    Ok(())
 }
 
 /// The mean of the regressions of some choices, over the rows `train`.

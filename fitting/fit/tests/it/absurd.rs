@@ -2,9 +2,9 @@
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_fit::{
-    Fit, FitError, FitOptions, Noise, ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord,
-    ThermalTerm, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
-    fit_linear_table, fit_mls, fit_mls_auto, fit_polynomial, fit_thermal, refit_thermal,
+    Fit, FitError, FitOptions, Noise, ThermalFit, ThermalOptions, ThermalRecord, ThermalTerm,
+    fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier, fit_linear_table, fit_mls,
+    fit_mls_auto, fit_polynomial, fit_thermal,
 };
 
 /// Any number, the absurd ones often.
@@ -73,7 +73,7 @@ proptest! {
         select_sensors in any::<bool>(), start in count(), end in prop_oneof![count(), Just(200)],
         lags_s in vec(prop_oneof![4 => Just(60.0), 1 => number()], 0..3),
         penalties in vec(prop_oneof![4 => Just(0.01), 1 => number()], 0..2),
-        lags in vec(count(), 0..3), used in vec(count(), 0..3), penalty in number(),
+        penalty in number(),
     ) {
         let value = |place: usize| values[place % values.len()];
         let record = ThermalRecord {
@@ -84,12 +84,9 @@ proptest! {
             displacement: (0..rows + extra % 2).map(value).collect(),
         };
         let options = ThermalOptions { lags_s, penalties, select_sensors, mean_of };
-        let choice = ThermalChoice { lags, sensors: used, penalty, forward_rms: 0.0 };
         let mut fits = vec![
             fit_thermal(&record, start..end, &options),
             fit_thermal(&record, 0..end, &ThermalOptions::plain()),
-            refit_thermal(&record, 0..end, &options, &[choice]),
-            refit_thermal(&record, 0..end, &options, &[]),
         ];
         // Terms that somebody wrote, for other sensors than the record has.
         let term = ThermalTerm { lag_s: penalty, per_k: values.clone() };
@@ -127,35 +124,4 @@ fn no_rows_have_no_residual() {
         let (rms, worst) = fit.residual(&record, rows.clone());
         assert!(rms.is_nan() && worst.is_none(), "{rows:?}");
     }
-}
-
-/// Choices that name what is not there are refused before they are used.
-#[test]
-fn choices_of_another_record_are_refused() {
-    let record = ThermalRecord {
-        time_s: (0..300).map(f64::from).collect(),
-        degc: vec![(0..300).map(|row| f64::from(row % 17)).collect()],
-        displacement: (0..300).map(|row| f64::from(row % 17)).collect(),
-    };
-    let options = ThermalOptions::plain();
-    let choice = |lags: &[usize], sensors: &[usize], penalty: f64| ThermalChoice {
-        lags: lags.to_vec(),
-        sensors: sensors.to_vec(),
-        penalty,
-        forward_rms: 0.0,
-    };
-    let refit = |choices: &[ThermalChoice]| refit_thermal(&record, 0..300, &options, choices);
-    assert!(refit(&[choice(&[0], &[0], 0.01)]).is_ok());
-    for wrong in [
-        choice(&[1], &[0], 0.01),
-        choice(&[0], &[1], 0.01),
-        choice(&[0], &[0], f64::NAN),
-    ] {
-        assert!(matches!(refit(&[wrong]), Err(FitError::Parameter { .. })));
-    }
-    assert!(matches!(
-        refit(&[choice(&[], &[0], 0.01)]),
-        Err(FitError::Undetermined { .. })
-    ));
-    assert!(matches!(refit(&[]), Err(FitError::Parameter { .. })));
 }

@@ -47,6 +47,16 @@ fn drawn(at: &[f64], half: &[f64], x: f64) -> f64 {
     half[next - 1] + part * (half[next] - half[next - 1])
 }
 
+/// The scatter of the mean of all runs, pooled over the targets; `None` where runs do not differ.
+fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
+    let of_run =
+        |run: &Vec<f64>| -> f64 { run.iter().zip(means).map(|(u, m)| (u - m).powi(2)).sum() };
+    let (count, squares) = (runs.len() as f64, runs.iter().map(of_run).sum::<f64>());
+    let freedom = (count - 1.0) * means.len() as f64;
+    let deviation = (squares / freedom / count).sqrt();
+    (deviation > 0.0 && deviation.is_finite()).then_some(Noise { deviation, freedom })
+}
+
 /// Of one line, with the curve that is chosen for it, at so many places.
 pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
@@ -58,7 +68,7 @@ pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let dense = band_places(&line.targets);
     let [first, last] = [line.targets[0], line.targets[line.targets.len() - 1]];
     let mut all = Covered::default();
-    for (side, (x, u)) in line.sides.iter().zip(&sets) {
+    for side in &line.sides {
         let runs: Vec<(&[f64], &[f64])> = (side.runs.iter())
             .map(|u| (&line.targets[..], &u[..]))
             .collect();
@@ -68,7 +78,7 @@ pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
         let mean = |place: usize| side.runs.iter().map(|u| u[place]).sum::<f64>() / runs_of as f64;
         let means: Vec<f64> = (0..line.targets.len()).map(mean).collect();
         let fit = method.fit(&line.targets, &means).expect("a curve");
-        let noise = Noise::of(x, u).map(|noise| noise.of_mean(runs_of));
+        let noise = noise_of_mean(&side.runs, &means);
         let between = Between::of(&fit, &line.targets, &means, noise);
         all.curves += 1;
         all.warned += u32::from(between.is_too_sparse());

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{CircularTrace, Sense, TracePoint};
+use crate::number::range;
 use crate::{MetrologyError, StandardQuantity};
 
 /// The deviations of a circular test, µm. Each circle is laid by least squares, to first order in deviation by radius.
@@ -44,7 +45,7 @@ pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, 
             continue;
         }
         let centred = about(&points, circle(&points, &trace.name)?);
-        let [low, high] = extremes(&centred);
+        let [low, high] = range(centred.into_iter());
         found.g_um[k] = Some(high - low);
         if trace.radius_is_stated {
             found.f_max_um[k] = Some(high);
@@ -52,7 +53,7 @@ pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, 
         }
     }
     if found.g_um.iter().all(Option::is_some) {
-        let [low, high] = extremes(&about(&trace.points, all));
+        let [low, high] = range(about(&trace.points, all).into_iter());
         found.g_b_um = Some(high - low);
         found.d_um = trace.radius_is_stated.then_some(all[0]);
     }
@@ -99,11 +100,13 @@ fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyEr
     };
     solved
         .filter(|s| s.iter().all(|x| x.is_finite()))
-        .ok_or_else(|| MetrologyError::Readings {
-            name: name.into(),
-            what: "points".into(),
-            found: "an arc too short for a centre, or numbers that are not finite".into(),
-            expected: "points around the circle".into(),
+        .ok_or_else(|| {
+            MetrologyError::readings(
+                name,
+                "points",
+                "an arc too short for a centre, or numbers that are not finite",
+                "points around the circle",
+            )
         })
 }
 
@@ -114,11 +117,4 @@ fn about(points: &[TracePoint], circle: Vector3<f64>) -> Vec<f64> {
         p.deviation_um - circle[1] * cos - circle[2] * sin
     };
     points.iter().map(centred).collect()
-}
-
-fn extremes(values: &[f64]) -> [f64; 2] {
-    let start = [f64::INFINITY, f64::NEG_INFINITY];
-    values
-        .iter()
-        .fold(start, |[low, high], x| [low.min(*x), high.max(*x)])
 }

@@ -17,6 +17,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{DMatrix, DVector};
 
 use super::{CircularTrace, Sense, TracePoint};
+use crate::number::range;
 use crate::{DeviationUnit, MetrologyError};
 
 /// What a part of the deviation comes from.
@@ -122,11 +123,13 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
         let above = WIDTHS_DEG[(best + 1).min(WIDTHS_DEG.len() - 1)];
         narrowed([below, above], &at)
     });
-    let fit = fit.flatten().ok_or_else(|| MetrologyError::Readings {
-        name: trace.name.clone(),
-        what: "signatures".into(),
-        found: format!("{} points on which they look alike", points.len()),
-        expected: "points all around the circle, at every degree or so".into(),
+    let fit = fit.flatten().ok_or_else(|| {
+        MetrologyError::readings(
+            trace.name.clone(),
+            "signatures",
+            format!("{} points on which they look alike", points.len()),
+            "points all around the circle, at every degree or so",
+        )
     })?;
     Ok(fit.signatures(points, both, trace.radius_mm))
 }
@@ -313,26 +316,21 @@ impl Fit {
         let found = &self.found;
         let per_radius = 2.0 / radius_mm * URAD_PER_UM_PER_MM;
         // What the columns of each signature make together, as a range over the points.
-        let range = |columns: &[usize]| {
+        let range_of = |columns: &[usize]| {
             let width = self.width_deg.to_radians();
             let at = |p: &TracePoint| {
                 let row = row(p, both, width);
                 columns.iter().map(|k| row[*k] * found[*k]).sum::<f64>()
             };
-            let ends = points
-                .iter()
-                .map(at)
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-                    [low.min(x), high.max(x)]
-                });
-            ends[1] - ends[0]
+            let [low, high] = range(points.iter().map(at));
+            high - low
         };
         let one = |kind, column: usize, factor: f64, unit| Signature {
             kind,
             size: factor * found[column],
             unit,
             uncertainty: 2.0 * factor.abs() * self.variances[column].sqrt(),
-            range_um: range(&[column]),
+            range_um: range_of(&[column]),
             share: 0.0,
         };
         // The mean of those of two places that are passed.
@@ -347,7 +345,7 @@ impl Fit {
                 size: sum / count,
                 unit: DeviationUnit::Um,
                 uncertainty: 2.0 / count * variance.sqrt(),
-                range_um: range(&columns),
+                range_um: range_of(&columns),
                 share: 0.0,
             })
         };

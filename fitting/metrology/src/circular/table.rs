@@ -1,14 +1,13 @@
 //! The table of a circular test: angle and radial deviation, or positions.
 
-use volcomp_document::{CsvTable, quoted};
+use volcomp_document::{Column, CsvTable, quoted};
 
-use super::columns::{Kind, TraceColumns};
 use super::trace::{least_squares_circle, one_turn, senses};
 use super::{CircularPlane, CircularTrace, LARGEST_RADIUS_MM, Sense, TracePoint};
-use crate::MetrologyError;
-use crate::csv_head::unit_of;
+use crate::csv_head::{heads, one_column, unit_of, with_unit};
 use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
+use crate::{MetrologyError, ReadingUnit};
 
 /// Fewer points say nothing about a circle.
 const FEWEST_POINTS: usize = 16;
@@ -46,10 +45,7 @@ pub fn parse_trace(
     let mut pairs = Vec::new();
     let mut stated = Vec::new();
     for row in table.rows() {
-        let place = Place {
-            file: name,
-            line: row.line(),
-        };
+        let place = Place::new(name, row.line());
         let pair = match columns.kind {
             Kind::Radial { angle, deviation } => {
                 let number = |what: &str, (column, unit): (_, f64)| {
@@ -165,19 +161,105 @@ fn sense_of(place: Place<'_>, text: &str) -> Result<Sense, MetrologyError> {
     match text.to_ascii_lowercase().as_str() {
         "ccw" | "+" => Ok(Sense::CounterClockwise),
         "cw" | "-" => Ok(Sense::Clockwise),
-        _ => Err(MetrologyError::Structure(place.finding(
-            "direction",
-            quoted(text),
-            "`ccw` or `cw`, `+` or `-`",
-        ))),
+        _ => Err(place.malformed("direction", quoted(text), "`ccw` or `cw`, `+` or `-`")),
     }
 }
 
 fn refuse(name: &str, what: &str, found: String, expected: &str) -> MetrologyError {
-    MetrologyError::Readings {
-        name: name.into(),
-        what: what.into(),
-        found,
-        expected: expected.into(),
+    MetrologyError::readings(name, what, found, expected)
+}
+
+/// Where the quantities of a trace stand.
+struct TraceColumns {
+    kind: Kind,
+    direction: Option<Column>,
+}
+
+enum Kind {
+    /// Angle and radial deviation, with what one unit of each is in rad and in µm.
+    Radial {
+        angle: (Column, f64),
+        deviation: (Column, f64),
+    },
+    /// Two coordinates, mm.
+    Positions([Column; 2]),
+}
+
+const EXPECTED_COLUMNS: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; a radius alone is none), or two of `x`, `y` and `z`";
+
+impl TraceColumns {
+    /// The coordinates are called as the axes of the plane are.
+    fn of(table: &CsvTable, axes: [&str; 2]) -> Result<Self, MetrologyError> {
+        let direction = table.column("direction")?;
+        let angle = with_unit(table, "angle")?;
+        let deviation = deviation(table)?;
+        let positions = [with_unit(table, axes[0])?, with_unit(table, axes[1])?];
+        let kind = match (angle, deviation, positions) {
+            (Some(_), Some(_), [Some(_), Some(_)]) => {
+                let message = "found angles and positions, expected one of them";
+                return Err(table.header_error(message).into());
+            }
+            (Some((angle, angle_unit)), Some((deviation, unit)), _) => Kind::Radial {
+                angle: (angle, angle_in_rad(table, angle_unit)?),
+                deviation: (deviation, deviation_in_um(table, unit)?),
+            },
+            (None, None, [Some((x, x_unit)), Some((y, y_unit))]) => {
+                for unit in [x_unit, y_unit] {
+                    if !unit.is_empty() && !unit.eq_ignore_ascii_case("mm") {
+                        let found = quoted(unit);
+                        let message = format!("found positions in {found}, expected mm");
+                        return Err(table.header_error(message).into());
+                    }
+                }
+                Kind::Positions([x, y])
+            }
+            _ => {
+                let found = heads(table);
+                let [a, b] = axes;
+                let message =
+                    format!("found {found}, expected {EXPECTED_COLUMNS}, here `{a}` and `{b}`");
+                return Err(table.header_error(message).into());
+            }
+        };
+        Ok(Self { kind, direction })
     }
+}
+
+fn angle_in_rad(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
+    if unit.is_empty() {
+        return Ok(1.0_f64.to_radians());
+    }
+    match ReadingUnit::named(unit) {
+        Some(ReadingUnit::Deg) => Ok(1.0_f64.to_radians()),
+        Some(ReadingUnit::Rad) => Ok(1.0),
+        _ => {
+            let message = format!("found angles in {}, expected deg or rad", quoted(unit));
+            Err(table.header_error(message).into())
+        }
+    }
+}
+
+fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
+    if unit.is_empty() {
+        return Ok(1.0);
+    }
+    if let Some(unit @ (ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm)) =
+        ReadingUnit::named(unit)
+    {
+        return Ok(unit.micro());
+    }
+    let found = quoted(unit);
+    let message = format!("found radial deviations in {found}, expected µm, mm or nm");
+    Err(table.header_error(message).into())
+}
+
+/// The column of radial deviations and its unit: `deviation`, or `radius` or `radial` with the word `deviation` behind.
+fn deviation(table: &CsvTable) -> Result<Option<(Column, &str)>, MetrologyError> {
+    if let Some(found) = with_unit(table, "deviation")? {
+        return Ok(Some(found));
+    }
+    one_column(table, "radius deviation", |head| {
+        let behind = unit_of(head, "radius").or_else(|| unit_of(head, "radial"));
+        unit_of(behind?, "deviation")
+    })
 }

@@ -1,11 +1,47 @@
-//! A trace of a circle as plain data, and how positions become one.
+//! A trace of a circle in its plane as plain data, and how positions become one.
 
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use super::LARGEST_RADIUS_MM;
 use crate::MetrologyError;
+
+/// The plane of a circle; angles run from the first axis to the second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum CircularPlane {
+    /// From X to Y.
+    #[default]
+    Xy,
+    /// From Y to Z.
+    Yz,
+    /// From Z to X.
+    Zx,
+}
+
+impl CircularPlane {
+    /// The two axes.
+    pub fn axes(self) -> [AxisName; 2] {
+        match self {
+            Self::Xy => [AxisName::X, AxisName::Y],
+            Self::Yz => [AxisName::Y, AxisName::Z],
+            Self::Zx => [AxisName::Z, AxisName::X],
+        }
+    }
+
+    /// The squareness error of the plane; [`opening`](crate::opening) tells its sign where it opens the angle between the axes.
+    pub fn squareness(self) -> ErrorName {
+        let (component, axis) = match self {
+            Self::Xy => (Component::EC, AxisName::Y),
+            Self::Yz => (Component::EA, AxisName::Z),
+            Self::Zx => (Component::EB, AxisName::Z),
+        };
+        ErrorName::location(component, axis)
+    }
+}
 
 /// The sense in which a circle was run, seen with the first axis to the right and the second one up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,12 +122,8 @@ pub(super) fn least_squares_circle(
     name: &str,
 ) -> Result<([f64; 2], f64), MetrologyError> {
     const STEPS: usize = 50;
-    let refuse = |found: &str| MetrologyError::Readings {
-        name: name.into(),
-        what: "points".into(),
-        found: found.into(),
-        expected: "points on a circle".into(),
-    };
+    let refuse =
+        |found: &str| MetrologyError::readings(name, "points", found, "points on a circle");
     let count = points_mm.len() as f64;
     let mean = |k: usize| points_mm.iter().map(|p| p[k]).sum::<f64>() / count;
     let middle = [mean(0), mean(1)];

@@ -4,10 +4,11 @@ use nalgebra::{SVector, Vector2, Vector3};
 
 use super::{
     Axis, CoordinatePlane, FeatureKind, Form, FormError, MinimumZone,
-    cloud::{Cloud, across, range, rms, signed},
+    cloud::{Cloud, across, rms, signed},
     minimax::{Minimax, minimax},
     refine::{Shape, refine},
 };
+use crate::number::range;
 
 const FEATURE: FeatureKind = FeatureKind::Circle;
 const EXPECTED: &str = "points along an arc of a circle";

@@ -117,13 +117,6 @@ pub(super) fn signed(direction: Vector3<f64>) -> Vector3<f64> {
     direction.map(|x| sign * x + 0.0)
 }
 
-/// Smallest and largest of some numbers.
-pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-        [low.min(x), high.max(x)]
-    })
-}
-
 /// Root mean square.
 pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     let n = values.len() as f64;

@@ -5,9 +5,10 @@ use nalgebra::{SVector, Vector3};
 use super::{
     Axis, FeatureKind, Form, FormError,
     circle::FlatCircle,
-    cloud::{Cloud, across, range, rms, signed},
+    cloud::{Cloud, across, rms, signed},
     refine::{Refined, Shape, refine},
 };
+use crate::number::range;
 
 /// Points that are enough to find the start with.
 const FEW: usize = 200;

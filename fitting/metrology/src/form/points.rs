@@ -3,7 +3,10 @@
 use volcomp_document::{Column, CsvTable};
 
 use super::LARGEST_MM;
-use crate::{MetrologyError, csv_head::unit_of};
+use crate::{
+    MetrologyError,
+    csv_head::{not_read, unit_of},
+};
 
 /// Points as they stand in a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,10 +72,7 @@ pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError
         .filter(|(c, _)| !is_read(c))
         .map(|(_, name)| name)
         .collect();
-    if !others.is_empty() {
-        read.notes
-            .push(format!("columns that are not read: {}", others.join(", ")));
-    }
+    read.notes.extend(not_read(&others));
     Ok(read)
 }
 

@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 
 use super::{
     Axis, CoordinatePlane, FeatureKind, Form, FormError, MinimumZone,
-    cloud::{Cloud, across, range, rms, signed},
+    cloud::{Cloud, across, rms, signed},
     minimax::{Minimax, minimax},
 };
+use crate::number::range;
 use crate::straightness::half_hull;
 
 /// Points are a line, or a plane, where the next extent is at most this share of the one before.

@@ -3,7 +3,7 @@
 use volcomp_document::quoted;
 
 use super::document::key_value;
-use crate::encoding::{decode, wrong_kind};
+use crate::encoding::decode;
 use crate::number::Place;
 use crate::{Metadata, MetrologyError};
 
@@ -45,26 +45,18 @@ pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
         let (text, _) = decode(&bytes[..end], name)?;
         let first = text.lines().next().unwrap_or_default();
         let expected = "`HEADER::`, its keys, and a line `Data:` before the samples";
-        return Err(MetrologyError::Kind(wrong_kind(
-            name,
-            1,
-            quoted(first),
-            expected,
-        )));
+        return Err(Place::new(name, 1).wrong_kind(quoted(first), expected));
     };
     let (text, encoding_note) = decode(head, name)?;
     let header = Header::of(&text, name)?;
-    let place = Place {
-        file: name,
-        line: data_line,
-    };
+    let place = Place::new(name, data_line);
     let body = without_end(data, header.count).ok_or_else(|| {
         let found = format!("{} bytes and no `EOF::` where it should stand", data.len());
         let expected = match header.count {
             Some(count) => format!("{count} samples of 8 bytes, then `EOF::`"),
             None => "samples of 8 bytes, then `EOF::`".to_owned(),
         };
-        MetrologyError::Truncated(place.finding("Data", found, expected))
+        place.truncated("Data", found, expected)
     })?;
     let (chunks, _) = body.as_chunks::<8>();
     let samples: Vec<f64> = chunks
@@ -79,11 +71,7 @@ pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
     }
     if let Some(bad) = samples.iter().position(|sample| !sample.is_finite()) {
         let found = format!("{} as sample {}", samples[bad], bad + 1);
-        return Err(MetrologyError::Number(place.finding(
-            "Data",
-            found,
-            "finite numbers",
-        )));
+        return Err(place.not_a_number("Data", found, "finite numbers"));
     }
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     notes.push("the file does not state the unit of its samples, and has no targets".into());
@@ -144,10 +132,7 @@ impl Header {
         };
         let mut has_actual = false;
         for (index, line) in text.lines().enumerate() {
-            let place = Place {
-                file,
-                line: index + 1,
-            };
+            let place = Place::new(file, index + 1);
             let Some((key, value)) = key_value(line).filter(|(_, value)| !value.is_empty()) else {
                 continue;
             };
@@ -190,9 +175,5 @@ fn rate(place: Place<'_>, value: &str) -> Result<f64, MetrologyError> {
     if rate > 0.0 {
         return Ok(rate);
     }
-    Err(MetrologyError::Number(place.finding(
-        "Sample rate",
-        quoted(value),
-        "a rate above 0 Hz",
-    )))
+    Err(place.not_a_number("Sample rate", quoted(value), "a rate above 0 Hz"))
 }

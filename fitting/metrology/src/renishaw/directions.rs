@@ -94,15 +94,8 @@ fn direction_of(
                 pair[1].target, pair[0].target
             );
             let expected = "the targets of a run in the order of travel, ascending or descending";
-            let place = Place {
-                file,
-                line: pair[1].line,
-            };
-            Err(MetrologyError::TargetOrder(place.finding(
-                "order of targets",
-                found,
-                expected,
-            )))
+            let place = Place::new(file, pair[1].line);
+            Err(place.contradictory("order of targets", found, expected))
         }
     }
 }
@@ -115,10 +108,10 @@ fn compare_with_flags(
     let one_way = directions.windows(2).all(|pair| pair[0].1 == pair[1].1);
     match targets.unidirectional {
         Some(false) if one_way && directions.len() > 1 && directions.iter().any(|(pass, _)| pass.is_multiple_of(2)) => {
-            let place = Place { file, line: targets.flags_line };
+            let place = Place::new(file, targets.flags_line);
             let found = format!("flags of a bidirectional test, and all {} runs in one direction", directions.len());
             let expected = "reverse runs in the order of travel, or a second flag of 1";
-            Err(MetrologyError::TargetOrder(place.finding("Flags", found, expected)))
+            Err(place.contradictory("Flags", found, expected))
         }
         Some(true) if !one_way => {
             Ok(Some("the flags say unidirectional, the order of the targets shows both directions: the order is believed".into()))

@@ -3,7 +3,6 @@
 use volcomp_document::quoted;
 
 use crate::MetrologyError;
-use crate::encoding::wrong_kind;
 use crate::number::Place;
 
 pub(super) struct Section<'t> {
@@ -50,15 +49,8 @@ impl<'t> Document<'t> {
     fn open(&mut self, name: String, line: usize) -> Result<(), MetrologyError> {
         if let Some(first) = self.sections.iter().find(|s| s.name == name) {
             let found = format!("`{name}::` again (first in line {})", first.line);
-            let place = Place {
-                file: self.file,
-                line,
-            };
-            return Err(MetrologyError::Repeated(place.finding(
-                "section",
-                found,
-                "each section once",
-            )));
+            let place = Place::new(self.file, line);
+            return Err(place.contradictory("section", found, "each section once"));
         }
         self.sections.push(Section {
             name,
@@ -71,12 +63,7 @@ impl<'t> Document<'t> {
     fn append(&mut self, number: usize, line: &'t str) -> Result<(), MetrologyError> {
         let Some(section) = self.sections.last_mut() else {
             let expected = "a section line such as `HEADER::`";
-            return Err(MetrologyError::Kind(wrong_kind(
-                self.file,
-                number,
-                quoted(line),
-                expected,
-            )));
+            return Err(Place::new(self.file, number).wrong_kind(quoted(line), expected));
         };
         section.lines.push((number, line));
         Ok(())
@@ -89,15 +76,12 @@ impl<'t> Document<'t> {
             |(_, text)| (*text).to_owned(),
         );
         let found = format!("the end of the file after {}", quoted(&last_text));
-        let place = Place {
-            file: self.file,
-            line: self.last_line,
-        };
-        MetrologyError::Truncated(place.finding(
+        let place = Place::new(self.file, self.last_line);
+        place.truncated(
             "end of file",
             found,
             "`EOF::` as the last line (the file is cut off)",
-        ))
+        )
     }
 
     pub(super) fn section(&self, name: &str) -> Option<&Section<'t>> {
@@ -107,16 +91,9 @@ impl<'t> Document<'t> {
     pub(super) fn required(&self, name: &str) -> Result<&Section<'t>, MetrologyError> {
         self.section(name).ok_or_else(|| {
             let names: Vec<&str> = self.sections.iter().map(|s| s.name.as_str()).collect();
-            let place = Place {
-                file: self.file,
-                line: self.last_line,
-            };
+            let place = Place::new(self.file, self.last_line);
             let found = format!("only {}", names.join(", "));
-            MetrologyError::Structure(place.finding(
-                "sections",
-                found,
-                format!("a section `{name}::`"),
-            ))
+            place.malformed("sections", found, format!("a section `{name}::`"))
         })
     }
 }
@@ -154,9 +131,7 @@ impl<'t> Section<'t> {
             if let Some((first, _)) = found {
                 let what = format!("{} (first in line {first})", quoted(text));
                 let expected = "each key once in its section";
-                return Err(MetrologyError::Repeated(
-                    Place { file, line: *line }.finding("key", what, expected),
-                ));
+                return Err(Place::new(file, *line).contradictory("key", what, expected));
             }
             found = Some((*line, value));
         }
@@ -170,15 +145,12 @@ impl<'t> Section<'t> {
         shown: &str,
     ) -> Result<(usize, &'t str), MetrologyError> {
         self.value(file, key)?.ok_or_else(|| {
-            let place = Place {
-                file,
-                line: self.line,
-            };
-            MetrologyError::Structure(place.finding(
+            let place = Place::new(file, self.line);
+            place.malformed(
                 &self.name,
                 format!("no `{shown}`"),
                 format!("a line `{shown}:`"),
-            ))
+            )
         })
     }
 }

@@ -23,7 +23,7 @@ pub(super) fn environment(
         let Some(field) = field_of(&mut environment, &key) else {
             continue;
         };
-        *field = start_end(Place { file, line: *line }, text, value)?;
+        *field = start_end(Place::new(file, *line), text, value)?;
     }
     let connected = |t: &StartEnd| t.start != NO_SENSOR_DEGC && t.end != NO_SENSOR_DEGC;
     for sensor in &mut environment.material_temperature {
@@ -58,22 +58,14 @@ fn start_end(
         [start, end] => (start, end, None),
         [start, end, code] => (start, end, Some(code)),
         _ => {
-            return Err(MetrologyError::Structure(place.finding(
-                "ENVIRONMENT",
-                quoted(line),
-                "start, end and a unit code",
-            )));
+            return Err(place.malformed("ENVIRONMENT", quoted(line), "start, end and a unit code"));
         }
     };
     let unit_code = match code.map(|c| (c, c.parse::<i64>())) {
         None => None,
         Some((_, Ok(code))) => Some(code),
         Some((text, Err(_))) => {
-            return Err(MetrologyError::Number(place.finding(
-                "unit code",
-                quoted(text),
-                "a whole number",
-            )));
+            return Err(place.not_a_number("unit code", quoted(text), "a whole number"));
         }
     };
     Ok(Some(StartEnd {

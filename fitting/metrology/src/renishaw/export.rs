@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use volcomp_document::quoted;
 
 use crate::decimal_comma::with_points;
-use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading};
 
@@ -41,10 +41,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         .map(|(index, line)| (index + 1, line.trim()));
     let mut head = None;
     for (number, line) in lines.by_ref() {
-        let place = Place {
-            file: name,
-            line: number,
-        };
+        let place = Place::new(name, number);
         grid.read(place, line)?;
         if is_head(line) {
             head = Some(number);
@@ -53,17 +50,12 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     }
     let Some(head) = head else {
         let first = text.lines().next().unwrap_or_default().trim();
-        return Err(MetrologyError::Kind(wrong_kind(
-            name,
-            1,
-            quoted(first),
-            EXPECTED,
-        )));
+        return Err(Place::new(name, 1).wrong_kind(quoted(first), EXPECTED));
     };
     let mut readings: Vec<Reading> = Vec::new();
     let mut line_of = HashMap::new();
     for (line, row) in lines {
-        let place = Place { file: name, line };
+        let place = Place::new(name, line);
         let cells: Vec<&str> = row.split_ascii_whitespace().collect();
         let starts_with_number = cells
             .first()
@@ -76,22 +68,22 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
             break;
         }
         let [_, target, value, ..] = cells[..] else {
-            return Err(MetrologyError::Structure(place.finding(
+            return Err(place.malformed(
                 "row",
                 quoted(row),
                 "three columns: number, axis position, value",
-            )));
+            ));
         };
         let target = place.number("axis position", target)?;
         if let Some(last) = readings.last() {
             grid.step(place, last.target, target)?;
         }
         if let Some(first) = line_of.insert(target.to_bits(), line) {
-            return Err(MetrologyError::Repeated(place.finding(
+            return Err(place.contradictory(
                 "axis position",
                 format!("{target} again (first in line {first})"),
                 "each position once",
-            )));
+            ));
         }
         readings.push(Reading {
             target,
@@ -106,13 +98,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
             expected: "at least one row under `No.  Axis position  Combined`".into(),
         });
     }
-    grid.ends(
-        Place {
-            file: name,
-            line: head,
-        },
-        &readings,
-    )?;
+    grid.ends(Place::new(name, head), &readings)?;
     let mut notes: Vec<String> = encoding_note.into_iter().collect();
     notes.push("these are compensation values for a control, not readings: neither sign nor unit is stated, and there are no single runs".into());
     Ok(Measurement {
@@ -166,11 +152,11 @@ impl Grid {
         if ((to - from).abs() - spacing.abs()).abs() <= ROUNDING {
             return Ok(());
         }
-        Err(MetrologyError::Structure(place.finding(
+        Err(place.malformed(
             "axis position",
             format!("{to} after {from}"),
             format!("positions {spacing} apart, the spacing that the file states"),
-        )))
+        ))
     }
 
     fn ends(&self, place: Place<'_>, readings: &[Reading]) -> Result<(), MetrologyError> {
@@ -185,10 +171,10 @@ impl Grid {
         if (found_low - low).abs() <= slack && (found_high - high).abs() <= slack {
             return Ok(());
         }
-        Err(MetrologyError::Count(place.finding(
+        Err(place.contradictory(
             "rows",
             format!("positions from {} to {}", first.target, last.target),
             format!("{start} to {end}, as the file states (it may be cut off)"),
-        )))
+        ))
     }
 }

@@ -5,7 +5,8 @@ use super::environment::environment;
 use super::{RenishawKind, directions, sections};
 use crate::checks::environment_notes;
 use crate::decimal_comma::with_points;
-use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::encoding::{decode, refuse_empty};
+use crate::number::Place;
 use crate::{Measurement, Metadata, MetrologyError, Reading};
 
 const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm, positive as the optics read them: no real file has proven unit and sign, so compare one with a known deviation";
@@ -125,12 +126,7 @@ fn check_file_type(
                 .eq_ignore_ascii_case(kind.file_type()) =>
         {
             let expected = format!("`File type : {}`", kind.file_type());
-            Err(MetrologyError::Kind(wrong_kind(
-                document.file,
-                line,
-                quoted(text),
-                &expected,
-            )))
+            Err(Place::new(document.file, line).wrong_kind(quoted(text), &expected))
         }
         _ => Ok(()),
     }

@@ -19,32 +19,16 @@ pub(super) fn targets(document: &Document<'_>) -> Result<Targets, MetrologyError
     let section = document.required("TARGET DATA")?;
     let file = document.file;
     let (count_line, count) = section.required_value(file, "targetcount", "Target-count")?;
-    let count = Place {
-        file,
-        line: count_line,
-    }
-    .count("Target-count", count)?;
+    let count = Place::new(file, count_line).count("Target-count", count)?;
     section.required_value(file, "targets", "Targets ")?;
     let (flags_line, flags) = section.required_value(file, "flags", "Flags")?;
     let values = target_list(section, file)?;
     if values.len() as u64 != u64::from(count) {
         let found = format!("`{count}`");
         let expected = format!("{}, the number of targets listed", values.len());
-        return Err(MetrologyError::Count(
-            Place {
-                file,
-                line: count_line,
-            }
-            .finding("Target-count", found, expected),
-        ));
+        return Err(Place::new(file, count_line).contradictory("Target-count", found, expected));
     }
-    let unidirectional = second_flag(
-        Place {
-            file,
-            line: flags_line,
-        },
-        flags,
-    )?;
+    let unidirectional = second_flag(Place::new(file, flags_line), flags)?;
     Ok(Targets {
         values,
         unidirectional,
@@ -62,7 +46,7 @@ fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyE
         .iter()
         .skip_while(|(_, text)| !is_key(text, "targets"));
     for (index, (line, text)) in from_list.enumerate() {
-        let place = Place { file, line: *line };
+        let place = Place::new(file, *line);
         let numbers = match text.split_once(':') {
             Some((_, rest)) if index == 0 => rest,
             _ if is_key(text, "flags") => break,
@@ -72,11 +56,7 @@ fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyE
             let value = place.number("target", token)?;
             if let Some(first) = lines.insert(value.to_bits(), *line) {
                 let found = format!("{} again (first in line {first})", quoted(token));
-                return Err(MetrologyError::Repeated(place.finding(
-                    "target",
-                    found,
-                    "each target once",
-                )));
+                return Err(place.contradictory("target", found, "each target once"));
             }
             values.push(value);
         }
@@ -95,11 +75,7 @@ fn second_flag(place: Place<'_>, text: &str) -> Result<Option<bool>, MetrologyEr
             1 => Some(true),
             _ => None,
         }),
-        _ => Err(MetrologyError::Number(place.finding(
-            "Flags",
-            quoted(text),
-            "four or more whole numbers",
-        ))),
+        _ => Err(place.not_a_number("Flags", quoted(text), "four or more whole numbers")),
     }
 }
 
@@ -124,11 +100,7 @@ pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>,
         document
             .required("RUNS")?
             .required_value(file, "runcount", "Run-count")?;
-    let run_count = Place {
-        file,
-        line: count_line,
-    }
-    .count("Run-count", text)?;
+    let run_count = Place::new(file, count_line).count("Run-count", text)?;
     let section = document.required("DEVIATIONS")?;
     let raw = raw_rows(section, file, run_count)?;
     let column = TargetColumn::of(&raw, targets);
@@ -141,18 +113,14 @@ pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>,
         deviation,
     } in raw
     {
-        let place = Place { file, line };
+        let place = Place::new(file, line);
         let target = column.target(place, target_text, targets)?;
         if let Some(first) = seen.insert((pass, target.to_bits()), line) {
             let found = format!(
                 "run {pass}, target {} again (first in line {first})",
                 quoted(target_text)
             );
-            return Err(MetrologyError::Repeated(place.finding(
-                "reading",
-                found,
-                "each target once in a run",
-            )));
+            return Err(place.contradictory("reading", found, "each target once in a run"));
         }
         rows.push(Row {
             line,
@@ -163,20 +131,13 @@ pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>,
     }
     let expected = u64::from(run_count) * targets.len() as u64;
     if rows.len() as u64 != expected {
-        let place = Place {
-            file,
-            line: rows.last().map_or(section.line, |r| r.line),
-        };
+        let place = Place::new(file, rows.last().map_or(section.line, |r| r.line));
         let found = format!("{} readings", rows.len());
         let expected = format!(
             "{expected}: Run-count {run_count} x {} targets",
             targets.len()
         );
-        return Err(MetrologyError::Count(place.finding(
-            "DEVIATIONS",
-            found,
-            expected,
-        )));
+        return Err(place.contradictory("DEVIATIONS", found, expected));
     }
     Ok(rows)
 }
@@ -191,27 +152,19 @@ fn raw_rows<'t>(
     };
     let mut rows = Vec::new();
     for (index, (line, text)) in section.lines.iter().enumerate() {
-        let place = Place { file, line: *line };
+        let place = Place::new(file, *line);
         if index == 0 && is_title(text) {
             continue;
         }
         let columns: Vec<&str> = text.split_ascii_whitespace().collect();
         let [pass, target_text, deviation] = columns[..] else {
             let expected = "three columns: run, target, deviation";
-            return Err(MetrologyError::Structure(place.finding(
-                "DEVIATIONS",
-                quoted(text),
-                expected,
-            )));
+            return Err(place.malformed("DEVIATIONS", quoted(text), expected));
         };
         let pass_number = place.count("run", pass)?;
         if pass_number > run_count {
             let expected = format!("a run from 1 to {run_count}, the Run-count");
-            return Err(MetrologyError::Count(place.finding(
-                "run",
-                quoted(pass),
-                expected,
-            )));
+            return Err(place.contradictory("run", quoted(pass), expected));
         }
         let deviation = place.number("deviation", deviation)?;
         rows.push(RawRow {
@@ -257,7 +210,7 @@ impl TargetColumn {
         };
         target.ok_or_else(|| {
             let expected = format!("a target number from 1 to {}", targets.len());
-            MetrologyError::Number(place.finding("target", quoted(text), expected))
+            place.not_a_number("target", quoted(text), expected)
         })
     }
 }
@@ -271,7 +224,7 @@ fn by_number(text: &str, targets: &[f64]) -> Option<f64> {
 /// The target of this value, to the rounding of six decimals.
 fn by_value(text: &str, targets: &[f64]) -> Option<f64> {
     const ROUNDING: f64 = 1e-6;
-    let value = Place { file: "", line: 0 }.number("", text).ok()?;
+    let value = Place::new("", 0).number("", text).ok()?;
     let near = |target: &&f64| (**target - value).abs() <= ROUNDING;
     let closest = |a: &&f64, b: &&f64| (**a - value).abs().total_cmp(&(**b - value).abs());
     targets.iter().filter(near).min_by(closest).copied()

@@ -10,6 +10,8 @@ use volcomp_metrology::circular::{
     circular_signatures, parse_trace,
 };
 
+use crate::samples::near;
+
 const RADIUS_MM: f64 = 150.0;
 
 /// The errors of a machine with the axes X and Y.
@@ -86,14 +88,6 @@ fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
     (one.size, one.uncertainty)
 }
 
-#[track_caller]
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected} within {tolerance}"
-    );
-}
-
 /// What each signature is, by the machine.
 fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
     [
@@ -139,7 +133,7 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
         squareness: 40.0,
         scales: [30.0, -10.0],
         backlash: [3.0, 1.0],
-        ..NONE
+        ..Machine::default()
     };
     let table = |turned: [f64; 2], by_angle: bool, stated: bool| {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
@@ -247,70 +241,22 @@ fn overlapping_arcs_are_all_evaluated() {
     );
 }
 
-const NONE: Machine = Machine {
-    centre_um: [0.0; 2],
-    squareness: 0.0,
-    scales: [0.0; 2],
-    backlash: [0.0; 2],
-    lag: [0.0; 2],
-    spikes: [0.0; 2],
-};
-
 #[test]
 fn each_signature_by_itself_is_recovered_and_ranked_first() {
     use SignatureKind as Kind;
-    let cases = [
-        (
-            Kind::Squareness,
-            Machine {
-                squareness: 60.0,
-                ..NONE
-            },
-        ),
-        (
-            Kind::ScaleMismatch,
-            Machine {
-                scales: [30.0, -20.0],
-                ..NONE
-            },
-        ),
-        (
-            Kind::BacklashFirst,
-            Machine {
-                backlash: [4.0, 0.0],
-                ..NONE
-            },
-        ),
-        (
-            Kind::BacklashSecond,
-            Machine {
-                backlash: [0.0, -4.0],
-                ..NONE
-            },
-        ),
-        (
-            Kind::ServoMismatch,
-            Machine {
-                lag: [1.0, 7.0],
-                ..NONE
-            },
-        ),
-        (
-            Kind::SpikesFirst,
-            Machine {
-                spikes: [5.0, 0.0],
-                ..NONE
-            },
-        ),
-        (
-            Kind::SpikesSecond,
-            Machine {
-                spikes: [0.0, 5.0],
-                ..NONE
-            },
-        ),
+    type Change = fn(&mut Machine);
+    let cases: [(Kind, Change); 7] = [
+        (Kind::Squareness, |m| m.squareness = 60.0),
+        (Kind::ScaleMismatch, |m| m.scales = [30.0, -20.0]),
+        (Kind::BacklashFirst, |m| m.backlash = [4.0, 0.0]),
+        (Kind::BacklashSecond, |m| m.backlash = [0.0, -4.0]),
+        (Kind::ServoMismatch, |m| m.lag = [1.0, 7.0]),
+        (Kind::SpikesFirst, |m| m.spikes = [5.0, 0.0]),
+        (Kind::SpikesSecond, |m| m.spikes = [0.0, 5.0]),
     ];
-    for (seed, (kind, machine)) in (4_u64..).zip(cases) {
+    for (seed, (kind, set)) in (4_u64..).zip(cases) {
+        let mut machine = Machine::default();
+        set(&mut machine);
         for noise_um in [0.0, 0.3] {
             let signatures = recovered(&machine, noise_um, seed);
             assert_eq!(signatures.ranked[0].kind, kind);
@@ -347,7 +293,7 @@ fn all_signatures_together_are_recovered_over_many_seeds() {
 fn the_uncertainty_of_a_size_is_what_seeds_show() {
     let machine = Machine {
         squareness: 20.0,
-        ..NONE
+        ..Machine::default()
     };
     let within = (0..200)
         .filter(|seed| {
@@ -366,7 +312,7 @@ fn deviations_of_an_ellipse_by_hand() {
     let machine = Machine {
         centre_um: [40.0, -30.0],
         scales: [5e3 / RADIUS_MM, -5e3 / RADIUS_MM],
-        ..NONE
+        ..Machine::default()
     };
     let trace = machine.trace(0.0, 1);
     let found = circular_deviations(&trace).unwrap();
@@ -408,7 +354,7 @@ fn both_senses_together_are_worse_than_each() {
 fn the_sense_comes_from_the_order_of_the_rows_and_one_sense_lacks_what_two_tell() {
     let machine = Machine {
         squareness: 30.0,
-        ..NONE
+        ..Machine::default()
     };
     let table = |sense: Sense| {
         let angles: Vec<i32> = (0..360).collect();

@@ -2,6 +2,8 @@
 
 use volcomp_metrology::{Diagonal, Direction, Measurement, Reading, evaluate_diagonals};
 
+use crate::samples::near;
+
 const EDGES: [f64; 3] = [800.0, 600.0, 500.0];
 const RUNS: u32 = 2;
 
@@ -69,14 +71,6 @@ const KNOWN: Known = Known {
     scale: 4.0,
     backlash_x: 3.0,
 };
-
-#[track_caller]
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected}"
-    );
-}
 
 fn refused(measured: &[(Diagonal, Measurement)], edges: Option<[f64; 3]>) -> String {
     let measured: Vec<(Diagonal, &Measurement)> = measured.iter().map(|(d, m)| (*d, m)).collect();

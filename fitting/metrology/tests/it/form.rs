@@ -6,6 +6,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use volcomp_metrology::form::{CoordinatePlane, Feature, evaluate_form};
 
+use crate::samples::near;
+
 pub(crate) type Point = [f64; 3];
 
 pub(crate) const CIRCLE: Feature = Feature::Circle { plane: None };
@@ -80,14 +82,6 @@ pub(crate) fn between(a: Point, b: Point) -> f64 {
         a[0] * b[1] - a[1] * b[0],
     ];
     distance(cross, [0.0; 3])
-}
-
-#[track_caller]
-pub(crate) fn near(found: f64, expected: f64, within: f64) {
-    assert!(
-        (found - expected).abs() <= within,
-        "{found} is not {expected} within {within}"
-    );
 }
 
 /// Points at radius(t) about the z axis.

@@ -11,7 +11,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use volcomp_metrology::form::{CoordinatePlane, Feature, evaluate_form};
 
-use crate::form::{Motion, Point, near};
+use crate::form::{Motion, Point};
+use crate::samples::near;
 
 /// The numbers of the script; `None` where there is no Python.
 fn scipy(feature: &str, points: &[Point]) -> Option<Vec<f64>> {

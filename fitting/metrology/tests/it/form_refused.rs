@@ -3,6 +3,7 @@
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use volcomp_metrology::form::{CoordinatePlane, Feature, FormError, evaluate_form, parse_points};
+use volcomp_test_support::cases;
 
 const ALL: [Feature; 5] = [
     Feature::Circle { plane: None },
@@ -114,34 +115,18 @@ fn tables_of_points() {
     assert_eq!(read.points_mm, [[1.0, 2.0, 3.5], [4.0, 5.0, 6.0]]);
     assert_eq!(read.lines, [2, 4]);
     assert_eq!(read.notes, ["columns that are not read: name"]);
-    for (text, message) in [
-        (
-            "",
-            "p.csv: found nothing in the file, expected the header `x,y,z`",
-        ),
-        ("x,y,z\n", "p.csv:1: header: found no row under the header"),
-        (
-            "x,y\n1,2\n",
-            "p.csv:1: header: found `x,y`, expected a column `z`",
-        ),
-        (
-            "x_mm,y_in,z\n1,2,3\n",
-            "p.csv:1: header: found column `y_in` in in, expected mm: y or y_mm",
-        ),
-        (
-            "x,y,z,X mm\n1,2,3,4\n",
-            "p.csv:1: header: found columns `x` and `X mm`, expected one for x",
-        ),
-        (
-            "x,y,z\n1,2,3\n1,nan,3\n",
-            "p.csv:3: y: found `nan`, expected a finite number",
-        ),
-        (
-            "x,y,z\n1,2,4e9\n",
-            "p.csv:2: z: found `4e9`, expected at most 1000000000 mm",
-        ),
-        ("x,y,z\n1,2\n", "p.csv:2: "),
-    ] {
+    for [text, message] in &cases(
+        r"
+ | p.csv: found nothing in the file, expected the header `x,y,z`
+x,y,z\n | p.csv:1: header: found no row under the header
+x,y\n1,2\n | p.csv:1: header: found `x,y`, expected a column `z`
+x_mm,y_in,z\n1,2,3\n | p.csv:1: header: found column `y_in` in in, expected mm: y or y_mm
+x,y,z,X mm\n1,2,3,4\n | p.csv:1: header: found columns `x` and `X mm`, expected one for x
+x,y,z\n1,2,3\n1,nan,3\n | p.csv:3: y: found `nan`, expected a finite number
+x,y,z\n1,2,4e9\n | p.csv:2: z: found `4e9`, expected at most 1000000000 mm
+x,y,z\n1,2\n | p.csv:2:
+",
+    ) {
         let error = parse_points(text, "p.csv").unwrap_err().to_string();
         assert!(error.starts_with(message), "{error}");
     }

@@ -7,7 +7,8 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use volcomp_metrology::form::{Axis, DatumAxis, Feature, Form, FormError, evaluate_form};
 
-use crate::form::{CIRCLE, CIRCLE_XY, Motion, Point, between, distance, near, round};
+use crate::form::{CIRCLE, CIRCLE_XY, Motion, Point, between, distance, round};
+use crate::samples::near;
 
 /// Points on a cone of half angle `psi` with its apex at the origin, from s to s + length along z; for psi = 0 a cylinder
 /// of radius `radius`.

@@ -4,24 +4,11 @@ use volcomp_metrology::{
     Iso230Part2, Measurement, MetrologyError, Reading, evaluate, parse_csv,
 };
 
+use crate::samples::{measurement, small};
+
 fn published() -> Measurement {
     let text = include_bytes!("../data/iso230-2-axis.csv");
     parse_csv(text, "iso230-2-axis.csv").unwrap()
-}
-
-fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measurement {
-    let reading = |&(target, run, direction, deviation): &_| Reading {
-        target,
-        run,
-        direction,
-        deviation,
-    };
-    let readings = readings.iter().map(reading).collect();
-    Measurement {
-        name: "m".into(),
-        readings,
-        ..Measurement::default()
-    }
 }
 
 #[track_caller]
@@ -61,20 +48,10 @@ fn the_odd_backward_run_is_pointed_at_and_nothing_else() {
     insta::assert_snapshot!(hints[0].text, @"backward run 1 differs from the other runs by 55.23 (root mean square; usual scatter 2.26)");
 }
 
-/// Two targets, two runs each way; every value below worked out by hand.
+/// Every value below worked out by hand.
 #[test]
 fn small_case_by_hand() {
-    let m = measurement(&[
-        (0.0, 1, Positive, 1.0),
-        (0.0, 2, Positive, 3.0),
-        (0.0, 1, Negative, -2.0),
-        (0.0, 2, Negative, -2.0),
-        (10.0, 1, Positive, 5.0),
-        (10.0, 2, Positive, 5.0),
-        (10.0, 1, Negative, 4.0),
-        (10.0, 2, Negative, 8.0),
-    ]);
-    let result = evaluate(&m).unwrap();
+    let result = evaluate(&small()).unwrap();
     let (s, root2) = (2.0_f64.sqrt(), 2.0_f64.sqrt());
     let first = result.targets[0];
     assert_eq!(

@@ -1,4 +1,9 @@
-//! Small measurement files, written by hand.
+//! Small measurements and files, written by hand.
+
+use volcomp_metrology::{
+    Direction::{self, Negative, Positive},
+    Measurement, Reading,
+};
 
 /// Three targets (one negative), two bidirectional runs, reverse runs in the order of travel.
 pub(crate) const BIDIRECTIONAL_RTL: &str = "HEADER::\r
@@ -58,4 +63,40 @@ pub(crate) fn rtl_with(from: &str, to: &str) -> String {
         "no {from:?} in the sample"
     );
     BIDIRECTIONAL_RTL.replacen(from, to, 1)
+}
+
+#[track_caller]
+pub(crate) fn near(found: f64, expected: f64, tolerance: f64) {
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found} against {expected} within {tolerance}"
+    );
+}
+
+pub(crate) fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measurement {
+    let reading = |&(target, run, direction, deviation): &_| Reading {
+        target,
+        run,
+        direction,
+        deviation,
+    };
+    Measurement {
+        name: "m".into(),
+        readings: readings.iter().map(reading).collect(),
+        ..Measurement::default()
+    }
+}
+
+/// Two targets, two runs each way.
+pub(crate) fn small() -> Measurement {
+    measurement(&[
+        (0.0, 1, Positive, 1.0),
+        (0.0, 2, Positive, 3.0),
+        (0.0, 1, Negative, -2.0),
+        (0.0, 2, Negative, -2.0),
+        (10.0, 1, Positive, 5.0),
+        (10.0, 2, Positive, 5.0),
+        (10.0, 1, Negative, 4.0),
+        (10.0, 2, Negative, 8.0),
+    ])
 }

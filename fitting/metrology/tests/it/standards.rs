@@ -4,47 +4,12 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use volcomp_metrology::{
     Direction::{self, Negative, Positive},
-    Edition, Measurement, Reading, UncertaintyInputs, Vdi3441, Verdict, asked_for, asme_b5_54,
-    axis_kind, decide, evaluate, parse_csv, parse_tolerances, positioning_uncertainty, shortfalls,
-    vdi_3441,
+    Edition, UncertaintyInputs, Vdi3441, Verdict, asked_for, asme_b5_54, axis_kind, decide,
+    evaluate, parse_csv, parse_tolerances, positioning_uncertainty, shortfalls, vdi_3441,
 };
 use volcomp_vocabulary::AxisKind;
 
-fn measurement(readings: &[(f64, u32, Direction, f64)]) -> Measurement {
-    let reading = |&(target, run, direction, deviation): &_| Reading {
-        target,
-        run,
-        direction,
-        deviation,
-    };
-    Measurement {
-        name: "m".into(),
-        readings: readings.iter().map(reading).collect(),
-        ..Measurement::default()
-    }
-}
-
-/// Two targets, two runs each way.
-fn small() -> Measurement {
-    measurement(&[
-        (0.0, 1, Positive, 1.0),
-        (0.0, 2, Positive, 3.0),
-        (0.0, 1, Negative, -2.0),
-        (0.0, 2, Negative, -2.0),
-        (10.0, 1, Positive, 5.0),
-        (10.0, 2, Positive, 5.0),
-        (10.0, 1, Negative, 4.0),
-        (10.0, 2, Negative, 8.0),
-    ])
-}
-
-#[track_caller]
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected}"
-    );
-}
+use crate::samples::{measurement, near, small};
 
 /// At 0: means 2 and −2, so x̄ = 0 and U = 4; s = √2 and 0, so Ps = 3√2. At 10: means 5 and 6, so x̄ = 5.5 and U = 1; s = 0 and 2√2, so
 /// Ps = 6√2.

@@ -9,13 +9,7 @@ use volcomp_metrology::{
     straightness_of_profile,
 };
 
-#[track_caller]
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (found - expected).abs() <= tolerance,
-        "{found} against {expected}"
-    );
-}
+use crate::samples::near;
 
 /// A triangle of 6 µm on a slope of 10 µrad. Through the end points it is 6; the narrowest strip has one side through the end points
 /// as well, 6; least squares through (−1, 0), (0, 6), (1, 0) is level at 2, range 6. With a fourth point the three differ.
