@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated_in, verified_in};
+use crate::identity::{compensated_in, rows, verified_in};
 
 /// X needs 1 µm for each millimetre of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
@@ -30,36 +30,20 @@ const COUNTING: [&str; 3] = [FANUC, HAAS, MAZAK];
 #[test]
 fn words_without_a_point_are_least_increments() {
     for control in COUNTING {
-        for (program, expected) in [
-            (
-                "G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n",
-                "G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n",
-            ),
-            // With points nothing is another number than elsewhere.
-            (
-                "G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n",
-                "G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n",
-            ),
-            // Inches: a ten-thousandth.
-            (
-                "G20\nG0 X10000 Y50000 Z0\nX20000\n",
-                "G20\nG0 X10050 Y50000 Z0\nX20050\n",
-            ),
-            // The depth, the plane R and the angle of a rotation.
-            (
-                "G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n",
-                "G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n",
-            ),
-            (
-                "G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n",
-                "G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n",
-            ),
-            // A dwell, a feed and the level of smoothing are no coordinates.
-            (
-                "G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n",
-                "G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n",
-            ),
-        ] {
+        for [program, expected] in rows(
+            r"
+G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n | G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n
+// With points nothing is another number than elsewhere.
+G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n | G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n
+// Inches: a ten-thousandth.
+G20\nG0 X10000 Y50000 Z0\nX20000\n | G20\nG0 X10050 Y50000 Z0\nX20050\n
+// The depth, the plane R and the angle of a rotation.
+G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n | G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n
+G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n | G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n
+// A dwell, a feed and the level of smoothing are no coordinates.
+G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n
+",
+        ) {
             assert_eq!(
                 result(control, program).as_deref(),
                 Ok(expected),

@@ -4,7 +4,7 @@
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated, verified_in};
+use crate::identity::{compensated, rows, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -228,17 +228,14 @@ fn shifts_that_were_switched_off_stay_off() {
 #[test]
 fn places_that_are_read_are_written_as_numbers() {
     let errors = "EXX = { poly = [-10, 0.1] }\n";
-    assert_eq!(
-        result(
-            errors,
-            "G0 X600 Y0 Z0\nG1 X[#5420-500]\n#2=[#5420-500]\nG1 X#2 Y#5421\nG1 X[#<_x>+500]\n"
-        ),
-        "G0 X599.950 Y0 Z0\nG1 X100\n#2=[#5420-500]\nG1 X-399.950 Y#5421\nG1 X100\n"
-    );
-    assert_eq!(
-        result(errors, "G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n"),
-        "G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n"
-    );
+    for [program, expected] in rows(
+        r"
+G0 X600 Y0 Z0\nG1 X[#5420-500]\n#2=[#5420-500]\nG1 X#2 Y#5421\nG1 X[#<_x>+500]\n | G0 X599.950 Y0 Z0\nG1 X100\n#2=[#5420-500]\nG1 X-399.950 Y#5421\nG1 X100\n
+G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
+",
+    ) {
+        assert_eq!(result(errors, program), expected);
+    }
     let refused = run(
         errors,
         "G0 X600 Y0 Z0\no1 while [#<_x> LT 700]\nG91 G1 X10\no1 endwhile\n",
@@ -256,21 +253,15 @@ fn places_that_are_read_are_written_as_numbers() {
 #[test]
 fn holes_in_g91_are_as_deep_as_they_are_to_be() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
-    assert_eq!(
-        result(
-            errors,
-            "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n"
-        ),
-        "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n"
-    );
-    // A word that is named anew does not leave the other one with an old correction.
-    assert_eq!(
-        result(
-            errors,
-            "G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n"
-        ),
-        "G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n"
-    );
+    for [program, expected] in rows(
+        r"
+G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n | G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n
+// A word that is named anew does not leave the other one with an old correction.
+G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n
+",
+    ) {
+        assert_eq!(result(errors, program), expected);
+    }
 }
 
 /// A call that is written out returns nothing to the control.
@@ -341,20 +332,13 @@ fn cycles_along_a_diameter() {
 #[test]
 fn what_cannot_be_split_is_refused() {
     let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
-    for (program, expected) in [
-        (
-            "G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n",
-            "line 2: a motion that is split, with an F of inverse time",
-        ),
-        (
-            "G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n",
-            "line 2: a motion that is split, with an F of inverse time",
-        ),
-        (
-            "G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n",
-            "line 3: R alone while a cycle holds",
-        ),
-    ] {
+    for [program, expected] in rows(
+        r"
+G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n | line 2: a motion that is split, with an F of inverse time
+G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n | line 2: a motion that is split, with an F of inverse time
+G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle holds
+",
+    ) {
         let message = run(bent, program).expect_err(program).to_string();
         assert!(message.starts_with(expected), "{message}");
     }

@@ -5,7 +5,7 @@ use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{TRAVELS, compensated_in, written};
+use crate::identity::{TRAVELS, compensated_in, rows, written};
 
 /// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
@@ -190,17 +190,13 @@ fn a_rotation_turns_about_its_centre() {
     let expected = format!("G0 X{:.3} Y{:.3}", 20.0 + back[0], back[1]);
     let out = String::from_utf8(out).expect("text");
     assert_eq!(out.lines().nth(2), Some(expected.as_str()), "{out}");
-    for (program, why) in [
-        ("G0 X0 Y0\nG68 X10 R90\n", "line 2: G68 without X and Y"),
-        (
-            "G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n",
-            "line 3: G68 while a shift",
-        ),
-        (
-            "G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n",
-            "line 3: a way (G91) behind G68",
-        ),
-    ] {
+    for [program, why] in rows(
+        r"
+G0 X0 Y0\nG68 X10 R90\n | line 2: G68 without X and Y
+G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n | line 3: G68 while a shift
+G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: a way (G91) behind G68
+",
+    ) {
         let message = refusal(program);
         assert!(message.starts_with(why), "{message}");
     }
@@ -586,16 +582,12 @@ fn unknown_axes_in_cycles_and_in_each_language() {
         assert_eq!(run(dialect, program).as_deref(), Ok(expected), "{program}");
     }
     // A pole relative to a place that is unknown is none.
-    for (line, expected) in [
-        (
-            "C X+420 Y+0 DR+ F100",
-            "line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before",
-        ),
-        (
-            "LP PR+50 PA+45",
-            "line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before",
-        ),
-    ] {
+    for [line, expected] in rows(
+        r"
+C X+420 Y+0 DR+ F100 | line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before
+LP PR+50 PA+45 | line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before
+",
+    ) {
         let program = |begins: &str| format!("{begins}\nCC IX+10 IY+0\n{line}\n");
         let error = run(Dialect::Heidenhain, &program("L X+400 FMAX")).expect_err(line);
         assert!(error.starts_with(expected), "{error}");
