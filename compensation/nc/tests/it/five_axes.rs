@@ -12,7 +12,7 @@ use volcomp_nc::{BoundViolation, Decimals, Dialect, Job, NcError, SetUp, Summary
 
 use crate::{
     drawn::comes_out_as_it_is,
-    identity::{result_of, verified_by},
+    identity::{begins, has, result_of, verified_by},
 };
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
@@ -402,6 +402,9 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
 /// the place that it turns from.
 #[test]
 fn which_way_an_axis_with_modulo_turns_is_stated() {
+    const MODULO: &str = "modulo = 360.0\n";
+    const LINEAR: &str = "rotary_words = \"linear\"\n";
+    const SHORTER: &str = "rotary_words = \"shorter\"\n";
     let machine = |modulo: &str| {
         let text = format!(
             "structure = \"w C' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nECC = {{ poly = [50.0] }}\n"
@@ -419,9 +422,6 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
             (String::from_utf8(out).expect("text"), lines)
         })
     };
-    const MODULO: &str = "modulo = 360.0\n";
-    const LINEAR: &str = "rotary_words = \"linear\"\n";
-    const SHORTER: &str = "rotary_words = \"shorter\"\n";
     let over_the_end = "G0 X10 Y20 Z0 C250\nG1 C10 F500\n";
     for program in [
         over_the_end,
@@ -429,10 +429,8 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         "G0 X10 Y20 Z0 C0\nG1 X20 C-200 F500\n",
     ] {
         let error = result(MODULO, "", program).expect_err(program);
-        assert!(
-            error.starts_with("line 2: ") && error.contains("rotary_words"),
-            "{error}"
-        );
+        begins(&error, "line 2: ");
+        has(&error, "rotary_words");
         // A way, or an axis that is not stated to roll over, is that of a linear axis.
         result("", "", program).expect(program);
     }

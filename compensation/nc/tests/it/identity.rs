@@ -9,6 +9,16 @@ use volcomp_test_support::cases;
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
+#[track_caller]
+pub(crate) fn begins(text: &str, expected: &str) {
+    assert!(text.starts_with(expected), "{text}");
+}
+
+#[track_caller]
+pub(crate) fn has(text: &str, expected: &str) {
+    assert!(text.contains(expected), "{text}");
+}
+
 /// The rows of a table of cases (see [`cases`]) for as long as the tests run; lines that begin with `//` say something about the rows below them.
 pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
     let rows = table.lines().filter(|row| !row.starts_with("//"));

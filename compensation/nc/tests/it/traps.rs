@@ -4,7 +4,7 @@
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated, rows, verified_in};
+use crate::identity::{begins, compensated, rows, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -243,10 +243,7 @@ G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
     let message = refused
         .expect_err("the count of the loop would change")
         .to_string();
-    assert!(
-        message.starts_with("line 2: the place of an axis is read here"),
-        "{message}"
-    );
+    begins(&message, "line 2: the place of an axis is read here");
 }
 
 /// In G91 a cycle counts R from where the tool was before the first hole, and the depth from R: as LinuxCNC does it.
@@ -273,10 +270,7 @@ fn what_a_call_returned_is_written_as_a_number() {
     assert!(out.ends_with("G0 Y14\n#1=15\nG0 Y#1\n"), "{out}");
     let decides = "o<f> sub\nG0 X[#1*100]\no<f> endsub [#1*7]\no<f> call [1]\no<f> call [2]\no1 if [#<_value> GT 3]\nG0 Y1\no1 endif\n";
     let message = run(errors, decides).expect_err("who decides?").to_string();
-    assert!(
-        message.starts_with("line 6: #<_value> is read here"),
-        "{message}"
-    );
+    begins(&message, "line 6: #<_value> is read here");
 }
 
 /// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it; also where G41 or G40 stands
@@ -562,10 +556,7 @@ fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
 fn what_controls_read_otherwise_is_refused() {
     let message = |program: &str| run("", program).expect_err("refused").to_string();
     let found = message("G21 G43.1 Z20\nG0 Z5\nG20\nG49\nG0 X1\n");
-    assert!(
-        found.starts_with("line 4: a tool length that ends in another unit"),
-        "{found}"
-    );
+    begins(&found, "line 4: a tool length that ends in another unit");
     assert!(run("", "G21 G43.1 Z20\nG49\nG20\nG43.1 Z1\n").is_ok());
     let found = message("G0 X0 Y10\nG2 X60 Y40 I20 J0\n");
     assert!(

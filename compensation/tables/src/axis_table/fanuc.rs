@@ -296,7 +296,7 @@ pub(crate) fn write(
     if !(options.detection_unit > 0.0 && options.detection_unit.is_finite()) {
         return Err(ExchangeError::option(
             "--detection-unit",
-            options.detection_unit,
+            &options.detection_unit,
             "a number above 0",
         ));
     }

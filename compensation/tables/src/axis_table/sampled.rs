@@ -57,7 +57,7 @@ impl TableOptions {
             let expected = format!("{low} to {high}, its travel");
             Err(ExchangeError::option(
                 format!("--at {}", axis.name),
-                at,
+                &at,
                 expected,
             ))
         };
@@ -84,7 +84,7 @@ pub fn sampled(
         ("--step-deg", options.step_deg),
     ] {
         if !(step > 0.0 && step.is_finite()) {
-            return Err(ExchangeError::option(what, step, "a number above 0"));
+            return Err(ExchangeError::option(what, &step, "a number above 0"));
         }
     }
     let lines = Lines {
@@ -180,14 +180,14 @@ impl Lines<'_> {
             let what = format!("{option}, axis {}", axis.name);
             let travel = high - low;
             let expected = format!("a travel of {travel} in {MOST_NODES} steps at the most");
-            return Err(ExchangeError::option(what, step, expected));
+            return Err(ExchangeError::option(what, &step, expected));
         }
         if let Some(period) = axis.modulo {
             let parts = (period / step).round();
             if (parts * step - period).abs() > 1e-9 * period || parts < 1.0 {
                 let what = format!("{option}, axis {} with modulo", axis.name);
                 let expected = format!("a whole part of {period}");
-                return Err(ExchangeError::option(what, step, expected));
+                return Err(ExchangeError::option(what, &step, expected));
             }
             #[expect(
                 clippy::cast_possible_truncation,
@@ -253,7 +253,7 @@ impl Lines<'_> {
             "whole steps of {step} from {low}, where the nodes of this format begin: else the tables are not zero there"
         );
         let what = format!("--at {}, an axis with modulo", axis.name);
-        Err(ExchangeError::option(what, at, expected))
+        Err(ExchangeError::option(what, &at, expected))
     }
 
     fn axis_tables(&self) -> Result<Vec<AxisTable>, ExchangeError> {

@@ -588,7 +588,7 @@ pub(crate) fn write(
     if options.encoder > 1 {
         return Err(ExchangeError::option(
             "--encoder",
-            options.encoder,
+            &options.encoder,
             "0 or 1",
         ));
     }

@@ -227,7 +227,7 @@ impl ExchangeError {
     /// An option with a value that it cannot have.
     pub(crate) fn option(
         what: impl Into<String>,
-        found: impl ToString,
+        found: &impl ToString,
         expected: impl Into<String>,
     ) -> Self {
         Self::Wish {
