@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::{
-    error::{Fault, malformed},
+    error::{Column, Fault},
     number::{Digits, plain},
     parameters::Value,
 };
@@ -225,8 +225,8 @@ impl<'a> Scanner<'a> {
     }
 
     /// The place of the next character as people count.
-    pub(crate) fn column(&self) -> usize {
-        self.at + 1
+    pub(crate) fn column(&self) -> Column {
+        Column(self.at + 1)
     }
 
     /// The next character as a capital letter, which stays; blanks before it are passed.
@@ -313,10 +313,7 @@ impl<'a> Scanner<'a> {
         }
         let rest = &self.bytes[self.at..];
         let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
-            return Err(malformed(
-                column,
-                "the text that begins here does not end with \"",
-            ));
+            return Err(column.malformed("the text that begins here does not end with \""));
         };
         self.at += length + 1;
         Ok(true)
@@ -332,10 +329,7 @@ impl<'a> Scanner<'a> {
             }
             name.push(char::from(byte.to_ascii_lowercase()));
         }
-        Err(malformed(
-            column,
-            "the name that begins here does not end with >",
-        ))
+        Err(column.malformed("the name that begins here does not end with >"))
     }
 }
 

@@ -153,21 +153,43 @@ pub enum BoundViolation {
     },
 }
 
-/// What cannot be read at a column.
-pub(crate) fn malformed(column: usize, what: &'static str) -> Fault {
-    Fault::Expression { column, what }
+/// A column of a line, counted from 1, where something in it is wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Column(pub(crate) usize);
+
+impl Column {
+    pub(crate) fn malformed(self, what: &'static str) -> Fault {
+        Fault::Expression {
+            column: self.0,
+            what,
+        }
+    }
+
+    /// A word whose rule is not followed.
+    pub(crate) fn not_followed(self, found: &str, why: &'static str) -> Fault {
+        Fault::NotFollowed {
+            column: self.0,
+            found: found.to_owned(),
+            why,
+        }
+    }
+
+    pub(crate) fn no_number(self, letter: u8) -> Fault {
+        Fault::NoNumber {
+            column: self.0,
+            letter: char::from(letter),
+        }
+    }
+
+    pub(crate) fn character(self, found: u8) -> Fault {
+        Fault::Character {
+            column: self.0,
+            found: char::from(found),
+        }
+    }
 }
 
 /// Reasons why words are not followed.
 pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
 pub(crate) const OWN_RULE: &str = "it moves axes by a rule of its own";
 pub(crate) const FLOW: &str = "which lines are executed after it, is not followed in this language";
-
-/// A word whose rule is not followed.
-pub(crate) fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {
-    Fault::NotFollowed {
-        column,
-        found: found.to_owned(),
-        why,
-    }
-}

@@ -5,8 +5,9 @@ use std::cell::Cell;
 
 use crate::{
     block::Scanner,
+    codes::whole,
     coordinates::Axes,
-    error::{Fault, malformed},
+    error::{Column, Fault},
     interpreter::{Interpreter, axis_of_name, axis_of_place},
     number::Digits,
     parameters::{HAS_RETURNED, MOST, RETURNED, Value},
@@ -131,7 +132,7 @@ impl<'p> Expressions<'p> {
         }
         let column = scanner.column();
         if depth > DEEPEST {
-            return Err(malformed(column, "the expression is nested too deeply"));
+            return Err(column.malformed("the expression is nested too deeply"));
         }
         match scanner.peek() {
             Some(b'[') => {
@@ -158,10 +159,7 @@ impl<'p> Expressions<'p> {
         if scanner.takes(b']') {
             return Ok(value);
         }
-        Err(malformed(
-            scanner.column(),
-            "expected an operator or ] here",
-        ))
+        Err(scanner.column().malformed("expected an operator or ] here"))
     }
 
     /// Operators of one strength, from the left; between them what binds more strongly.
@@ -174,10 +172,8 @@ impl<'p> Expressions<'p> {
         let Some(operators) = OPERATORS.get(strength) else {
             let column = scanner.column();
             let value = self.value(scanner, depth)?;
-            return value.ok_or(malformed(
-                column,
-                "expected a number, a parameter or a function here",
-            ));
+            return value
+                .ok_or(column.malformed("expected a number, a parameter or a function here"));
         };
         let mut value = self.operation(scanner, strength + 1, depth)?;
         loop {
@@ -245,8 +241,7 @@ impl<'p> Expressions<'p> {
     ) -> Result<Option<u32>, Fault> {
         let column = scanner.column();
         let wrong = || {
-            malformed(
-                column,
+            column.malformed(
                 "expected the number of a parameter, 1 to 99999, or its name between < and >",
             )
         };
@@ -273,23 +268,22 @@ impl<'p> Expressions<'p> {
             },
         };
         if !scanner.takes(b'[') {
-            return Err(malformed(
-                scanner.column(),
-                "expected [ after the name of a function",
-            ));
+            return Err(scanner
+                .column()
+                .malformed("expected [ after the name of a function"));
         }
         if special == Some("EXISTS") {
             let is_named = scanner.takes_all("#<");
             let exists = is_named && self.named(&scanner.name()?).is_some();
             if !is_named || !scanner.takes(b']') {
-                return Err(malformed(column, "expected EXISTS[#<name>]"));
+                return Err(column.malformed("expected EXISTS[#<name>]"));
             }
             return Ok(Some(Some(f64::from(u8::from(exists)))));
         }
         let value = self.bracket(scanner, depth)?;
         let Some(function) = function else {
             if !scanner.takes_all("/[") {
-                return Err(malformed(column, "expected ATAN[y]/[x]"));
+                return Err(column.malformed("expected ATAN[y]/[x]"));
             }
             let x = self.bracket(scanner, depth)?;
             return Ok(Some(value.zip(x).map(|(y, x)| y.atan2(x).to_degrees())));
@@ -299,17 +293,16 @@ impl<'p> Expressions<'p> {
     }
 }
 
-pub(crate) fn finite(value: f64, column: usize) -> Result<f64, Fault> {
+pub(crate) fn finite(value: f64, column: Column) -> Result<f64, Fault> {
     if value.is_finite() {
         return Ok(value);
     }
-    Err(malformed(
-        column,
+    Err(column.malformed(
         "this calculation has no result (a division by zero, or a function outside its range)",
     ))
 }
 
-pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
+pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: Column) -> Result<f64, Fault> {
     let truth = |truth: bool| f64::from(u8::from(truth));
     // Numbers that are computed are equal where they differ by their last digits only.
     let equal = (a - b).abs() < 1e-6;
@@ -410,10 +403,10 @@ pub(crate) trait Formulas {
                 return Ok(Some(value));
             };
             let other = self.operation(scanner, strength + 1, depth)?;
-            let other = other.ok_or(malformed(
-                column,
-                "expected a number, a parameter or a function after this operator",
-            ))?;
+            let other = other
+                .ok_or(column.malformed(
+                    "expected a number, a parameter or a function after this operator",
+                ))?;
             value = match (value, other) {
                 (Some(a), Some(b)) => Some(operate(operator, a, b, column)?),
                 _ => None,
@@ -423,10 +416,9 @@ pub(crate) trait Formulas {
 
     fn operand(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
         if depth > DEEPEST {
-            return Err(malformed(
-                scanner.column(),
-                "the expression is nested too deeply",
-            ));
+            return Err(scanner
+                .column()
+                .malformed("the expression is nested too deeply"));
         }
         if let Some((value, _)) = self.number(scanner) {
             return Ok(Some(Some(value)));
@@ -463,15 +455,12 @@ pub(crate) trait Formulas {
     fn argument(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let column = scanner.column();
         let value = self.operand(scanner, depth)?;
-        value.ok_or(malformed(
-            column,
-            "expected the argument of the function here",
-        ))
+        value.ok_or(column.malformed("expected the argument of the function here"))
     }
 
     /// Two arguments in brackets.
     fn arguments(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<[Value; 2], Fault> {
-        let wrong = |column| malformed(column, "expected two arguments: (1, 2)");
+        let wrong = |column: Column| column.malformed("expected two arguments: (1, 2)");
         if !scanner.takes(b'(') {
             return Err(wrong(scanner.column()));
         }
@@ -491,10 +480,9 @@ pub(crate) trait Formulas {
         let value = self.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b')')) {
             (Some(value), true) => Ok(value),
-            _ => Err(malformed(
-                scanner.column(),
-                "expected a value or an operator, and ) behind them",
-            )),
+            _ => Err(scanner
+                .column()
+                .malformed("expected a value or an operator, and ) behind them")),
         }
     }
 }
@@ -513,6 +501,11 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     }
     scanner.go_to(at + name.len());
     true
+}
+
+/// A whole number without a sign, up to the largest, which is passed whatever it is.
+pub(crate) fn whole_number(scanner: &mut Scanner<'_>, most: u32) -> Option<u32> {
+    whole(plain_number(scanner, b"")?.0, most)
 }
 
 /// A decimal number without a sign and without blanks in it, and its decimals; `points` are the characters that stand for the

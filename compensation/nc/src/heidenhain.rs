@@ -7,10 +7,9 @@ use std::ops::Range;
 
 use crate::{
     block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
-    codes::whole,
     coordinates::axis_of,
-    error::{FLOW, Fault, OWN_RULE, UNKNOWN, malformed, not_followed},
-    expression::{Formulas, Operator, finite, operate, plain_number, takes_name},
+    error::{Column, FLOW, Fault, OWN_RULE, UNKNOWN},
+    expression::{Formulas, Operator, finite, operate, plain_number, takes_name, whole_number},
     interpreter::Interpreter,
     parameters::Value,
 };
@@ -53,21 +52,16 @@ impl Reader<'_, '_> {
         if let Some((place, _)) = &self.block.number {
             self.scanner.go_to(place.end);
         }
-        let column = {
-            self.scanner.peek();
-            self.scanner.column()
-        };
+        let column = self.column();
         match self.scanner.peek() {
             None | Some(b';' | b'*') => return Ok(()),
             Some(b'0'..=b'9') if self.block.number.is_none() => {
-                return Err(malformed(column, "the number of a block above 1000000000"));
+                return Err(column.malformed("the number of a block above 1000000000"));
             }
             Some(b'/') => {
-                return Err(not_followed(
-                    column,
-                    "/",
-                    "whether a block is skipped, only the control knows",
-                ));
+                return Err(
+                    column.not_followed("/", "whether a block is skipped, only the control knows")
+                );
             }
             _ => {}
         }
@@ -130,7 +124,7 @@ impl Reader<'_, '_> {
     }
 
     /// `NAME MM`, behind BEGIN PGM.
-    fn begins(&mut self, column: usize) -> Result<(), Fault> {
+    fn begins(&mut self, column: Column) -> Result<(), Fault> {
         let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let rest = rest.split(|byte| *byte == b';').next().unwrap_or_default();
         let mut words = rest.split(|byte| matches!(byte, b' ' | b'\t'));
@@ -139,11 +133,7 @@ impl Reader<'_, '_> {
             b"MM" => 21.0,
             b"INCH" => 20.0,
             _ => {
-                return Err(not_followed(
-                    column,
-                    "BEGIN PGM",
-                    "expected MM or INCH at its end",
-                ));
+                return Err(column.not_followed("BEGIN PGM", "expected MM or INCH at its end"));
             }
         };
         self.word(b'G', at, at..at, Some(code), Manner::Modal, None);
@@ -170,11 +160,7 @@ impl Reader<'_, '_> {
         if self.has_tilde() {
             return Ok(());
         }
-        Err(not_followed(
-            column,
-            "CYCL DEF 247",
-            "expected the number of its preset, Q339",
-        ))
+        Err(column.not_followed("CYCL DEF 247", "expected the number of its preset, Q339"))
     }
 
     /// Whether the line ends with a tilde before its comment.
@@ -189,19 +175,15 @@ impl Reader<'_, '_> {
     fn ends(&mut self) -> Result<(), Fault> {
         match self.scanner.peek() {
             None | Some(b';') => Ok(()),
-            Some(found) => Err(Fault::Character {
-                column: self.scanner.column(),
-                found: char::from(found),
-            }),
+            Some(found) => Err(self.scanner.column().character(found)),
         }
     }
 
     /// `FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS`, whose beginning is passed.
-    fn tcpm(&mut self, column: usize) -> Result<(), Fault> {
+    fn tcpm(&mut self, column: Column) -> Result<(), Fault> {
         for words in ["F TCP", "AXIS POS", "PATHCTRL AXIS"] {
             if !self.takes(words) {
-                return Err(not_followed(
-                    column,
+                return Err(column.not_followed(
                     "FUNCTION TCPM",
                     "only F TCP AXIS POS PATHCTRL AXIS is followed",
                 ));
@@ -220,18 +202,16 @@ impl Reader<'_, '_> {
             let number = number.map(|(number, _)| number);
             function = number.filter(|number| *number <= 5.0);
             if function.is_none() || !self.scanner.takes(b':') {
-                return Err(not_followed(column, "FN", FLOW));
+                return Err(column.not_followed("FN", FLOW));
             }
         }
         let Some(parameter) = q_parameter(&mut self.scanner) else {
             self.scanner.go_to(at);
             return Ok(false);
         };
+        let column = self.column();
         if !self.scanner.takes(b'=') {
-            return Err(malformed(
-                self.scanner.column(),
-                "expected = after a parameter that begins a block",
-            ));
+            return Err(column.malformed("expected = after a parameter that begins a block"));
         }
         self.scanner.peek();
         let (from, column) = (self.scanner.at(), self.scanner.column());
@@ -239,10 +219,7 @@ impl Reader<'_, '_> {
             self.function(function)?
         } else {
             let value = self.values.operation(&mut self.scanner, 0, 0)?;
-            value.ok_or(malformed(
-                column,
-                "expected the value of the parameter after =",
-            ))?
+            value.ok_or(column.malformed("expected the value of the parameter after ="))?
         };
         let to = self.scanner.at();
         self.block.assignments.push(Assignment {
@@ -264,36 +241,28 @@ impl Reader<'_, '_> {
             return value.map(|x| finite(x.sqrt(), column)).transpose();
         }
         let first = self.value(WHAT)?;
-        let operators = [
-            ("+", Operator::Plus),
-            ("-", Operator::Minus),
-            ("*", Operator::Times),
-            ("DIV", Operator::Over),
-        ];
-        let wanted = operators
-            .iter()
-            .zip(1..)
-            .find(|(_, of)| f64::from(*of) == number);
-        let Some(((name, operator), _)) = wanted else {
-            return Ok(first);
+        let (name, operator) = match number {
+            1.0 => ("+", Operator::Plus),
+            2.0 => ("-", Operator::Minus),
+            3.0 => ("*", Operator::Times),
+            4.0 => ("DIV", Operator::Over),
+            _ => return Ok(first),
         };
         let is_there = takes_name(&mut self.scanner, name)
-            || *operator == Operator::Over && self.scanner.takes(b'/');
+            || operator == Operator::Over && self.scanner.takes(b'/');
         if !is_there {
-            return Err(malformed(
-                self.scanner.column(),
-                "expected the operator of this function: + - * DIV",
-            ));
+            let column = self.scanner.column();
+            return Err(column.malformed("expected the operator of this function: + - * DIV"));
         }
         let second = self.value(WHAT)?;
         match (first, second) {
-            (Some(a), Some(b)) => Ok(Some(operate(*operator, a, b, column)?)),
+            (Some(a), Some(b)) => Ok(Some(operate(operator, a, b, column)?)),
             _ => Ok(None),
         }
     }
 
     /// What is refused, with the reason.
-    fn refuses(&mut self, column: usize) -> Result<(), Fault> {
+    fn refuses(&mut self, column: Column) -> Result<(), Fault> {
         const REASONS: [(&str, &[&str]); 11] = [
             (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
             (TILTED, &["PLANE"]),
@@ -318,14 +287,10 @@ impl Reader<'_, '_> {
         ];
         for (why, names) in REASONS {
             if let Some(name) = names.iter().find(|name| self.takes(name)) {
-                return Err(not_followed(column, name, why));
+                return Err(column.not_followed(name, why));
             }
         }
-        Err(not_followed(
-            column,
-            &self.found(self.scanner.at()),
-            UNKNOWN,
-        ))
+        Err(column.not_followed(&self.found(self.scanner.at()), UNKNOWN))
     }
 
     /// A motion or a pole; false: the line is none.
@@ -336,11 +301,7 @@ impl Reader<'_, '_> {
             let others = |letter: u8| !matches!(letter, b'X' | b'Y');
             if self.block.words.iter().any(|word| others(word.letter)) {
                 let column = self.scanner.column();
-                return Err(not_followed(
-                    column,
-                    "CC",
-                    "a pole outside the plane of X and Y",
-                ));
+                return Err(column.not_followed("CC", "a pole outside the plane of X and Y"));
             }
             return Ok(true);
         }
@@ -353,14 +314,8 @@ impl Reader<'_, '_> {
         self.block.keyword = at..at + name.len();
         self.block.end = self.scanner.at();
         let place = self.block.words.len();
-        self.word(
-            b'G',
-            at,
-            at..at + name.len(),
-            Some(1.0),
-            Manner::Modal,
-            None,
-        );
+        let text = self.block.keyword.clone();
+        self.word(b'G', at, text, Some(1.0), Manner::Modal, None);
         let (mut rapid, mut clockwise) = (false, None);
         loop {
             let column = self.column();
@@ -374,14 +329,14 @@ impl Reader<'_, '_> {
                     let at = self.scanner.at();
                     let is_minus = takes_name(&mut self.scanner, "DR-");
                     if !is_minus && !takes_name(&mut self.scanner, "DR+") {
-                        return Err(not_followed(column, &self.found(at), UNKNOWN));
+                        return Err(column.not_followed(&self.found(at), UNKNOWN));
                     }
                     clockwise = Some(is_minus);
                 }
                 Some(b'F') => rapid |= self.feed(column)?,
                 Some(b'M') => self.m_word()?,
                 Some(b'~') => {
-                    return Err(not_followed(column, "~", "a motion in several lines"));
+                    return Err(column.not_followed("~", "a motion in several lines"));
                 }
                 _ => break,
             }
@@ -392,10 +347,10 @@ impl Reader<'_, '_> {
             (true, Some(true)) => 2.0,
             (true, Some(false)) => 3.0,
             (true, None) => {
-                return Err(malformed(column, "expected DR+ or DR- in an arc"));
+                return Err(column.malformed("expected DR+ or DR- in an arc"));
             }
             (false, Some(_)) => {
-                return Err(malformed(column, "DR+ or DR- in a straight motion"));
+                return Err(column.malformed("DR+ or DR- in a straight motion"));
             }
             (false, None) => f64::from(u8::from(!rapid)),
         };
@@ -404,7 +359,7 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    fn column(&mut self) -> usize {
+    fn column(&mut self) -> Column {
         self.scanner.peek();
         self.scanner.column()
     }
@@ -446,7 +401,7 @@ impl Reader<'_, '_> {
         let letter = match self.scanner.next() {
             Some(b'R') if kind == Kind::PolarLine => POLAR[0],
             Some(b'A') if matches!(kind, Kind::PolarLine | Kind::PolarArc) => POLAR[1],
-            _ => return Err(not_followed(column, &self.found(at), UNKNOWN)),
+            _ => return Err(column.not_followed(&self.found(at), UNKNOWN)),
         };
         let manner = if is_way {
             Manner::Incremental
@@ -458,7 +413,7 @@ impl Reader<'_, '_> {
     }
 
     /// `R0`, `RL`, `RR`, or the radius of an arc.
-    fn radius(&mut self, kind: Kind, column: usize) -> Result<(), Fault> {
+    fn radius(&mut self, kind: Kind, column: Column) -> Result<(), Fault> {
         let at = self.scanner.at();
         for (name, code) in [("R0", 40.0), ("RL", 41.0), ("RR", 42.0)] {
             if takes_name(&mut self.scanner, name) {
@@ -484,7 +439,7 @@ impl Reader<'_, '_> {
             } else {
                 UNKNOWN
             };
-            return Err(not_followed(column, &self.found(at), why));
+            return Err(column.not_followed(&self.found(at), why));
         }
         self.value_word(b'R', at, Manner::Modal)?;
         self.block.end = self.scanner.at();
@@ -492,7 +447,7 @@ impl Reader<'_, '_> {
     }
 
     /// A feed; whether it is FMAX.
-    fn feed(&mut self, column: usize) -> Result<bool, Fault> {
+    fn feed(&mut self, column: Column) -> Result<bool, Fault> {
         let at = self.scanner.at();
         if takes_name(&mut self.scanner, "FMAX") {
             return Ok(true);
@@ -507,11 +462,7 @@ impl Reader<'_, '_> {
                 self.scanner.next();
             }
             Some(b'T') => {
-                return Err(not_followed(
-                    column,
-                    &self.found(at),
-                    "a time for the motion",
-                ));
+                return Err(column.not_followed(&self.found(at), "a time for the motion"));
             }
             Some(b'M') if takes_name(&mut self.scanner, "MAX") => return Ok(true),
             Some(b'A') if takes_name(&mut self.scanner, "AUTO") => return Ok(false),
@@ -526,26 +477,23 @@ impl Reader<'_, '_> {
         let column = self.column();
         let is_polar = |letter: u8| self.block.word(letter).is_some();
         if kind == Kind::PolarLine && !POLAR.into_iter().any(is_polar) {
-            return Err(malformed(
-                column,
-                "expected the distance PR or the angle PA",
-            ));
+            return Err(column.malformed("expected the distance PR or the angle PA"));
         }
         if kind != Kind::PolarArc {
             return Ok(());
         }
         let Some(angle) = self.block.word(POLAR[1]) else {
-            return Err(malformed(column, "expected the angle PA or IPA of the arc"));
+            return Err(column.malformed("expected the angle PA or IPA of the arc"));
         };
         if angle.manner != Manner::Incremental {
             return Ok(());
         }
         let Some(by) = angle.value else { return Ok(()) };
         if by.abs() > 360.0 || by == 0.0 {
-            return Err(not_followed(column, "CP", "a helix of more than one turn"));
+            return Err(column.not_followed("CP", "a helix of more than one turn"));
         }
         if (by < 0.0) != clockwise.unwrap_or_default() {
-            return Err(not_followed(column, "CP", OWN_RULE));
+            return Err(column.not_followed("CP", OWN_RULE));
         }
         Ok(())
     }
@@ -560,11 +508,7 @@ impl Reader<'_, '_> {
         if self.takes("CYCL CALL") {
             for name in ["PAT", "POS"] {
                 if takes_name(&mut self.scanner, name) {
-                    return Err(not_followed(
-                        column,
-                        "CYCL CALL",
-                        "holes at places of their own",
-                    ));
+                    return Err(column.not_followed("CYCL CALL", "holes at places of their own"));
                 }
             }
             self.block.commands.push(Command::CallsDefined);
@@ -578,11 +522,9 @@ impl Reader<'_, '_> {
                 self.block.commands.push(Command::Datum);
                 while self.axis_word()? {}
             } else {
-                return Err(not_followed(
-                    column,
-                    "TRANS DATUM",
-                    "a datum that only the control knows",
-                ));
+                return Err(
+                    column.not_followed("TRANS DATUM", "a datum that only the control knows")
+                );
             }
             return Ok(true);
         }
@@ -590,18 +532,12 @@ impl Reader<'_, '_> {
     }
 
     /// The number of a cycle, and what stands behind it.
-    fn defines_cycle(&mut self, column: usize) -> Result<(), Fault> {
-        let number = plain_number(&mut self.scanner, b"");
-        let number = number.and_then(|(number, _)| whole(number, 9999));
-        let Some(number) = number else {
-            return Err(malformed(
-                column,
-                "expected the number of a cycle behind CYCL DEF",
-            ));
+    fn defines_cycle(&mut self, column: Column) -> Result<(), Fault> {
+        let Some(number) = whole_number(&mut self.scanner, 9999) else {
+            return Err(column.malformed("expected the number of a cycle behind CYCL DEF"));
         };
         let part = if self.scanner.takes(b'.') {
-            let part = plain_number(&mut self.scanner, b"");
-            part.and_then(|(part, _)| whole(part, 99))
+            whole_number(&mut self.scanner, 99)
         } else {
             None
         };
@@ -614,17 +550,17 @@ impl Reader<'_, '_> {
                     while self.axis_word()? {}
                     if self.block.words.is_empty() {
                         let why = "a datum that only the control knows";
-                        return Err(not_followed(column, &found, why));
+                        return Err(column.not_followed(&found, why));
                     }
                 }
-                None => return Err(not_followed(column, &found, TILTED)),
+                None => return Err(column.not_followed(&found, TILTED)),
             },
             247 if self.has_tilde() => {
                 self.block.commands.push(Command::AwaitsPreset);
                 self.skips();
             }
-            8 | 10 | 11 | 19 | 26 | 247 => return Err(not_followed(column, &found, TILTED)),
-            12 => return Err(not_followed(column, &found, FLOW)),
+            8 | 10 | 11 | 19 | 26 | 247 => return Err(column.not_followed(&found, TILTED)),
+            12 => return Err(column.not_followed(&found, FLOW)),
             // A dwell, the angle of the spindle, the tolerance of contours; data of contours.
             9 | 13 | 14 | 20 | 32 | 270 => self.skips(),
             // Patterns are drilled where they stand.
@@ -656,7 +592,7 @@ impl Reader<'_, '_> {
                 self.block.commands.push(Command::Defines(cycle));
                 self.skips();
             }
-            _ => return Err(not_followed(column, &found, OWN_RULE)),
+            _ => return Err(column.not_followed(&found, OWN_RULE)),
         }
         Ok(())
     }
@@ -702,11 +638,7 @@ impl Reader<'_, '_> {
                     self.scanner.next();
                 }
                 Some(b'X' | b'Y') => {
-                    return Err(not_followed(
-                        column,
-                        "TOOL CALL",
-                        "another axis of the tool than Z",
-                    ));
+                    return Err(column.not_followed("TOOL CALL", "another axis of the tool than Z"));
                 }
                 Some(b'S' | b'F') => {
                     self.scanner.next();
@@ -757,10 +689,7 @@ impl Reader<'_, '_> {
         self.scanner.peek();
         let (column, from) = (self.scanner.column(), self.scanner.at());
         let Some((value, decimals)) = self.values.of_word(&mut self.scanner)? else {
-            return Err(Fault::NoNumber {
-                column,
-                letter: char::from(letter),
-            });
+            return Err(column.no_number(letter));
         };
         let text = from..self.scanner.at();
         self.has_one_sign()?;
@@ -771,12 +700,12 @@ impl Reader<'_, '_> {
     /// Controls write decimal commas or points, as they are set; a number with both, or with two of them, has groups of digits or a slip
     /// of the pen in it.
     fn has_one_sign(&self) -> Result<(), Fault> {
-        let next = self.scanner.bytes().get(self.scanner.at());
-        match next {
-            Some(b'.' | b',') => Err(malformed(
-                self.scanner.column(),
-                "found a second decimal comma or point, expected one in a number",
-            )),
+        let column = self.scanner.column();
+        match self.scanner.rest().first() {
+            Some(b'.' | b',') => {
+                Err(column
+                    .malformed("found a second decimal comma or point, expected one in a number"))
+            }
             _ => Ok(()),
         }
     }
@@ -785,7 +714,7 @@ impl Reader<'_, '_> {
         self.scanner.peek();
         let column = self.scanner.column();
         let value = self.values.of_word(&mut self.scanner)?;
-        let (value, _) = value.ok_or(malformed(column, what))?;
+        let (value, _) = value.ok_or(column.malformed(what))?;
         self.has_one_sign()?;
         Ok(value)
     }
@@ -823,15 +752,8 @@ impl Reader<'_, '_> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         self.scanner.next();
         let from = self.scanner.at();
-        let number = plain_number(&mut self.scanner, b"");
-        let code = number.and_then(|(number, _)| whole(number, 9999));
-        let Some(code) = code else {
-            return Err(Fault::NoNumber {
-                column,
-                letter: 'M',
-            });
-        };
-        let refused = |why| Err(not_followed(column, &format!("M{code}"), why));
+        let code = whole_number(&mut self.scanner, 9999).ok_or(column.no_number(b'M'))?;
+        let refused = |why| Err(column.not_followed(&format!("M{code}"), why));
         let command = match code {
             2 | 30 => Some(Command::Ends),
             91 => Some(Command::InMachine),
@@ -969,9 +891,7 @@ fn q_parameter(scanner: &mut Scanner<'_>) -> Option<Parameter> {
         }
         _ => None,
     };
-    let number = plain_number(scanner, b"");
-    let number = number.and_then(|(number, _)| whole(number, 9999));
-    let Some(number) = number else {
+    let Some(number) = whole_number(scanner, 9999) else {
         scanner.go_to(before);
         return None;
     };

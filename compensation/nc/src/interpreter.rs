@@ -21,7 +21,7 @@ use crate::{
     motion::Move,
     notes::{Note, Notes},
     number::{MOST_DECIMALS, Number, of_steps, steps},
-    parameters::{Parameters, Value},
+    parameters::{HAS_RETURNED, Parameters, RETURNED, Value},
     setup::SetUp,
 };
 
@@ -803,23 +803,12 @@ impl Interpreter {
             "_selected_tool" => Some(modal.tool.map(f64::from)),
             "_motion_mode" => Some(modal.motion.map(f64::from)),
             // Of the machine, and set by it.
-            _ if name.starts_with("_ini[")
-                || name.starts_with("_hal[")
-                || matches!(
-                    name,
-                    "_vmajor"
-                        | "_vminor"
-                        | "_line"
-                        | "_rpm"
-                        | "_task"
-                        | "_value"
-                        | "_value_returned"
-                        | "_remote_call"
-                ) =>
-            {
-                Some(None)
-            }
-            _ => None,
+            "_vmajor" | "_vminor" | "_line" | "_rpm" | "_task" | "_remote_call" | RETURNED
+            | HAS_RETURNED => Some(None),
+            _ => ["_ini[", "_hal["]
+                .iter()
+                .any(|of| name.starts_with(of))
+                .then_some(None),
         }
     }
 

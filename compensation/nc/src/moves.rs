@@ -56,11 +56,7 @@ impl Interpreter {
             }
             return Ok(());
         };
-        let has_centre = || {
-            [b'I', b'J', b'K']
-                .into_iter()
-                .any(|letter| given.has(letter))
-        };
+        let has_centre = || b"IJK".iter().any(|letter| given.has(*letter));
         let is_whole_circle = matches!(code, 20 | 30) && codes.motion.is_some() && has_centre();
         if !(has_words || is_whole_circle) {
             if is_cycle(code) && given.has(b'R') {

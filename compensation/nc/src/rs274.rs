@@ -7,7 +7,7 @@ use crate::{
     block::{Assignment, Begins, Block, Command, Manner, Parameter, Scanner, Word},
     codes::{Codes, is_cycle},
     control::{Control, DecimalPoints, INCREMENTS},
-    error::{Fault, malformed, not_followed},
+    error::{Column, Fault},
     expression::Expressions,
     interpreter::Interpreter,
     number::plain,
@@ -49,20 +49,14 @@ impl Block {
                     let from = scanner.at();
                     let read = expressions.read(&mut scanner)?;
                     let Some((value, decimals)) = read else {
-                        return Err(Fault::NoNumber {
-                            column,
-                            letter: char::from(byte),
-                        });
+                        return Err(column.no_number(byte));
                     };
                     self.end = scanner.at();
                     let text = from..scanner.at();
                     self.push(byte, at, text, value, Manner::Modal, decimals);
                 }
                 other => {
-                    return Err(Fault::Character {
-                        column,
-                        found: char::from(other),
-                    });
+                    return Err(column.character(other));
                 }
             }
         }
@@ -97,21 +91,15 @@ impl Block {
         };
         let column = scanner.column();
         if !scanner.takes(b'=') {
-            return Err(malformed(
-                column,
-                "expected = after a parameter that begins a word",
-            ));
+            return Err(column.malformed("expected = after a parameter that begins a word"));
         }
         scanner.peek();
         let (column, from) = (scanner.column(), scanner.at());
-        let read = expressions.read(scanner)?.ok_or(malformed(
-            column,
-            "expected the value of the parameter after =",
-        ))?;
-        let parameter = parameter.ok_or(malformed(
-            column,
-            "only the machine knows which parameter is set here",
-        ))?;
+        let read = expressions
+            .read(scanner)?
+            .ok_or(column.malformed("expected the value of the parameter after ="))?;
+        let parameter = parameter
+            .ok_or(column.malformed("only the machine knows which parameter is set here"))?;
         self.assignments.push(Assignment {
             parameter,
             value: read.0,
@@ -127,13 +115,10 @@ impl Block {
     }
 }
 
-fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
+fn skip_comment(scanner: &mut Scanner<'_>, column: Column) -> Result<(), Fault> {
     let rest = &scanner.bytes()[scanner.at()..];
     let Some(length) = rest.iter().position(|byte| *byte == b')') else {
-        return Err(malformed(
-            column,
-            "the comment that begins here does not end in its line",
-        ));
+        return Err(column.malformed("the comment that begins here does not end in its line"));
     };
     scanner.go_to(scanner.at() + length + 1);
     Ok(())
@@ -173,33 +158,15 @@ const HEIDENHAIN: &str =
     "that is the conversational language of HEIDENHAIN controls: --dialect heidenhain";
 
 /// With what a line of another language begins, behind the number of its block.
-const OTHERS: [(&str, &[&str]); 3] = [
+const OTHERS: [(&str, &str); 3] = [
     (
         HEIDENHAIN,
-        &[
-            "BEGIN PGM",
-            "END PGM",
-            "BLK FORM",
-            "TOOL CALL",
-            "TOOL DEF",
-            "CYCL",
-            "L X",
-            "L Y",
-            "L Z",
-            "LP",
-            "CC",
-            "CR",
-            "LBL",
-            "FN",
-        ],
+        "BEGIN PGM,END PGM,BLK FORM,TOOL CALL,TOOL DEF,CYCL,L X,L Y,L Z,LP,CC,CR,LBL,FN",
     ),
-    (MACRO, &["IF", "WHILE", "GOTO", "DO", "END"]),
+    (MACRO, "IF,WHILE,GOTO,DO,END"),
     (
         SIEMENS,
-        &[
-            "TRANS", "ATRANS", "ROT", "AROT", "TRAORI", "TRAFOOF", "DEF", "MSG", "MCALL", "CYCLE",
-            "PROC", "R",
-        ],
+        "TRANS,ATRANS,ROT,AROT,TRAORI,TRAFOOF,DEF,MSG,MCALL,CYCLE,PROC,R",
     ),
 ];
 
@@ -212,17 +179,14 @@ pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
         return None;
     };
     let letter = (text.get(column..)?.iter()).find(|byte| !byte.is_ascii_whitespace())?;
-    let why = match letter.to_ascii_uppercase() {
+    let letter = letter.to_ascii_uppercase();
+    let why = match letter {
         b'R' => "a rounded corner is a motion of its own",
         b'C' => "a bevelled corner is a motion of its own",
         b'A' => "a line by its direction",
         _ => return None,
     };
-    Some(Fault::NotFollowed {
-        column,
-        found: format!(",{}", char::from(*letter).to_ascii_uppercase()),
-        why,
-    })
+    Some(Column(column).not_followed(&format!(",{}", char::from(letter)), why))
 }
 
 /// Why a line that RS-274 does not know cannot be read, where it plainly is of another language.
@@ -243,15 +207,11 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
         }
     };
     let mut others =
-        (OTHERS.iter()).flat_map(|(why, words)| words.iter().map(move |word| (*word, *why)));
+        (OTHERS.iter()).flat_map(|(why, words)| words.split(',').map(move |word| (word, *why)));
     let begin = others.find(|(word, _)| begins(word));
     let within = || IN_SIEMENS.into_iter().find(|word| text.contains(word));
     let (found, why) = begin.or_else(|| Some((within()?, SIEMENS)))?;
-    Some(Fault::NotFollowed {
-        column: 1,
-        found: found.trim().to_owned(),
-        why,
-    })
+    Some(Column(1).not_followed(found.trim(), why))
 }
 
 /// Gives the coordinates of a block that count in least increments their value in the unit of the program.
@@ -348,8 +308,7 @@ pub(crate) fn read_increments(
             .iter()
             .any(|word| word.letter == b'Y' && word.in_increments)
     {
-        return Err(not_followed(
-            1,
+        return Err(Column(1).not_followed(
             "an angle without a decimal point under G16 in inches",
             "its least increment is not known here: write it with a point",
         ));
@@ -443,8 +402,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             block.commands.push(Command::MayMove(found()));
         }
         b'G' => {
-            return Err(not_followed(
-                column,
+            return Err(column.not_followed(
                 &found(),
                 "it is not known for printers, and might move an axis",
             ));
@@ -462,7 +420,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
 }
 
 /// A command of Klipper: a name, and arguments with names.
-fn command(block: &mut Block, name: &str, column: usize) -> Result<bool, Fault> {
+fn command(block: &mut Block, name: &str, column: Column) -> Result<bool, Fault> {
     let refused = match name {
         "SET_GCODE_OFFSET" => {
             Some("it shifts the coordinates: state them in the set-up file as [work_offset.G54]")
@@ -471,7 +429,7 @@ fn command(block: &mut Block, name: &str, column: usize) -> Result<bool, Fault> 
         _ => None,
     };
     if let Some(why) = refused {
-        return Err(not_followed(column, name, why));
+        return Err(column.not_followed(name, why));
     }
     if !HARMLESS_COMMANDS.split(' ').any(|of| of == name) {
         block.commands.push(Command::MayMove(name.to_owned()));
@@ -504,11 +462,7 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     let is_scale = (scanner.number()).is_some_and(|(number, _)| (100.0..110.0).contains(&number));
     match letter {
         Some(b'J') => {
-            return Err(not_followed(
-                column,
-                "$J",
-                "a jog moves the axes: write G1 or G0",
-            ));
+            return Err(column.not_followed("$J", "a jog moves the axes: write G1 or G0"));
         }
         // Homing; steps for each mm; settings as they were delivered.
         Some(letter @ (b'H' | b'R')) => block

@@ -9,8 +9,8 @@ use crate::{
     },
     codes::whole,
     coordinates::axis_of,
-    error::{FLOW, Fault, OWN_RULE, UNKNOWN, malformed, not_followed},
-    expression::{Formulas, Operator, WordValue, plain_number, takes_name},
+    error::{Column, FLOW, Fault, OWN_RULE, UNKNOWN},
+    expression::{Formulas, Operator, WordValue, plain_number, takes_name, whole_number},
     interpreter::Interpreter,
     modal::{G500, G505, Plane},
     parameters::{MOST, Value},
@@ -57,21 +57,15 @@ impl Reader<'_, '_> {
                 b';' => break,
                 b'A'..=b'Z' | b'_' => self.statement()?,
                 b'$' => {
-                    return Err(not_followed(
-                        column,
-                        "$",
-                        "variables of the control may shift its coordinates",
-                    ));
+                    return Err(column
+                        .not_followed("$", "variables of the control may shift its coordinates"));
                 }
                 b'%' if self.block.end == 0 => {
                     // The name of the program in an archive.
                     self.scanner.go_to(usize::MAX);
                 }
                 other => {
-                    return Err(Fault::Character {
-                        column,
-                        found: char::from(other),
-                    });
+                    return Err(column.character(other));
                 }
             }
             self.block.end = self.scanner.at();
@@ -124,6 +118,14 @@ impl Reader<'_, '_> {
         }
     }
 
+    fn read(&mut self) -> Result<Option<WordValue>, Fault> {
+        let values = Values {
+            interpreter: self.interpreter,
+            set: &self.block.assignments,
+        };
+        values.read(&mut self.scanner)
+    }
+
     fn statement(&mut self) -> Result<(), Fault> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         let bytes = self.scanner.bytes();
@@ -169,8 +171,8 @@ impl Reader<'_, '_> {
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();
-        self.block
-            .push(OTHER, at, text, Some(0.0), Manner::Modal, None);
+        let value = Some(0.0);
+        self.block.push(OTHER, at, text, value, Manner::Modal, None);
         Ok(())
     }
 
@@ -180,26 +182,24 @@ impl Reader<'_, '_> {
             return Ok(());
         }
         let column = self.scanner.column();
-        let mut scanner = self.scanner.clone();
-        let read = self.values().read(&mut scanner)?;
-        self.scanner = scanner;
+        let read = self.read()?;
         read.map(|_read| ())
-            .ok_or(malformed(column, "expected a value here"))
+            .ok_or(column.malformed("expected a value here"))
     }
 
     /// `R5=...`, `R[5]=...`.
     fn r_parameter(&mut self, at: usize) -> Result<(), Fault> {
-        let mut scanner = self.scanner.clone();
-        let column = scanner.column();
-        let number = r_parameter(&self.values(), &mut scanner, 0)?;
-        self.scanner = scanner;
-        match number {
+        let column = self.scanner.column();
+        let values = Values {
+            interpreter: self.interpreter,
+            set: &self.block.assignments,
+        };
+        match r_parameter(&values, &mut self.scanner, 0)? {
             Some(Some(number)) => self.assign(Parameter::Numbered(number), at),
-            Some(None) => Err(malformed(
-                column,
-                "only the machine knows which parameter is set here",
-            )),
-            None => Err(not_followed(column, "R", UNKNOWN)),
+            Some(None) => {
+                Err(column.malformed("only the machine knows which parameter is set here"))
+            }
+            None => Err(column.not_followed("R", UNKNOWN)),
         }
     }
 
@@ -207,10 +207,7 @@ impl Reader<'_, '_> {
     fn assign(&mut self, parameter: Parameter, at: usize) -> Result<(), Fault> {
         let column = self.scanner.column();
         if !self.scanner.takes(b'=') {
-            return Err(malformed(
-                column,
-                "expected = after a parameter that begins a word",
-            ));
+            return Err(column.malformed("expected = after a parameter that begins a word"));
         }
         self.scanner.peek();
         let from = self.scanner.at();
@@ -237,11 +234,8 @@ impl Reader<'_, '_> {
 
     /// A formula, or a number with its decimals.
     fn value(&mut self, what: &'static str) -> Result<WordValue, Fault> {
-        let mut scanner = self.scanner.clone();
-        let column = scanner.column();
-        let read = self.values().read(&mut scanner)?;
-        self.scanner = scanner;
-        read.ok_or(malformed(column, what))
+        let column = self.scanner.column();
+        self.read()?.ok_or(column.malformed(what))
     }
 
     /// A number with a sign, as it stands behind a letter without `=`.
@@ -254,9 +248,7 @@ impl Reader<'_, '_> {
         if !self.scanner.takes(b'-') {
             self.scanner.takes(b'+');
         }
-        let mut scanner = self.scanner.clone();
-        let number = self.values().number(&mut scanner);
-        self.scanner = scanner;
+        let number = exponent_number(&mut self.scanner);
         if number.is_none() {
             self.scanner.go_to(before);
         }
@@ -264,11 +256,11 @@ impl Reader<'_, '_> {
     }
 
     /// What begins with a name of several letters, which is passed.
-    pub(crate) fn named(&mut self, name: &str, at: usize, column: usize) -> Result<(), Fault> {
+    pub(crate) fn named(&mut self, name: &str, at: usize, column: Column) -> Result<(), Fault> {
         match name {
             "CR" => {
                 if !self.scanner.takes(b'=') {
-                    return Err(not_followed(column, name, "expected CR= and a radius"));
+                    return Err(column.not_followed(name, "expected CR= and a radius"));
                 }
                 return self.coordinate_value(b'R', at, column, true);
             }
@@ -307,7 +299,7 @@ impl Reader<'_, '_> {
                     None | Some(b'(' | b';') if why == UNKNOWN => SUBPROGRAM,
                     _ => why,
                 };
-                Err(not_followed(column, name, why))
+                Err(column.not_followed(name, why))
             }
             _ => {
                 passes_brackets(&mut self.scanner, b'[', b']');
@@ -332,18 +324,18 @@ impl Reader<'_, '_> {
             if takes_name(&mut self.scanner, "RPL") {
                 let plane = self.interpreter.modal.plane;
                 if plane != Plane::Xy {
-                    return Err(not_followed(column, "RPL", TILTS));
+                    return Err(column.not_followed("RPL", TILTS));
                 }
             } else if byte == b'Z' {
                 self.scanner.next();
             } else {
-                return Err(not_followed(column, &char::from(byte).to_string(), TILTS));
+                return Err(column.not_followed(&char::from(byte).to_string(), TILTS));
             }
             angle = if self.scanner.takes(b'=') {
                 self.value("expected an angle here")?.0
             } else {
                 let number = self.number();
-                Some(number.ok_or_else(|| no_number(column, b'Z'))?.0)
+                Some(number.ok_or_else(|| column.no_number(b'Z'))?.0)
             };
         }
         self.block.commands.push(Command::Turn {
@@ -354,12 +346,11 @@ impl Reader<'_, '_> {
     }
 
     /// `TRAORI`, `TRAORI(1)`.
-    fn traori(&mut self, column: usize) -> Result<(), Fault> {
+    fn traori(&mut self, column: Column) -> Result<(), Fault> {
         if self.scanner.takes(b'(') {
             let (number, _) = self.value("expected the number of a transformation here")?;
             if number != Some(1.0) || !self.scanner.takes(b')') {
-                return Err(not_followed(
-                    column,
+                return Err(column.not_followed(
                     "TRAORI",
                     "only the first transformation without further arguments: TRAORI, TRAORI(1)",
                 ));
@@ -377,7 +368,7 @@ impl Reader<'_, '_> {
             let column = self.scanner.column();
             let name = identifier(&mut self.scanner).unwrap_or_default();
             let Some(only_drills) = only_drills(&name) else {
-                return Err(not_followed(column, &format!("MCALL {name}"), SUBPROGRAM));
+                return Err(column.not_followed(&format!("MCALL {name}"), SUBPROGRAM));
             };
             Some(self.cycle(&name, only_drills)?)
         };
@@ -396,10 +387,7 @@ impl Reader<'_, '_> {
                     drills_to: None,
                 });
             }
-            return Err(malformed(
-                column,
-                "expected the arguments of the cycle in brackets",
-            ));
+            return Err(column.malformed("expected the arguments of the cycle in brackets"));
         }
         inside.takes(b'(');
         let ends = self.values().read(&mut inside)?;
@@ -415,10 +403,7 @@ impl Reader<'_, '_> {
         loop {
             let column = self.scanner.column();
             let Some(kind) = identifier(&mut self.scanner) else {
-                return Err(malformed(
-                    column,
-                    "expected the type of a variable after DEF",
-                ));
+                return Err(column.malformed("expected the type of a variable after DEF"));
             };
             if matches!(kind.as_str(), "REAL" | "INT" | "BOOL") {
                 break;
@@ -433,7 +418,7 @@ impl Reader<'_, '_> {
             let at = self.scanner.at();
             let column = self.scanner.column();
             let Some(name) = identifier(&mut self.scanner) else {
-                return Err(malformed(column, "expected the name of a variable here"));
+                return Err(column.malformed("expected the name of a variable here"));
             };
             let parameter = Parameter::Named(name.to_ascii_lowercase());
             if passes_brackets(&mut self.scanner, b'[', b']') {
@@ -475,7 +460,7 @@ impl Reader<'_, '_> {
     }
 
     /// `S1=1000`, `M2=3`, `I1=5`, whose `=` is next.
-    pub(crate) fn numbered(&mut self, letter: u8, at: usize, column: usize) -> Result<(), Fault> {
+    pub(crate) fn numbered(&mut self, letter: u8, at: usize, column: Column) -> Result<(), Fault> {
         let found = self.found(at);
         match letter {
             b'S' | b'M' | b'H' | b'T' => {
@@ -483,18 +468,17 @@ impl Reader<'_, '_> {
                 self.other(at)?;
                 Ok(())
             }
-            b'A' | b'B' | b'C' => Err(not_followed(
-                column,
+            b'A' | b'B' | b'C' => Err(column.not_followed(
                 &found,
                 "directions of the tool are followed as angles of the rotary axes only",
             )),
-            b'I' | b'J' | b'K' => Err(not_followed(column, &found, "an arc by a place on it")),
-            _ => Err(not_followed(column, &found, AXIS)),
+            b'I' | b'J' | b'K' => Err(column.not_followed(&found, "an arc by a place on it")),
+            _ => Err(column.not_followed(&found, AXIS)),
         }
     }
 
     /// A word of one letter, which is passed.
-    fn lettered(&mut self, letter: u8, at: usize, column: usize) -> Result<(), Fault> {
+    fn lettered(&mut self, letter: u8, at: usize, column: Column) -> Result<(), Fault> {
         match letter {
             b'G' => self.g_code(at, column),
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'U' | b'V' | b'W' | b'I' | b'J' | b'K'
@@ -506,7 +490,7 @@ impl Reader<'_, '_> {
                 }
                 match self.number() {
                     Some(_) => Ok(()),
-                    None => Err(no_number(column, letter)),
+                    None => Err(column.no_number(letter)),
                 }
             }
             b'T' => {
@@ -522,24 +506,29 @@ impl Reader<'_, '_> {
                     self.value("expected a value here")?.0
                 } else {
                     let number = self.number();
-                    Some(number.ok_or_else(|| no_number(column, b'D'))?.0)
+                    Some(number.ok_or_else(|| column.no_number(b'D'))?.0)
                 };
                 self.block.commands.push(Command::Edge(value));
                 Ok(())
             }
             b'L' | b'P' => {
                 self.number();
-                Err(not_followed(column, &self.found(at), SUBPROGRAM))
+                Err(column.not_followed(&self.found(at), SUBPROGRAM))
             }
             _ => {
                 self.number();
-                Err(not_followed(column, &self.found(at), AXIS))
+                Err(column.not_followed(&self.found(at), AXIS))
             }
         }
     }
 
     /// `X10`, `X=10`, `X=IC(10)`.
-    pub(crate) fn coordinate(&mut self, letter: u8, at: usize, column: usize) -> Result<(), Fault> {
+    pub(crate) fn coordinate(
+        &mut self,
+        letter: u8,
+        at: usize,
+        column: Column,
+    ) -> Result<(), Fault> {
         let is_set = self.scanner.takes(b'=');
         self.coordinate_value(letter, at, column, is_set)
     }
@@ -548,13 +537,13 @@ impl Reader<'_, '_> {
         &mut self,
         letter: u8,
         at: usize,
-        column: usize,
+        column: Column,
         is_set: bool,
     ) -> Result<(), Fault> {
         if !is_set {
             self.scanner.peek();
             let from = self.scanner.at();
-            let (value, decimals) = self.number().ok_or_else(|| no_number(column, letter))?;
+            let (value, decimals) = self.number().ok_or_else(|| column.no_number(letter))?;
             let text = from..self.scanner.at();
             self.block
                 .push(letter, at, text, Some(value), Manner::Modal, Some(decimals));
@@ -570,14 +559,14 @@ impl Reader<'_, '_> {
         let (value, decimals) = self.value("expected a number, a parameter or a formula here")?;
         let text = self.without_blanks(from);
         if manner != Manner::Modal && !self.scanner.takes(b')') {
-            return Err(malformed(self.scanner.column(), "expected ) here"));
+            return Err(self.scanner.column().malformed("expected ) here"));
         }
         self.block.push(letter, at, text, value, manner, decimals);
         Ok(())
     }
 
     /// `IC(`, `AC(` or `DC(`, where one is next.
-    pub(crate) fn manner(&mut self, letter: u8, column: usize) -> Result<Manner, Fault> {
+    pub(crate) fn manner(&mut self, letter: u8, column: Column) -> Result<Manner, Fault> {
         let is_axis = axis_of(letter).is_some();
         for (name, manner) in [
             ("IC", Manner::Incremental),
@@ -593,29 +582,22 @@ impl Reader<'_, '_> {
                 self.scanner.go_to(before);
             }
         }
-        for (name, why) in [
-            ("ACP", "a rotary axis that comes from one side"),
-            ("ACN", "a rotary axis that comes from one side"),
-            ("CIC", "coded places, which only the control knows"),
-            ("CAC", "coded places, which only the control knows"),
-            ("CDC", "coded places, which only the control knows"),
-            ("CACP", "coded places, which only the control knows"),
-            ("CACN", "coded places, which only the control knows"),
-        ] {
+        for name in ["ACP", "ACN", "CIC", "CAC", "CDC", "CACP", "CACN"] {
             if takes_name(&mut self.scanner, name) {
-                return Err(not_followed(column, name, why));
+                let why = if name.starts_with('A') {
+                    "a rotary axis that comes from one side"
+                } else {
+                    "coded places, which only the control knows"
+                };
+                return Err(column.not_followed(name, why));
             }
         }
         Ok(Manner::Modal)
     }
 
-    fn g_code(&mut self, at: usize, column: usize) -> Result<(), Fault> {
+    fn g_code(&mut self, at: usize, column: Column) -> Result<(), Fault> {
         let from = self.scanner.at();
-        let number = plain_number(&mut self.scanner, b"");
-        let code = number.and_then(|(number, _)| whole(number, 9999));
-        let Some(code) = code else {
-            return Err(no_number(column, b'G'));
-        };
+        let code = whole_number(&mut self.scanner, 9999).ok_or(column.no_number(b'G'))?;
         let (group, meaning) = g_code(code);
         if group > 0 {
             if let Some((_, other)) = self.groups.iter().find(|(of, _)| *of == group) {
@@ -629,49 +611,42 @@ impl Reader<'_, '_> {
         match meaning {
             Meaning::Code(value) => {
                 let text = from..self.scanner.at();
+                let value = Some(value);
                 self.block
-                    .push(b'G', at, text, Some(value), Manner::Modal, Some(0));
+                    .push(b'G', at, text, value, Manner::Modal, Some(0));
             }
             Meaning::Command(command) => self.block.commands.push(command),
             Meaning::Nothing => {}
             Meaning::Dwell => self.dwells = true,
             Meaning::Limits => self.limits = true,
             Meaning::Refused(why) => {
-                return Err(not_followed(column, &format!("G{code}"), why));
+                return Err(column.not_followed(&format!("G{code}"), why));
             }
         }
         Ok(())
     }
 
-    pub(crate) fn m_code(&mut self, at: usize, column: usize) -> Result<(), Fault> {
+    pub(crate) fn m_code(&mut self, at: usize, column: Column) -> Result<(), Fault> {
         if self.scanner.takes(b'=') {
             return self.other(at);
         }
         let from = self.scanner.at();
-        let (value, _) = self.number().ok_or_else(|| no_number(column, b'M'))?;
-        let text = from..self.scanner.at();
-        match value {
-            0.0 | 1.0 => self
-                .block
-                .push(LAST, at, text, Some(value), Manner::Modal, None),
-            2.0 | 17.0 | 30.0 => {
-                self.block
-                    .push(LAST, at, text, Some(value), Manner::Modal, None);
-                self.block.commands.push(Command::Ends);
+        let (value, _) = self.number().ok_or_else(|| column.no_number(b'M'))?;
+        let (letter, command) = match value {
+            0.0 | 1.0 => (LAST, None),
+            2.0 | 17.0 | 30.0 => (LAST, Some(Command::Ends)),
+            6.0 => {
+                self.block.commands.push(Command::ChangeTool);
+                return Ok(());
             }
-            6.0 => self.block.commands.push(Command::ChangeTool),
-            _ => self
-                .block
-                .push(OTHER, at, text, Some(value), Manner::Modal, None),
-        }
+            _ => (OTHER, None),
+        };
+        let text = from..self.scanner.at();
+        let value = Some(value);
+        self.block
+            .push(letter, at, text, value, Manner::Modal, None);
+        self.block.commands.extend(command);
         Ok(())
-    }
-}
-
-fn no_number(column: usize, letter: u8) -> Fault {
-    Fault::NoNumber {
-        column,
-        letter: char::from(letter),
     }
 }
 
@@ -707,27 +682,7 @@ impl Formulas for Values<'_> {
     ];
 
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
-        let (value, decimals) = plain_number(scanner, b".")?;
-        // 1.5EX-3
-        let before = scanner.at();
-        let rest = scanner.rest();
-        if !rest
-            .get(..2)
-            .is_some_and(|ex| ex.eq_ignore_ascii_case(b"EX"))
-        {
-            return Some((value, decimals));
-        }
-        scanner.go_to(before + 2);
-        let sign = if scanner.takes(b'-') { -1 } else { 1 };
-        scanner.takes(b'+');
-        let digits = plain_number(scanner, b"");
-        let power = digits.filter(|(power, _)| *power <= 300.0);
-        // A power of ten up to 300.
-        let power = power.and_then(|(power, _)| format!("{power:.0}").parse::<i32>().ok());
-        let value = power.map(|power| value * 10_f64.powi(sign * power));
-        value
-            .filter(|value| value.is_finite())
-            .map(|value| (value, 0))
+        exponent_number(scanner)
     }
 
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
@@ -763,16 +718,32 @@ impl Formulas for Values<'_> {
 
 impl Values<'_> {
     /// Whether the block has not set the parameter: in which order it does so is not known here.
-    fn is_settled(&self, parameter: Option<&Parameter>, column: usize) -> Result<(), Fault> {
+    fn is_settled(&self, parameter: Option<&Parameter>, column: Column) -> Result<(), Fault> {
         let is_set = |parameter: &Parameter| self.set.iter().any(|set| set.parameter == *parameter);
         if parameter.is_some_and(is_set) {
-            return Err(malformed(
-                column,
+            return Err(column.malformed(
                 "a parameter that the same block sets before: write the two in blocks of their own",
             ));
         }
         Ok(())
     }
+}
+
+/// A number without a sign, which may have a power of ten: 1.5EX-3.
+fn exponent_number(scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
+    let (value, decimals) = plain_number(scanner, b".")?;
+    if !scanner.is_next("EX") {
+        return Some((value, decimals));
+    }
+    scanner.go_to(scanner.at() + 2);
+    let sign = if scanner.takes(b'-') { -1 } else { 1 };
+    scanner.takes(b'+');
+    let power = plain_number(scanner, b"").filter(|(power, _)| *power <= 300.0);
+    // A power of ten up to 300.
+    let power = power.and_then(|(power, _)| format!("{power:.0}").parse::<i32>().ok());
+    let value = power.map(|power| value * 10_f64.powi(sign * power));
+    let value = value.filter(|value| value.is_finite());
+    value.map(|value| (value, 0))
 }
 
 /// The number of an R parameter, `R5` or `R[5]`; the outer `None`: it is none, the inner: only the machine knows which.
@@ -791,10 +762,9 @@ fn r_parameter(
         match (value, scanner.takes(b']')) {
             (Some(value), true) => value,
             _ => {
-                return Err(malformed(
-                    column,
-                    "expected the number of an R parameter, and ] behind it",
-                ));
+                return Err(
+                    column.malformed("expected the number of an R parameter, and ] behind it")
+                );
             }
         }
     } else if let Some((number, _)) = plain_number(scanner, b"") {
@@ -807,10 +777,8 @@ fn r_parameter(
         return Ok(Some(None));
     };
     let whole = whole(number, MOST - 1);
-    let whole = whole.ok_or(malformed(
-        column,
-        "expected the number of an R parameter, 0 to 99999",
-    ))?;
+    let whole =
+        whole.ok_or(column.malformed("expected the number of an R parameter, 0 to 99999"))?;
     Ok(Some(Some(whole)))
 }
 
@@ -936,43 +904,49 @@ const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC C
     MSG NORM ORIAXES ORIMKS OTOL OVR OVRRAP RTLIOF RTLION SAVE SBLOF SBLON SETM SETMS SOFT SOFTA SPATH SPCOF \
     SPCON SPOS SPOSA STARTFIFO STOPFIFO STOPRE UPATH WAITM WAITS WORKPIECE";
 
+/// Why names are not followed.
+const REFUSED: [(&str, &str); 10] = [
+    (
+        FLOW,
+        "IF ELSE ENDIF GOTO GOTOF GOTOB GOTOC GOTOS CASE WHILE ENDWHILE FOR ENDFOR LOOP ENDLOOP REPEAT REPEATB UNTIL WHEN WHENEVER EVERY DO ID IDS FROM",
+    ),
+    (CALL, "CALL PCALL EXTCALL ISOCALL MODAL"),
+    (
+        TILTED,
+        "SCALE ASCALE MIRROR AMIRROR ROTS AROTS CROTS TOFRAME TOFRAMEX TOFRAMEY TOFRAMEZ TOROT TOROTX TOROTY TOROTZ PAROT CYCLE800 TCARR TCOABS TCOFR CTRANS CROT CFINE",
+    ),
+    (
+        "a feed for one block, which only the first part of a split motion would have: write F",
+        "FB FD",
+    ),
+    (CORNER, "RND RNDM CHF CHR FRC FRCM"),
+    (
+        CURVE,
+        "CIP CT TURN ASPLINE BSPLINE CSPLINE POLY INVCW INVCCW ANG ANG1 ANG2 PW SD PO PL",
+    ),
+    (POLAR, "AP RP"),
+    (ORIENTATION, "LEAD TILT THETA PHI PSI NUT"),
+    (TRANSFORMATION, "TRANSMIT TRACYL TRAANG TRACON TRACOORD"),
+    (
+        OWN_RULE,
+        "POS POSA POSP POSM MEAS MEAW MEASA MEAWA PTP PTPG0 DIAMON DIAM90 DL TOFFL TOFF OSCILL COUPON TRAILON LEADON STARTFIX",
+    ),
+];
+
 fn meaning_of(name: &str) -> Meaning {
-    if HARMLESS.split(' ').any(|of| of == name) {
-        return Meaning::Nothing;
-    }
+    let is_of = |names: &str| names.split(' ').any(|of| of == name);
     match name {
         "TRANS" => Meaning::Command(Command::Shift { adds: false }),
         "ATRANS" => Meaning::Command(Command::Shift { adds: true }),
         "SUPA" => Meaning::Command(Command::InMachine),
         "TRAFOOF" => Meaning::Command(Command::CentrePoint(false)),
         "RET" => Meaning::Command(Command::Ends),
-        "IF" | "ELSE" | "ENDIF" | "GOTO" | "GOTOF" | "GOTOB" | "GOTOC" | "GOTOS" | "CASE"
-        | "WHILE" | "ENDWHILE" | "FOR" | "ENDFOR" | "LOOP" | "ENDLOOP" | "REPEAT" | "REPEATB"
-        | "UNTIL" | "WHEN" | "WHENEVER" | "EVERY" | "DO" | "ID" | "IDS" | "FROM" => {
-            Meaning::Refused(FLOW)
-        }
-        "CALL" | "PCALL" | "EXTCALL" | "ISOCALL" | "MODAL" => Meaning::Refused(CALL),
-        "SCALE" | "ASCALE" | "MIRROR" | "AMIRROR" | "ROTS" | "AROTS" | "CROTS" | "TOFRAME"
-        | "TOFRAMEX" | "TOFRAMEY" | "TOFRAMEZ" | "TOROT" | "TOROTX" | "TOROTY" | "TOROTZ"
-        | "PAROT" | "CYCLE800" | "TCARR" | "TCOABS" | "TCOFR" | "CTRANS" | "CROT" | "CFINE" => {
-            Meaning::Refused(TILTED)
-        }
-        "FB" | "FD" => Meaning::Refused(
-            "a feed for one block, which only the first part of a split motion would have: write F",
-        ),
-        "RND" | "RNDM" | "CHF" | "CHR" | "FRC" | "FRCM" => Meaning::Refused(CORNER),
-        "CIP" | "CT" | "TURN" | "ASPLINE" | "BSPLINE" | "CSPLINE" | "POLY" | "INVCW" | "INVCCW"
-        | "ANG" | "ANG1" | "ANG2" | "PW" | "SD" | "PO" | "PL" => Meaning::Refused(CURVE),
-        "AP" | "RP" => Meaning::Refused(POLAR),
-        "LEAD" | "TILT" | "THETA" | "PHI" | "PSI" | "NUT" => Meaning::Refused(ORIENTATION),
-        "TRANSMIT" | "TRACYL" | "TRAANG" | "TRACON" | "TRACOORD" => {
-            Meaning::Refused(TRANSFORMATION)
-        }
-        "POS" | "POSA" | "POSP" | "POSM" | "MEAS" | "MEAW" | "MEASA" | "MEAWA" | "PTP"
-        | "PTPG0" | "DIAMON" | "DIAM90" | "DL" | "TOFFL" | "TOFF" | "OSCILL" | "COUPON"
-        | "TRAILON" | "LEADON" | "STARTFIX" => Meaning::Refused(OWN_RULE),
-        _ if name.starts_with("ORI") => Meaning::Refused(ORIENTATION),
-        _ => Meaning::Refused(UNKNOWN),
+        _ if is_of(HARMLESS) => Meaning::Nothing,
+        _ => match REFUSED.iter().find(|(_, names)| is_of(names)) {
+            Some(&(why, _)) => Meaning::Refused(why),
+            None if name.starts_with("ORI") => Meaning::Refused(ORIENTATION),
+            None => Meaning::Refused(UNKNOWN),
+        },
     }
 }
 

@@ -6,7 +6,7 @@ use volcomp_nc::{
     average, verify_average,
 };
 
-use crate::identity::TRAVELS;
+use crate::identity::{TRAVELS, begins, has};
 
 const SETUP: &str = "[work_offset.G54]\nX = 100\nY = 50\nZ = -20.5\n[work_offset.G55]\nX = 300\n[start]\nX = 0\nY = 0\nZ = 0\n";
 
@@ -113,15 +113,9 @@ fn what_has_no_mean_is_refused() {
     let program = "G90 G54 G1 F100 X1 Y1 Z1\n";
     assert!(message(errors, "", program).contains("the set-up does not state the work offset G54"));
     let unknown = message(errors, "[work_offset.G54]\nX = 1\n", "G54 G90 G1 X1\n");
-    assert!(
-        unknown.starts_with("line 1: it is not known where X, Y and Z stand"),
-        "{unknown}"
-    );
+    begins(&unknown, "line 1: it is not known where X, Y and Z stand");
     let sets = message(errors, SETUP, "G10 L2 P1 X3\nG90 G1 X1\n");
-    assert!(
-        sets.starts_with("line 2: the program has set its work offset itself"),
-        "{sets}"
-    );
+    begins(&sets, "line 2: the program has set its work offset itself");
     let wrong = message(errors, SETUP, "G1 X\n");
     assert!(wrong.starts_with("line 1: column 4"), "{wrong}");
 }
@@ -144,10 +138,7 @@ fn the_mean_of_what_was_measured() {
         run_of(errors, SETUP, program, MeanOf::Readings(readings)).expect("averaged")
     };
     let (out, found) = taken("EXX = { poly = [50.0] }\n", &readings);
-    assert!(
-        out.starts_with("G21 G90\nG10 L2 P1 X99.988 Y50.000 Z-20.494\n"),
-        "{out}"
-    );
+    begins(&out, "G21 G90\nG10 L2 P1 X99.988 Y50.000 Z-20.494\n");
     let near =
         |found: [f64; 2], expected: [f64; 2]| (0..2).all(|i| (found[i] - expected[i]).abs() < 1e-9);
     let rms = |of: [f64; 3]| (of.iter().map(|x| x * x).sum::<f64>() / 3.0).sqrt();
@@ -162,10 +153,7 @@ fn the_mean_of_what_was_measured() {
     // Between X and Y only: half of it belongs to each.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let (out, _) = taken("", &[at([half, half, 0.0], 20.0 * half)]);
-    assert!(
-        out.contains("G10 L2 P1 X99.990 Y49.990 Z-20.500\n"),
-        "{out}"
-    );
+    has(&out, "G10 L2 P1 X99.990 Y49.990 Z-20.500\n");
 }
 
 /// An error of 10 µm along X and 4 µm along Y of the workpiece, taken back along axes that go other ways than their letters say: each word is
@@ -241,10 +229,7 @@ fn measured_offsets_are_ways_of_the_axes() {
         )
         .expect("averaged");
         let out = String::from_utf8(out).expect("text");
-        assert!(
-            out.starts_with(&format!("G21 G90\nG10 L2 P1 {words} Z0.000\n")),
-            "{out}"
-        );
+        begins(&out, &format!("G21 G90\nG10 L2 P1 {words} Z0.000\n"));
         assert!((found[0].left_um[0] - left_um).abs() < 1e-9, "{found:?}");
         let zero = Note::OffAtZero("G54".to_owned(), [zero[0], zero[1], 0]);
         assert_eq!(found[0].off_at_zero, Some(zero));
@@ -344,10 +329,7 @@ fn ways_from_other_offsets_are_refused() {
         ("G90 G54 G0 X0 Y0 Z0\nG53 G0 X0\nG91 G1 X100 F100\n", 3),
     ] {
         let text = message(scale, SETUP, program);
-        assert!(
-            text.starts_with(&format!("line {line}: the mean correction of ")),
-            "{text}"
-        );
+        begins(&text, &format!("line {line}: the mean correction of "));
         assert!(text.contains(" does not reach X here"), "{text}");
     }
     let good = "G90 G54 G0 X0 Y0 Z0\nG91 G1 X100 F100\n";
@@ -368,14 +350,8 @@ fn places_without_the_mean_are_refused() {
         ("G90 G54 G0 X0 Y0\nG1 X[#5221] F100\n", 2, 'X'),
     ] {
         let text = message(errors, SETUP, program);
-        assert!(
-            text.starts_with(&format!("line {line}: the mean correction of ")),
-            "{text}"
-        );
-        assert!(
-            text.contains(&format!(" does not reach {axis} here")),
-            "{text}"
-        );
+        begins(&text, &format!("line {line}: the mean correction of "));
+        has(&text, &format!(" does not reach {axis} here"));
     }
     // Z needs none; and a shift from a place that was named has it.
     for good in [
@@ -391,10 +367,7 @@ fn places_without_the_mean_are_refused() {
         SETUP,
         "G90 G54 G0 X0 Y0\no1 if [#5221 EQ 100]\nG1 X1 F100\no1 endif\nG1 X2 F100\n",
     );
-    assert!(
-        reads.contains("the program makes other motions with the mean"),
-        "{reads}"
-    );
+    has(&reads, "the program makes other motions with the mean");
 }
 
 /// In inches, too, the new offset is written with the decimals of its words: 79.99984, not 79.99984000000001.

@@ -3,9 +3,9 @@
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
-use volcomp_nc::{
-    BoundViolation, Corrector, Dialect, Job, MeanOf, NcError, SetUp, average, compensate,
-};
+use volcomp_nc::{BoundViolation, Corrector, Dialect, Job, MeanOf, NcError, SetUp, average};
+
+use crate::identity::{result_of, rows};
 
 const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 600]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-400, 0]\n[errors]\n";
 
@@ -19,15 +19,13 @@ fn limited(
     dialect: Dialect,
     limit_um: f64,
 ) -> Result<String, NcError> {
-    let corrector = Corrector::new(&machine(errors), &Temperatures::new(), 0.001)?;
     let setup = SetUp::parse("[start]\nX = 100\nY = 0\nZ = 0\n", "setup.toml").expect("a set-up");
-    let mut out = Vec::new();
-    let job = Job {
+    let (machine, program) = (machine(errors), program.as_bytes());
+    let (out, _) = result_of((&machine, 0.001), &setup, program, |job| Job {
         dialect,
         limit: CorrectionLimit::new(limit_um).expect("a limit"),
-        ..Job::new(&corrector, &setup)
-    };
-    compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+        ..job
+    })?;
     Ok(String::from_utf8(out).expect("text"))
 }
 
@@ -112,30 +110,17 @@ fn the_limit_has_a_ceiling() {
 #[test]
 fn a_corrected_coordinate_does_not_leave_the_travel() {
     let errors = "EXX = { poly = [-10.0] }\nEZZ = { poly = [-5.0] }\nEYY = { poly = [20.0] }\n";
-    for (program, expected) in [
-        (
-            "G90 G0 X600\n",
-            "line 1: the correction moves X from 600 mm to 600.01 mm in machine coordinates, outside its travel of 0 mm to 600 mm",
-        ),
-        (
-            "G90 G0 X599.995 Y0\nG1 F100 Y-300\n",
-            "line 1: the correction moves X from 599.995 mm to 600.005 mm",
-        ),
-        (
-            "G90 G0 X10\nG1 F100 Y-299.99\n",
-            "line 2: the correction moves Y from -299.99 mm to -300.01 mm",
-        ),
-        // The arc touches the end of X half-way.
-        (
-            "G90 G0 X590 Y-10\nG3 F100 X590 Y10 J10\n",
-            "line 2: the correction moves X from 600 mm to 600.01 mm",
-        ),
-        // The plane R of a hole is the end of Z.
-        (
-            "G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n",
-            "line 2: the correction moves Z from 0 mm to 0.005 mm",
-        ),
-    ] {
+    for [program, expected] in rows(
+        r"
+G90 G0 X600\n | line 1: the correction moves X from 600 mm to 600.01 mm in machine coordinates, outside its travel of 0 mm to 600 mm
+G90 G0 X599.995 Y0\nG1 F100 Y-300\n | line 1: the correction moves X from 599.995 mm to 600.005 mm
+G90 G0 X10\nG1 F100 Y-299.99\n | line 2: the correction moves Y from -299.99 mm to -300.01 mm
+// The arc touches the end of X half-way.
+G90 G0 X590 Y-10\nG3 F100 X590 Y10 J10\n | line 2: the correction moves X from 600 mm to 600.01 mm
+// The plane R of a hole is the end of Z.
+G90 G0 Z-5\nG98 G81 X10 Y0 Z-20 R0 F50\n | line 2: the correction moves Z from 0 mm to 0.005 mm
+",
+    ) {
         let message = message(errors, program);
         assert!(message.starts_with(expected), "{program}: {message}");
     }
@@ -156,18 +141,12 @@ fn a_corrected_coordinate_does_not_leave_the_travel() {
 fn the_mean_keeps_the_bounds() {
     let setup = "[work_offset.G54]\nX = 100\nY = 0\nZ = -20\n[start]\nX = 0\nY = 0\nZ = 0\n";
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-    for (errors, program, expected) in [
-        (
-            "EXX = { poly = [300.0] }\n",
-            "G54 G90 G0 X0 Y0\nG1 F100 X20\n",
-            "line 2: the correction of X is -300.0 µm",
-        ),
-        (
-            "EXX = { poly = [-10.0] }\n",
-            "G54 G90 G0 X0 Y0\nG1 F100 X20\nX500\n",
-            "line 3: the correction moves X from 600 mm to 600.01 mm",
-        ),
-    ] {
+    for [errors, program, expected] in rows(
+        r"
+EXX = { poly = [300.0] }\n | G54 G90 G0 X0 Y0\nG1 F100 X20\n | line 2: the correction of X is -300.0 µm
+EXX = { poly = [-10.0] }\n | G54 G90 G0 X0 Y0\nG1 F100 X20\nX500\n | line 3: the correction moves X from 600 mm to 600.01 mm
+",
+    ) {
         let corrector =
             Corrector::new(&machine(errors), &Temperatures::new(), 0.001).expect("compiles");
         let job = Job::new(&corrector, &setup);

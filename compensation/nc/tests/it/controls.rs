@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated_in, verified_in};
+use crate::identity::{begins, compensated_in, has, rows, verified_in};
 
 /// X needs 1 µm for each millimetre of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
@@ -21,6 +21,14 @@ fn result(setup: &str, program: &str) -> Result<String, String> {
     Ok(String::from_utf8(out).expect("text"))
 }
 
+/// The line of a set-up file that names a control; none for none.
+fn of_control(name: &str) -> String {
+    match name {
+        "" => String::new(),
+        name => format!("control = \"{name}\"\n"),
+    }
+}
+
 const FANUC: &str = "control = \"fanuc\"\n";
 const HAAS: &str = "control = \"haas\"\n";
 const MAZAK: &str = "control = \"mazak\"\n";
@@ -30,36 +38,20 @@ const COUNTING: [&str; 3] = [FANUC, HAAS, MAZAK];
 #[test]
 fn words_without_a_point_are_least_increments() {
     for control in COUNTING {
-        for (program, expected) in [
-            (
-                "G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n",
-                "G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n",
-            ),
-            // With points nothing is another number than elsewhere.
-            (
-                "G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n",
-                "G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n",
-            ),
-            // Inches: a ten-thousandth.
-            (
-                "G20\nG0 X10000 Y50000 Z0\nX20000\n",
-                "G20\nG0 X10050 Y50000 Z0\nX20050\n",
-            ),
-            // The depth, the plane R and the angle of a rotation.
-            (
-                "G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n",
-                "G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n",
-            ),
-            (
-                "G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n",
-                "G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n",
-            ),
-            // A dwell, a feed and the level of smoothing are no coordinates.
-            (
-                "G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n",
-                "G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n",
-            ),
-        ] {
+        for [program, expected] in rows(
+            r"
+G21 G90\nG0 X50000 Y25000 Z0\nG1 Z-500 F200\nX60000\nY30000\n | G21 G90\nG0 X50025 Y25000 Z0\nG1 Z-500 F200\nX60025\nY30000 X60030\n
+// With points nothing is another number than elsewhere.
+G0 X50. Y25. Z0\nG1 Z-.5 F200\nX60.\nY30.\n | G0 X50.025 Y25. Z0\nG1 Z-.5 F200\nX60.025\nY30. X60.030\n
+// Inches: a ten-thousandth.
+G20\nG0 X10000 Y50000 Z0\nX20000\n | G20\nG0 X10050 Y50000 Z0\nX20050\n
+// The depth, the plane R and the angle of a rotation.
+G0 X0 Y0 Z50000\nG99 G81 X10000 Y100000 Z-5000 R2000 F100\nG80\n | G0 X0 Y0 Z50000\nG99 G81 X10100 Y100000 Z-5000 R2000 F100\nG80\n
+G54\nG68 X0 Y0 R90000\nG0 X10000 Y0\n | G54\nG68 X0 Y0 R90000\nG0 X10000 Y-10\n
+// A dwell, a feed and the level of smoothing are no coordinates.
+G0 X50. Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60. F200\n | G0 X50.025 Y25. Z0\nG4 P1000\nG5.1 Q1 R5\nG1 X60.025 F200\n
+",
+        ) {
             assert_eq!(
                 result(control, program).as_deref(),
                 Ok(expected),
@@ -176,10 +168,7 @@ G0 X50. Y1. A90\n | line 1: column 13: A90 has no decimal point
         for [program, expected] in &programs {
             let error = result(control, program).expect_err(program);
             assert!(error.starts_with(expected), "{error}");
-            assert!(
-                error.contains("without_point in the set-up file"),
-                "{error}"
-            );
+            has(&error, "without_point in the set-up file");
         }
     }
     for [without_point, program, expected] in &cases(
@@ -337,15 +326,8 @@ fanuc | M97 P1000 | M97, which is not followed
 #[test]
 fn other_codes_are_refused_with_their_reason() {
     for [control, line, expected] in &cases(REFUSED) {
-        let control = match control.as_str() {
-            "" => String::new(),
-            name => format!("control = \"{name}\"\n"),
-        };
-        let error = result(&control, &around(line)).expect_err(line);
-        assert!(
-            error.starts_with(&format!("line 4: {expected}")),
-            "{control}{error}"
-        );
+        let error = result(&of_control(control), &around(line)).expect_err(line);
+        begins(&error, &format!("line 4: {expected}"));
     }
 }
 
@@ -395,10 +377,7 @@ fn ways_by_letters_are_refused() {
         for control in COUNTING {
             let error = result(control, &around(line)).expect_err(line);
             assert!(error.starts_with("line 4: "), "{error}");
-            assert!(
-                error.contains(" without such an axis in the machine file"),
-                "{error}"
-            );
+            has(&error, " without such an axis in the machine file");
         }
         let other = result("", &around(line));
         assert!(
@@ -510,41 +489,25 @@ fn cycles_are_stored_by_k0_and_l0() {
             "{found}"
         );
     }
-    for (control, line, expected) in [
-        (
-            "",
-            "G81 X10. Y100. Z-5. R2. F100. L0",
-            "a cycle with L that is not a number of holes",
-        ),
-        ("", "G81 X10. Y100. Z-5. R2. F100. K0", "a cycle with K"),
-        (
-            MAZAK,
-            "G81 X10. Y100. Z-5. R2. F100. L0",
-            "a cycle with L that is not a number of holes",
-        ),
-        (HAAS, "G81 X10. Y100. Z-5. R2. F100. K2", "a cycle with K"),
-        (
-            FANUC,
-            "G81 X10. Y100. Z-5. R2. F100. L2",
-            "a cycle with L, which FANUC controls",
-        ),
-        (
-            FANUC,
-            "G81 X10. Y100. Z-5. R2. F100. K1.5",
-            "a cycle with K that is not a number of holes",
-        ),
-    ] {
-        let error = run(control, &around(line)).expect_err(line);
-        assert!(error.starts_with(&format!("line 4: {expected}")), "{error}");
+    for [control, word, expected] in rows(
+        "
+ | L0 | a cycle with L that is not a number of holes
+ | K0 | a cycle with K
+mazak | L0 | a cycle with L that is not a number of holes
+haas | K2 | a cycle with K
+fanuc | L2 | a cycle with L, which FANUC controls
+fanuc | K1.5 | a cycle with K that is not a number of holes
+",
+    ) {
+        let program = around(&format!("G81 X10. Y100. Z-5. R2. F100. {word}"));
+        let error = run(&of_control(control), &program).expect_err(word);
+        begins(&error, &format!("line 4: {expected}"));
     }
     // What LinuxCNC reads anew another control may keep.
     for control in [FANUC, HAAS] {
         let program = around("G81 X10. Y100. Z-5. R2. F100.\nG91 X10.");
         let error = run(control, &program).expect_err(control);
-        assert!(
-            error.starts_with("line 5: a cycle whose depth or plane R"),
-            "{error}"
-        );
+        begins(&error, "line 5: a cycle whose depth or plane R");
     }
 }
 

@@ -2,13 +2,10 @@
 
 use std::fmt::Write as _;
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{
-    Corrector, Decimals, Dialect, Job, NcError, Place, SetUp, Summary, Verification, Virtual,
-    compensate, verify,
-};
+use volcomp_model::Machine;
+use volcomp_nc::{Decimals, Dialect, Job, NcError, Place, SetUp, Summary, Verification};
 
-use crate::identity::{TRAVELS, written};
+use crate::identity::{TRAVELS, result_of, verified_by, written};
 
 /// Seeded numbers, and what is made of them.
 pub(crate) struct Draw(u64);
@@ -135,31 +132,21 @@ pub(crate) fn judged(
     dialect: Dialect,
     program: &str,
 ) -> Result<(String, Summary, Verification), NcError> {
-    let none = Temperatures::new();
-    let corrector = Corrector::new(machine, &none, 0.001)?;
     let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
-    let mut out = Vec::new();
-    let job = Job {
+    let decimals = Decimals {
+        mm: 5,
+        inch: 6,
+        deg: 5,
+    };
+    let bytes = program.as_bytes();
+    let (out, summary) = result_of((machine, 0.001), &setup, bytes, |job| Job {
         dialect,
-        decimals: Decimals {
-            mm: 5,
-            inch: 6,
-            deg: 5,
-        },
+        decimals,
         keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
-    let of = Virtual {
-        truth: machine,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 100_000,
-        dialect,
-        part: None,
-    };
-    let found = verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)?;
+        ..job
+    })?;
     let text = String::from_utf8(out).expect("text");
+    let found = verified_by(machine, &setup, dialect, [program, &text], &summary.shares)?;
     Ok((text, summary, found))
 }
 
@@ -227,15 +214,12 @@ pub(crate) fn comes_out_as_it_is(
     dialect: Dialect,
     program: &[u8],
 ) -> Result<(), NcError> {
-    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001)?;
     let setup = SetUp::default();
-    let mut out = Vec::new();
-    let job = Job {
+    let (out, summary) = result_of((machine, 0.001), &setup, program, |job| Job {
         dialect,
         most_blocks: 20_000,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
+        ..job
+    })?;
     assert_eq!(
         String::from_utf8_lossy(&out),
         String::from_utf8_lossy(program)

@@ -8,9 +8,11 @@ use volcomp_model::{
         CorrectionLimit,
     },
 };
-use volcomp_nc::{
-    BoundViolation, Corrector, Decimals, Dialect, Job, NcError, SetUp, Summary, Virtual,
-    compensate, verify,
+use volcomp_nc::{BoundViolation, Decimals, Dialect, Job, NcError, SetUp, Summary, Verification};
+
+use crate::{
+    drawn::comes_out_as_it_is,
+    identity::{begins, has, result_of, verified_by},
 };
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
@@ -29,17 +31,23 @@ fn machine(length: f64) -> Machine {
 }
 
 fn run(machine: &Machine, setup: &str, program: &str, decimals: Decimals) -> (String, Summary) {
-    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001).expect("compiles");
     let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-    let mut out = Vec::new();
-    let job = Job {
+    let result = result_of((machine, 0.001), &setup, program.as_bytes(), |job| Job {
         decimals,
         keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary =
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
+        ..job
+    });
+    let (out, summary) = result.expect("compensated");
     (String::from_utf8(out).expect("text"), summary)
+}
+
+/// The result of a program with the default decimals, and where the tool of the machine is with both.
+fn verified(machine: &Machine, setup: &str, program: &str) -> (Summary, Verification) {
+    let (out, summary) = run(machine, setup, program, Decimals::default());
+    let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+    let texts = [program, out.as_str()];
+    let found = verified_by(machine, &setup, Dialect::Rs274, texts, &summary.shares);
+    (summary, found.expect("verified"))
 }
 
 /// Where the table, tilted by a and turned by c (deg), has a point of the bed, and back.
@@ -195,23 +203,7 @@ fn coordinates_of_the_centre_point() {
 fn ways_of_the_centre_point_are_within_the_tolerance() {
     let machine = machine(LENGTH);
     let program = "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\nX260 A10 C10\nG2 X300 Y260 I20 J20 C60\n";
-    let (out, summary) = run(
-        &machine,
-        "tool_centre_point = true\n",
-        program,
-        Decimals::default(),
-    );
-    let setup = SetUp::parse("tool_centre_point = true\n", "setup.toml").expect("a set-up");
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &Temperatures::new(),
-        setup: &setup,
-        most_blocks: 1000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    let (mut program, mut result) = (program.as_bytes(), out.as_bytes());
-    let found = verify(&mut program, &mut result, &summary.shares, of).expect("verified");
+    let (summary, found) = verified(&machine, "tool_centre_point = true\n", program);
     assert!(found.before.max_um > 20.0, "{found:?}");
     // The tolerance of 1 µm and the rounding of three words.
     assert!(found.after.max_um < 1.9, "{:?}", found.after);
@@ -253,20 +245,9 @@ fn the_centre_point_is_moved_until_it_is_switched_off() {
 fn play_is_taken_up_where_an_axis_turns() {
     let text = EXAMPLE.replace("reversal = 2.0", "reversal = 20.0");
     let machine = Machine::parse(&text, "m.toml").expect("a good machine");
-    let setup = "tool_centre_point = true\n";
     let program =
         "G90 G0 X300 Y250 Z-250 A0 C0\nG1 F1000 X340 Y260 A-40 C60\nX250 Y220 Z-260 A-80 C170\n";
-    let (out, summary) = run(&machine, setup, program, Decimals::default());
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &Temperatures::new(),
-        setup: &SetUp::parse(setup, "setup.toml").expect("a set-up"),
-        most_blocks: 1000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    let (mut original, mut result) = (program.as_bytes(), out.as_bytes());
-    let found = verify(&mut original, &mut result, &summary.shares, of).expect("verified");
+    let (summary, found) = verified(&machine, "tool_centre_point = true\n", program);
     assert!(found.after.max_um < 2.5, "{:?}", found.after);
     let inner = summary
         .shares
@@ -280,9 +261,7 @@ fn play_is_taken_up_where_an_axis_turns() {
 fn own_kinematics_after_m428_are_refused() {
     let mut machine = machine(LENGTH);
     machine.clear_errors();
-    let taken = |program: &str| {
-        crate::drawn::comes_out_as_it_is(&machine, volcomp_nc::Dialect::Rs274, program.as_bytes())
-    };
+    let taken = |program: &str| comes_out_as_it_is(&machine, Dialect::Rs274, program.as_bytes());
     for good in ["M430\nG1 X1 F1\n", "M428\nG1 X1 F1\nM429\nM430\nG1 X2\n"] {
         taken(good).expect("taken");
     }
@@ -298,9 +277,7 @@ fn own_kinematics_after_m428_are_refused() {
 fn a_rotary_word_that_the_machine_lacks_is_refused_where_the_tip_is_followed() {
     let mut machine = machine(LENGTH);
     machine.clear_errors();
-    let taken = |program: &str| {
-        crate::drawn::comes_out_as_it_is(&machine, volcomp_nc::Dialect::Rs274, program.as_bytes())
-    };
+    let taken = |program: &str| comes_out_as_it_is(&machine, Dialect::Rs274, program.as_bytes());
     taken("G1 X1 B10 F1\nM428\nG1 X2 A5 C5\nM429\nB20\n").expect("taken");
     let error = taken("M428\nG1 X1 F1\nX2 B10\n").expect_err("refused");
     assert!(
@@ -377,22 +354,8 @@ fn centre_lines_of_linuxcnc_are_points_of_the_machine_file() {
         );
         let machine = Machine::parse(&text, "m.toml").expect("a good machine");
         let program = format!("G21 G90\nG0 X33 Y-41 Z-52 {tilting}25 C40\nM2\n");
-        let (out, summary) = run(&machine, "", &program, Decimals::default());
-        let of = Virtual {
-            truth: &machine,
-            temperatures: &Temperatures::new(),
-            setup: &SetUp::default(),
-            most_blocks: 100,
-            dialect: volcomp_nc::Dialect::Rs274,
-            part: None,
-        };
-        let found = verify(
-            &mut program.as_bytes(),
-            &mut out.as_bytes(),
-            &summary.shares,
-            of,
-        );
-        let tip = found.expect("verified").before.tip_mm;
+        let (_, found) = verified(&machine, "", &program);
+        let tip = found.before.tip_mm;
         let back = turned(joints, plane, line, -tilt);
         let expected = turned(back, [0, 1], [x_rot_point, y_rot_point], -turn);
         for (found, expected) in tip.iter().zip(expected) {
@@ -441,6 +404,11 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
 /// the place that it turns from.
 #[test]
 fn which_way_an_axis_with_modulo_turns_is_stated() {
+    const MODULO: &str = "travel = [0, 360]\nmodulo = 360.0\n";
+    const TURNS: &str = "travel = [-360, 360]\n";
+    const SWIVELS: &str = "travel = [-175, 175]\n";
+    const LINEAR: &str = "rotary_words = \"linear\"\n";
+    const SHORTER: &str = "rotary_words = \"shorter\"\n";
     let machine = |travel: &str| {
         let text = format!(
             "structure = \"w C' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.C]\n{travel}[errors]\nECC = {{ poly = [50.0] }}\n"
@@ -449,25 +417,15 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
     };
     let result = |travel: &str, setup: &str, program: &str| {
         let machine = machine(travel);
-        let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
         let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-        let mut out = Vec::new();
-        let job = Job::new(&corrector, &setup);
-        let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()));
-        summary.map_err(|e| e.to_string()).map(|summary| {
-            let notes = summary.notes.by_line();
-            let notes = notes
-                .iter()
-                .filter(|(_, note)| note.to_string().contains("may roll over"));
-            let lines: Vec<usize> = notes.map(|(line, _)| *line).collect();
+        let result = result_of((&machine, 0.001), &setup, program.as_bytes(), |job| job);
+        result.map_err(|e| e.to_string()).map(|(out, summary)| {
+            let notes = summary.notes.by_line().into_iter();
+            let notes = notes.filter(|(_, note)| note.to_string().contains("may roll over"));
+            let lines: Vec<usize> = notes.map(|(line, _)| line).collect();
             (String::from_utf8(out).expect("text"), lines)
         })
     };
-    const MODULO: &str = "travel = [0, 360]\nmodulo = 360.0\n";
-    const TURNS: &str = "travel = [-360, 360]\n";
-    const SWIVELS: &str = "travel = [-175, 175]\n";
-    const LINEAR: &str = "rotary_words = \"linear\"\n";
-    const SHORTER: &str = "rotary_words = \"shorter\"\n";
     let over_the_end = "G0 X10 Y20 Z0 C250\nG1 C10 F500\n";
     for program in [
         over_the_end,
@@ -479,10 +437,8 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
         let fanuc = "control = \"fanuc\"\nwithout_point = \"unit\"\n";
         for (travel, setup) in [(MODULO, ""), (TURNS, fanuc)] {
             let error = result(travel, setup, program).expect_err(program);
-            assert!(
-                error.starts_with("line 2: ") && error.contains("rotary_words"),
-                "{error}"
-            );
+            begins(&error, "line 2: ");
+            has(&error, "rotary_words");
         }
         // What swivels cannot roll over.
         result(SWIVELS, "", program).expect(program);
@@ -537,15 +493,12 @@ fn a_turn_alone_keeps_its_time() {
     };
     let result = |errors: &str, setup: &str, dialect: Dialect, program: &str| {
         let machine = machine(errors);
-        let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
         let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-        let mut out = Vec::new();
-        let job = Job {
+        let done = result_of((&machine, 0.001), &setup, program.as_bytes(), |job| Job {
             dialect,
-            ..Job::new(&corrector, &setup)
-        };
-        let done = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()));
-        done.map(|_| String::from_utf8(out).expect("text"))
+            ..job
+        });
+        done.map(|(out, _)| String::from_utf8(out).expect("text"))
             .map_err(|error| error.to_string())
     };
     const TILTED: &str =
@@ -621,15 +574,12 @@ fn a_turn_alone_keeps_its_time() {
 #[test]
 fn the_limit_holds_at_the_tool() {
     let machine = machine(LENGTH);
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
     let setup = SetUp::default();
     let run = |text: &str, limit_um: f64| {
-        let mut out = Vec::new();
-        let job = Job {
+        let (out, _) = result_of((&machine, 0.001), &setup, text.as_bytes(), |job| Job {
             limit: CorrectionLimit::new(limit_um).expect("a limit"),
-            ..Job::new(&corrector, &setup)
-        };
-        compensate(&mut text.as_bytes(), &mut out, job, |_| Ok(()))?;
+            ..job
+        })?;
         Ok::<_, NcError>(String::from_utf8(out).expect("text"))
     };
     let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - LENGTH], a, c);

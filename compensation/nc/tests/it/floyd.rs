@@ -2,12 +2,14 @@
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::Machine;
 use volcomp_nc::{
-    Corrector, Decimals, Job, SetUp, Strategy, compensate,
+    Job, SetUp, Strategy,
     plan::{Limits, Place, plan},
     shortest::{GraphError, all_pairs, through},
 };
+
+use crate::identity::result_of;
 
 /// The distances from one node by relaxing every edge as often as there are nodes (Bellman, Ford).
 fn by_relaxation(weights: &[Vec<f64>], from: usize) -> Vec<f64> {
@@ -249,17 +251,13 @@ EXY = { fourier = [0, 0, 12.0], period = 150.0 }
 
 fn compensated(program: &str, strategy: Strategy) -> String {
     let machine = Machine::parse(MILL, "mill.toml").expect("a machine");
-    let corrector = Corrector::new(&machine, &Temperatures::default(), 2e-4).expect("compiled");
     let setup =
         SetUp::parse("start = { X = 0.0, Y = 0.0, Z = 0.0 }\n", "setup.toml").expect("a set-up");
-    let job = Job {
+    let result = result_of((&machine, 2e-4), &setup, program.as_bytes(), |job| Job {
         strategy,
-        decimals: Decimals::default(),
-        ..Job::new(&corrector, &setup)
-    };
-    let mut out = Vec::new();
-    compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
-    String::from_utf8(out).expect("text")
+        ..job
+    });
+    String::from_utf8(result.expect("compensated").0).expect("text")
 }
 
 /// How far the tool is across the line from (20, 30) to (820, 530): the errors of the machine written out.

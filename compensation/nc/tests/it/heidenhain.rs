@@ -11,7 +11,7 @@ use crate::{
         Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
         leads_to_the_same_places, path, same_places, worn,
     },
-    identity::{self, TRAVELS},
+    identity::{self, TRAVELS, begins, rows},
 };
 
 const SEEDS: u64 = 64;
@@ -325,41 +325,22 @@ fn written(
 #[test]
 fn words_keep_their_manner() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
-    for (program, expected) in [
-        ("1 L X+100 R0 FMAX M3\n", "1 L X+99.990 R0 FMAX M3\n"),
-        ("L X100,0 F500\n", "L X99,990 F500\n"),
-        (
-            "L X+0\nL IX+100 F100\nL IX-100\n",
-            "L X+0\nL IX+99.990 F100\nL IX-99.990\n",
-        ),
-        ("Q1 = 50 * 2\nL X+Q1\n", "Q1 = 50 * 2\nL X+99.990\n"),
-        (
-            "TRANS DATUM AXIS X+100\nL X+0\n",
-            "TRANS DATUM AXIS X+100\nL X-0.010\n",
-        ),
-        // Two arcs about one pole: each has a pole of its own with its correction.
-        (
-            "0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 C X+20 Y+0 DR-\n4 C X+0 Y+0 DR-\n5 END PGM A MM\n",
-            "0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 CC X+9.999 Y+0.001\n4 C X+19.998 Y+0 DR-\n5 CC X+9.999 Y-0.001\n6 C X+0 Y+0 DR-\n7 END PGM A MM\n",
-        ),
-        (
-            "L X+0 Y+0\nCR X+20 Y+0 R+10 DR-\n",
-            "L X+0 Y+0\nCR X+19.998 Y+0 R+9.999 DR-\n",
-        ),
-        (
-            "CC X+0 Y+0\nLP PR+100 PA+0 F100 M8\n",
-            "CC X+0 Y+0\nL X+99.990 Y+0.000 F100 M8\n",
-        ),
-        (
-            "CC X+0 Y+0\nLP PR+100 PA+90\n",
-            "CC X+0 Y+0\nLP PR+100 PA+90\n",
-        ),
-        (
-            "0 BEGIN PGM A INCH\n1 L X+10\n",
-            "0 BEGIN PGM A INCH\n1 L X+9.9990\n",
-        ),
-        ("L X+100 M91\nL X+100\n", "L X+100 M91\nL X+99.990\n"),
-    ] {
+    for [program, expected] in rows(
+        r"
+1 L X+100 R0 FMAX M3\n | 1 L X+99.990 R0 FMAX M3\n
+L X100,0 F500\n | L X99,990 F500\n
+L X+0\nL IX+100 F100\nL IX-100\n | L X+0\nL IX+99.990 F100\nL IX-99.990\n
+Q1 = 50 * 2\nL X+Q1\n | Q1 = 50 * 2\nL X+99.990\n
+TRANS DATUM AXIS X+100\nL X+0\n | TRANS DATUM AXIS X+100\nL X-0.010\n
+// Two arcs about one pole: each has a pole of its own with its correction.
+0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 C X+20 Y+0 DR-\n4 C X+0 Y+0 DR-\n5 END PGM A MM\n | 0 BEGIN PGM A MM\n1 L X+0 Y+0 FMAX\n2 CC X+10 Y+0\n3 CC X+9.999 Y+0.001\n4 C X+19.998 Y+0 DR-\n5 CC X+9.999 Y-0.001\n6 C X+0 Y+0 DR-\n7 END PGM A MM\n
+L X+0 Y+0\nCR X+20 Y+0 R+10 DR-\n | L X+0 Y+0\nCR X+19.998 Y+0 R+9.999 DR-\n
+CC X+0 Y+0\nLP PR+100 PA+0 F100 M8\n | CC X+0 Y+0\nL X+99.990 Y+0.000 F100 M8\n
+CC X+0 Y+0\nLP PR+100 PA+90\n | CC X+0 Y+0\nLP PR+100 PA+90\n
+0 BEGIN PGM A INCH\n1 L X+10\n | 0 BEGIN PGM A INCH\n1 L X+9.9990\n
+L X+100 M91\nL X+100\n | L X+100 M91\nL X+99.990\n
+",
+    ) {
         let found = match compensated(scale, "", program) {
             Ok((found, _)) => found,
             Err(error) => error.to_string(),
@@ -545,9 +526,6 @@ fn block_numbers_without_a_next_one_are_refused() {
         "99999999999999999999999",
     ] {
         let message = taken(number).expect_err("refused").to_string();
-        assert!(
-            message.starts_with("line 3: column 1: the number of a block above"),
-            "{message}"
-        );
+        begins(&message, "line 3: column 1: the number of a block above");
     }
 }

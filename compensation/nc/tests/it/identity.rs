@@ -5,8 +5,28 @@ use volcomp_nc::{
     Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, Verification, Virtual, compensate,
     verify,
 };
+use volcomp_test_support::cases;
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
+
+#[track_caller]
+pub(crate) fn begins(text: &str, expected: &str) {
+    assert!(text.starts_with(expected), "{text}");
+}
+
+#[track_caller]
+pub(crate) fn has(text: &str, expected: &str) {
+    assert!(text.contains(expected), "{text}");
+}
+
+/// The rows of a table of cases (see [`cases`]) for as long as the tests run; lines that begin with `//` say something about the rows below them.
+pub(crate) fn rows<const CELLS: usize>(table: &str) -> Vec<[&'static str; CELLS]> {
+    let rows = table.lines().filter(|row| !row.starts_with("//"));
+    let rows = cases(&rows.collect::<Vec<_>>().join("\n"));
+    rows.into_iter()
+        .map(|row| row.map(|cell| &*cell.leak()))
+        .collect()
+}
 
 /// The result of compensating a program by a machine with these errors, 0.5 µm being the tolerance of splits.
 pub(crate) fn compensated(errors: &str, program: &[u8]) -> Result<(Vec<u8>, Summary), NcError> {
@@ -20,15 +40,44 @@ pub(crate) fn compensated_in(
     program: &[u8],
 ) -> Result<(Vec<u8>, Summary), NcError> {
     let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005)?;
-    let mut out = Vec::new();
-    let job = Job {
+    result_of((&machine, 0.0005), setup, program, |job| Job {
         most_blocks: 1_000_000,
         limit: CorrectionLimit::LARGEST,
-        ..Job::new(&corrector, setup)
-    };
+        ..job
+    })
+}
+
+/// The result of a program on a machine with a tolerance of splits, mm; `wanted` is what differs from the job that most have.
+pub(crate) fn result_of(
+    (machine, tolerance_mm): (&Machine, f64),
+    setup: &SetUp,
+    program: &[u8],
+    wanted: impl FnOnce(Job<'_>) -> Job<'_>,
+) -> Result<(Vec<u8>, Summary), NcError> {
+    let corrector = Corrector::new(machine, &Temperatures::new(), tolerance_mm)?;
+    let mut out = Vec::new();
+    let job = wanted(Job::new(&corrector, setup));
     let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
     Ok((out, summary))
+}
+
+/// Where the tool of a machine with these errors is with a program and its result.
+pub(crate) fn verified_by(
+    truth: &Machine,
+    setup: &SetUp,
+    dialect: Dialect,
+    [program, result]: [&str; 2],
+    shares: &[f64],
+) -> Result<Verification, NcError> {
+    let of = Virtual {
+        truth,
+        temperatures: &Temperatures::new(),
+        setup,
+        most_blocks: 100_000,
+        dialect,
+        part: None,
+    };
+    verify(&mut program.as_bytes(), &mut result.as_bytes(), shares, of)
 }
 
 /// The result of a program in a language, and its notes with their lines; 1 µm is the tolerance of splits.
@@ -38,14 +87,12 @@ pub(crate) fn written(
     setup: &str,
     program: &str,
 ) -> Result<(String, Vec<String>), NcError> {
-    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001)?;
     let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
-    let mut out = Vec::new();
-    let job = Job {
+    let program = program.as_bytes();
+    let (out, summary) = result_of((machine, 0.001), &setup, program, |job| Job {
         dialect,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+        ..job
+    })?;
     let notes = summary.notes.by_line().into_iter();
     let notes = notes
         .map(|(line, note)| format!("{line}: {note}"))
@@ -61,27 +108,17 @@ pub(crate) fn verified_in(
 ) -> Result<(String, Summary, Verification), NcError> {
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
     let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
-    let none = Temperatures::new();
-    let corrector = Corrector::new(&machine, &none, 0.001)?;
-    let mut out = Vec::new();
-    let job = Job {
+    let bytes = program.as_bytes();
+    let (out, summary) = result_of((&machine, 0.001), &setup, bytes, |job| Job {
         dialect,
         strategy,
         keep_shares: true,
         limit: CorrectionLimit::LARGEST,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 100_000,
-        dialect,
-        part: None,
-    };
-    let found = verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)?;
-    Ok((String::from_utf8(out).expect("text"), summary, found))
+        ..job
+    })?;
+    let out = String::from_utf8(out).expect("text");
+    let found = verified_by(&machine, &setup, dialect, [program, &out], &summary.shares)?;
+    Ok((out, summary, found))
 }
 
 #[test]

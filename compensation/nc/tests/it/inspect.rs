@@ -7,6 +7,8 @@ use volcomp_nc::{
 };
 use volcomp_test_support::cases;
 
+use crate::identity::has;
+
 /// Features of a part by name, before and after, on a machine that is taken for the real one.
 fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
     inspected_with([errors, errors], "", program, part).0
@@ -197,10 +199,8 @@ feature = []\n | found an empty list
 "#,
     ) {
         let error = Part::parse(text, "part.toml").expect_err(text).to_string();
-        assert!(
-            error.contains(expected) && error.contains("part.toml"),
-            "{error}"
-        );
+        has(&error, expected);
+        has(&error, "part.toml");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use volcomp_nc::{Dialect, SetUp, Strategy, Verification};
 
-use crate::identity::{compensated_in, verified_in};
+use crate::identity::{begins, compensated_in, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n";
 const START: &str =
@@ -69,10 +69,7 @@ fn an_offset_in_force_does_not_turn_under_a_shift() {
     for shift in ["G92 X5", "G52 Y-2"] {
         let turned = format!("G90 G54\n{shift}\nG10 L2 P1 X30 R30\nG91 G0 X1\nM2\n");
         let message = refused(&turned);
-        assert!(
-            message.starts_with("line 3: G10 L2 with R, which turns"),
-            "{message}"
-        );
+        begins(&message, "line 3: G10 L2 with R, which turns");
         // Neither where the shift is off, nor where another one is turned, nor where it stays as it was turned.
         for (from, to) in [
             (shift, "G92.2"),
@@ -109,10 +106,7 @@ fn a_shift_comes_back() {
     ];
     are_near(&places(program), &expected);
     let message = refused("G0 X1\nG92.3\nG0 X2\n");
-    assert!(
-        message.starts_with("line 2: G92.3 before any G92, G52 or G92.1"),
-        "{message}"
-    );
+    begins(&message, "line 2: G92.3 before any G92, G52 or G92.1");
 }
 
 /// The corrected place at which an axis is set has more decimals than words have: none of what they lose stays in the offset, however often

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{NcError, SetUp, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::compensated_in;
+use crate::identity::{begins, compensated_in, rows};
 
 const PRINTERS: [&str; 2] = ["klipper", "marlin"];
 /// A bend at 50 mm of X in Y: lines over it are split there.
@@ -31,26 +31,16 @@ fn result(control: &str, errors: &str, program: &str) -> Result<String, String> 
 #[test]
 fn filament_is_shared_over_the_parts() {
     let start = "G21\nG90\nG28\n";
-    for (program, expected) in [
-        (
-            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X100 Y100 E5.0 F1200\nG1 X0 Y100 E10.0\n",
-            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X49.995 Y49.980 E2.5 F1200\nG1 X99.990 Y100.000 E5.0\nG1 X49.995 Y99.980 E7.5\nG1 X0.000 Y100.000 E10.0\n",
-        ),
-        (
-            "M83\nG0 X0 Y0 Z0.2\nG1 X100 Y100 E5.00001 ; comment\nG1 E-.8\nG1 X0\n",
-            "M83\nG0 X0 Y0 Z0.2\nG1 X49.995 Y49.980 E2.50000 ; comment\nG1 X99.990 Y100.000 E2.50001\nG1 E-.8\nG1 X49.995 Y99.980\nG1 X0.000 Y100.000\n",
-        ),
-        // Ways, also of E.
-        (
-            "M83\nG0 X0 Y0 Z0.2\nG91\nG1 X100 E4\n",
-            "M83\nG0 X0 Y0 Z0.2\nG91\nG1 X49.995 E2 Y-0.020\nG1 X49.995 Y0.020 E2\n",
-        ),
-        // What does not move takes what it takes.
-        (
-            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n",
-            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X49.995 Y-0.020\nG1 X99.990 Y0.000\n",
-        ),
-    ] {
+    for [program, expected] in rows(
+        r"
+M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X100 Y100 E5.0 F1200\nG1 X0 Y100 E10.0\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X49.995 Y49.980 E2.5 F1200\nG1 X99.990 Y100.000 E5.0\nG1 X49.995 Y99.980 E7.5\nG1 X0.000 Y100.000 E10.0\n
+M83\nG0 X0 Y0 Z0.2\nG1 X100 Y100 E5.00001 ; comment\nG1 E-.8\nG1 X0\n | M83\nG0 X0 Y0 Z0.2\nG1 X49.995 Y49.980 E2.50000 ; comment\nG1 X99.990 Y100.000 E2.50001\nG1 E-.8\nG1 X49.995 Y99.980\nG1 X0.000 Y100.000\n
+// Ways, also of E.
+M83\nG0 X0 Y0 Z0.2\nG91\nG1 X100 E4\n | M83\nG0 X0 Y0 Z0.2\nG91\nG1 X49.995 E2 Y-0.020\nG1 X49.995 Y0.020 E2\n
+// What does not move takes what it takes.
+M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n | M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X49.995 Y-0.020\nG1 X99.990 Y0.000\n
+",
+    ) {
         for control in PRINTERS {
             let found = result(control, BENT, &format!("{start}{program}"));
             assert_eq!(found, Ok(format!("{start}{expected}")), "{control}");
@@ -350,8 +340,5 @@ fn settings_of_grbl_pass_on() {
         assert_eq!(elsewhere, !known, "{line}");
     }
     let error = result("grbl", SKEW, "$J=G91 X10 F100\n").expect_err("a jog");
-    assert!(
-        error.starts_with("line 1: column 1: $J is not followed"),
-        "{error}"
-    );
+    begins(&error, "line 1: column 1: $J is not followed");
 }

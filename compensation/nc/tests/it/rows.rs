@@ -7,6 +7,7 @@ use volcomp_nc::Dialect;
 use crate::{
     drawn::{Draw, judged, worn},
     flow::text,
+    identity::rows,
 };
 
 const SETUP: &str = "[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
@@ -120,21 +121,15 @@ fn a_row_by_angles_begins_beside_its_circle() {
 #[test]
 fn depth_and_plane_have_the_correction_of_their_height() {
     let scale = "[errors]\nEZZ = { poly = [0.0, 0.05] }\n";
-    assert_eq!(
-        text(
-            scale,
-            "G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n"
-        ),
-        "G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n"
-    );
-    // In G91 R counts from where the tool is, which has 1 µm, and the depth from R.
-    assert_eq!(
-        text(
-            scale,
-            "G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n"
-        ),
-        "G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n"
-    );
+    for [program, expected] in rows(
+        r"
+G0 X0 Y0 Z20\nG81 X10 R0 Z-200 F100\nX20\nX30 Z-100\nX40 R-40\nG80\nM2\n | G0 X0 Y0 Z19.999\nG81 X10 R0 Z-199.990 F100\nX20\nX30 Z-99.995\nX40 R-39.998\nG80\nM2\n
+// In G91 R counts from where the tool is, which has 1 µm, and the depth from R.
+G0 X0 Y0 Z20\nG91 G81 X10 R-20 Z-200 L2 F100\nX10 Z-100\nG80\nM2\n | G0 X0 Y0 Z19.999\n(G91 G81 X10 R-20 Z-200 L2 F100)\nG91 G81 X10 R-19.999 Z-199.990 F100\nX10.000\nX10 Z-99.995\nG80\nM2\n
+",
+    ) {
+        assert_eq!(text(scale, program), expected);
+    }
     // Only the side of the hole differs with the depth: the hole is where it belongs half-way down.
     let tilt = "[errors]\nEXZ = { poly = [0.0, 0.05] }\n";
     assert_eq!(

@@ -11,7 +11,7 @@ use crate::{
         Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
         leads_to_the_same_places, path, same_places, worn,
     },
-    identity::{self, TRAVELS},
+    identity::{self, TRAVELS, rows},
 };
 
 const SEEDS: u64 = 64;
@@ -344,22 +344,15 @@ fn offsets_and_tools() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEXZ = { poly = [0.0, 0.1] }\n";
     let setup =
         "[work_offset.G54]\nX = 100.0\n[work_offset.G505]\nX = 300.0\n[tool.3]\nZ = 200.0\n";
-    for (program, expected) in [
-        // 10 µm for 100 mm.
-        (
-            "G0 Z0 X0\nG54 X0\nG505 X0\nG500 X0\n",
-            "G0 Z0 X0\nG54 X-0.010\nG505 X-0.030\nG500 X0\n",
-        ),
-        (
-            "G54 G0 Z0 X0\nSUPA X100\nX0\n",
-            "G54 G0 Z0 X-0.010\nSUPA X100\nX-0.010\n",
-        ),
-        (
-            "T3 M6\nG0 Z0 X0\nD0\nZ0 X0\n",
-            "T3 M6\nG0 Z0 X-0.020\nD0\nZ0 X0\n",
-        ),
-        ("T=3\nD1\nG0 Z0 X0\n", "T=3\nD1\nG0 Z0 X-0.020\n"),
-    ] {
+    for [program, expected] in rows(
+        r"
+// 10 µm for 100 mm.
+G0 Z0 X0\nG54 X0\nG505 X0\nG500 X0\n | G0 Z0 X0\nG54 X-0.010\nG505 X-0.030\nG500 X0\n
+G54 G0 Z0 X0\nSUPA X100\nX0\n | G54 G0 Z0 X-0.010\nSUPA X100\nX-0.010\n
+T3 M6\nG0 Z0 X0\nD0\nZ0 X0\n | T3 M6\nG0 Z0 X-0.020\nD0\nZ0 X0\n
+T=3\nD1\nG0 Z0 X0\n | T=3\nD1\nG0 Z0 X-0.020\n
+",
+    ) {
         let (text, notes) = compensated(scale, setup, program).expect("taken");
         assert_eq!(text, expected, "{notes:?}");
     }

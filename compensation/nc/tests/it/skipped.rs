@@ -2,6 +2,8 @@
 
 use crate::{flow::text, identity::compensated};
 
+use crate::identity::{begins, has};
+
 /// The places that a program of plain words leads to, with its blocks with a slash executed or not.
 fn ends(program: &str, skips: bool) -> [f64; 3] {
     let mut at = [0.0; 3];
@@ -75,10 +77,8 @@ fn what_a_skipped_block_would_switch_is_refused() {
         let error = compensated("", program.as_bytes())
             .expect_err(block)
             .to_string();
-        assert!(
-            error.starts_with(&format!("line {line}: a ")) && error.contains("(/)"),
-            "{error}"
-        );
+        begins(&error, &format!("line {line}: a "));
+        has(&error, "(/)");
     }
     for good in [
         "/M8",

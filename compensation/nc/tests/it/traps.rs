@@ -4,7 +4,7 @@
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated, verified_in};
+use crate::identity::{begins, compensated, rows, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -256,17 +256,14 @@ fn shifts_that_were_switched_off_stay_off() {
 #[test]
 fn places_that_are_read_are_written_as_numbers() {
     let errors = "EXX = { poly = [-10, 0.1] }\n";
-    assert_eq!(
-        result(
-            errors,
-            "G0 X600 Y0 Z0\nG1 X[#5420-500]\n#2=[#5420-500]\nG1 X#2 Y#5421\nG1 X[#<_x>+500]\n"
-        ),
-        "G0 X599.950 Y0 Z0\nG1 X100\n#2=[#5420-500]\nG1 X-399.950 Y#5421\nG1 X100\n"
-    );
-    assert_eq!(
-        result(errors, "G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n"),
-        "G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n"
-    );
+    for [program, expected] in rows(
+        r"
+G0 X600 Y0 Z0\nG1 X[#5420-500]\n#2=[#5420-500]\nG1 X#2 Y#5421\nG1 X[#<_x>+500]\n | G0 X599.950 Y0 Z0\nG1 X100\n#2=[#5420-500]\nG1 X-399.950 Y#5421\nG1 X100\n
+G0 X600 Y0 Z0\n#2=[#<_x>-500]\nG1 X#2\n | G0 X599.950 Y0 Z0\n#2=100\nG1 X#2\n
+",
+    ) {
+        assert_eq!(result(errors, program), expected);
+    }
     let refused = run(
         errors,
         "G0 X600 Y0 Z0\no1 while [#<_x> LT 700]\nG91 G1 X10\no1 endwhile\n",
@@ -274,31 +271,22 @@ fn places_that_are_read_are_written_as_numbers() {
     let message = refused
         .expect_err("the count of the loop would change")
         .to_string();
-    assert!(
-        message.starts_with("line 2: the place of an axis is read here"),
-        "{message}"
-    );
+    begins(&message, "line 2: the place of an axis is read here");
 }
 
 /// In G91 a cycle counts R from where the tool was before the first hole, and the depth from R: as LinuxCNC does it.
 #[test]
 fn holes_in_g91_are_as_deep_as_they_are_to_be() {
     let errors = "EZX = { poly = [0, 0.1] }\n";
-    assert_eq!(
-        result(
-            errors,
-            "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n"
-        ),
-        "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n"
-    );
-    // A word that is named anew does not leave the other one with an old correction.
-    assert_eq!(
-        result(
-            errors,
-            "G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n"
-        ),
-        "G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n"
-    );
+    for [program, expected] in rows(
+        r"
+G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n | G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n
+// A word that is named anew does not leave the other one with an old correction.
+G0 X500 Y0 Z10\nG81 X500 R2 Z-5\nX0 R3\nX0 Z-5\nG80\n | G0 X500 Y0 Z9.950\nG81 X500 R1.950 Z-5.050\nX0 R3 Z-5.000\nX0 Z-5\nG80\n
+",
+    ) {
+        assert_eq!(result(errors, program), expected);
+    }
 }
 
 /// A call that is written out returns nothing to the control.
@@ -310,10 +298,7 @@ fn what_a_call_returned_is_written_as_a_number() {
     assert!(out.ends_with("G0 Y14\n#1=15\nG0 Y#1\n"), "{out}");
     let decides = "o<f> sub\nG0 X[#1*100]\no<f> endsub [#1*7]\no<f> call [1]\no<f> call [2]\no1 if [#<_value> GT 3]\nG0 Y1\no1 endif\n";
     let message = run(errors, decides).expect_err("who decides?").to_string();
-    assert!(
-        message.starts_with("line 6: #<_value> is read here"),
-        "{message}"
-    );
+    begins(&message, "line 6: #<_value> is read here");
 }
 
 /// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it; also where G41 or G40 stands
@@ -369,20 +354,13 @@ fn cycles_along_a_diameter() {
 #[test]
 fn what_cannot_be_split_is_refused() {
     let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
-    for (program, expected) in [
-        (
-            "G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n",
-            "line 2: a motion that is split, with an F of inverse time",
-        ),
-        (
-            "G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n",
-            "line 2: a motion that is split, with an F of inverse time",
-        ),
-        (
-            "G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n",
-            "line 3: R alone while a cycle holds",
-        ),
-    ] {
+    for [program, expected] in rows(
+        r"
+G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n | line 2: a motion that is split, with an F of inverse time
+G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n | line 2: a motion that is split, with an F of inverse time
+G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n | line 3: R alone while a cycle holds
+",
+    ) {
         let message = run(bent, program).expect_err(program).to_string();
         assert!(message.starts_with(expected), "{message}");
     }
@@ -606,10 +584,7 @@ fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
 fn what_controls_read_otherwise_is_refused() {
     let message = |program: &str| run("", program).expect_err("refused").to_string();
     let found = message("G21 G43.1 Z20\nG0 Z5\nG20\nG49\nG0 X1\n");
-    assert!(
-        found.starts_with("line 4: a tool length that ends in another unit"),
-        "{found}"
-    );
+    begins(&found, "line 4: a tool length that ends in another unit");
     assert!(run("", "G21 G43.1 Z20\nG49\nG20\nG43.1 Z1\n").is_ok());
     let found = message("G0 X0 Y10\nG2 X60 Y40 I20 J0\n");
     assert!(

@@ -5,7 +5,7 @@ use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
 use volcomp_test_support::cases;
 
-use crate::identity::{TRAVELS, compensated_in, written};
+use crate::identity::{TRAVELS, begins, compensated_in, has, rows, written};
 
 /// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
@@ -149,10 +149,7 @@ fn coordinates_that_are_set_at_an_unknown_place_are_not_corrected() {
 fn what_the_control_keeps_in_parameters_is_not_set() {
     for number in ["5161", "5223", "5220", "5390", "5403", "5420"] {
         let message = refusal(&format!("G0 X0\n#{number}=-50\n"));
-        assert!(
-            message.starts_with(&format!("line 2: a value for #{number}, ")),
-            "{message}"
-        );
+        begins(&message, &format!("line 2: a value for #{number}, "));
     }
     result("", "#5391=2\n#5160=1\n#5399=1\n");
 }
@@ -190,17 +187,13 @@ fn a_rotation_turns_about_its_centre() {
     let expected = format!("G0 X{:.3} Y{:.3}", 20.0 + back[0], back[1]);
     let out = String::from_utf8(out).expect("text");
     assert_eq!(out.lines().nth(2), Some(expected.as_str()), "{out}");
-    for (program, why) in [
-        ("G0 X0 Y0\nG68 X10 R90\n", "line 2: G68 without X and Y"),
-        (
-            "G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n",
-            "line 3: G68 while a shift",
-        ),
-        (
-            "G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n",
-            "line 3: a way (G91) behind G68",
-        ),
-    ] {
+    for [program, why] in rows(
+        r"
+G0 X0 Y0\nG68 X10 R90\n | line 2: G68 without X and Y
+G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n | line 3: G68 while a shift
+G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: a way (G91) behind G68
+",
+    ) {
         let message = refusal(program);
         assert!(message.starts_with(why), "{message}");
     }
@@ -289,10 +282,8 @@ fn other_languages_are_named() {
     }
     let error = SetUp::parse("[work_offset.G60]\nX = 1\n", "s.toml").expect_err("refused");
     let message = error.to_string();
-    assert!(
-        message.contains("G54 to G59") && !message.contains("G560"),
-        "{message}"
-    );
+    has(&message, "G54 to G59");
+    assert!(!message.contains("G560"), "{message}");
 }
 
 /// With G98 the tool goes back up to where it was before the first hole: where nobody knows that, no word leads there.
@@ -421,10 +412,7 @@ fn words_that_no_code_claims_are_no_coordinates() {
         // An arc may begin with the correction or without.
         let arc = "G90 G1 X0. Y100. F100\nX10. M205\nG2 X20. I5.\n";
         let message = run(control, arc).expect_err(arc);
-        assert!(
-            message.starts_with("line 3: an arc after an unknown M code"),
-            "{message}"
-        );
+        begins(&message, "line 3: an arc after an unknown M code");
         let named = "G90 G1 X0. Y100. F100\nX10. M205\nG1 X10.\nG2 X20. I5.\n";
         run(control, named).expect(named);
         // Ways are as they are until the place is named.
@@ -539,63 +527,34 @@ fn unknown_axes_in_cycles_and_in_each_language() {
             .map(|(text, _)| text)
             .map_err(|error| error.to_string())
     };
-    for (dialect, program, expected) in [
-        // Holes have heights of their own; behind G98 the height is that of before.
-        (
-            Dialect::Rs274,
-            "G0 X400 Y0 Z50\nT2 M6\nG98 G81 X300 Y10 Z-5 R2 F100\nX200\nG80\nG0 X100\nG0 Z9\n",
-            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG98 G81 X299.985 Y9.940 Z-5.030 R1.970 F100\nX199.990 Z-5.020 R1.980 Y9.960\nG80\nG0 X99.995 Y9.980\nG0 Z8.990\n",
-        ),
-        (
-            Dialect::Rs274,
-            "G0 X400 Y0 Z50\nM205 X1 Y1\nG99 G81 X300 Z-5 R2 F100\nY5\nX100 Y10\nG80\nG0 X200\n",
-            "G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG99 G81 X299.985 Z-5.030 R1.970 F100\nY4.940\nX99.995 Y9.980 Z-5.010 R1.990\nG80\nG0 X199.990 Y9.960 Z1.980\n",
-        ),
-        // Both polar coordinates are a place of X and Y.
-        (
-            Dialect::Rs274,
-            "G0 X400 Y0 Z50\nT2 M6\nG16\nG0 X300 Y45\nG15\nG0 X100\n",
-            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG16\nG0 X212.121 Y212.090 G15\nG15\nG0 X99.995 Y212.112\n",
-        ),
-        (
-            Dialect::Rs274,
-            "G0 X400 Y0 Z50\nM205 X1 Y1\nG0 @300 ^45\nG0 X100\n",
-            "G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG0 X212.121 Y212.090\nG0 X99.995 Y212.112\n",
-        ),
-        (
-            Dialect::Siemens,
-            "G0 X400\nG2 X420 I10 J0 F100\nG2 X440 Y0 CR=10\nG1 X500 Y1\n",
-            "G0 X399.980\nG2 X419.980 I10 J0 F100\nG2 X439.980 Y0 CR=10\nG1 X499.975 Y0.900\n",
-        ),
-        (
-            Dialect::Siemens,
-            "G0 X400 Y0 Z50\nT2 M6\nG0 X300\nCYCLE81(10,0,2,-5)\nG0 X200 Y10\nG0 X100\n",
-            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG0 X299.985\nCYCLE81(10,0,2,-5)\nG0 X199.990 Y9.960 Z9.980\nG0 X99.995 Y9.980 Z9.990\n",
-        ),
-        (
-            Dialect::Heidenhain,
-            "L X+400 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+300 Y+10 FMAX M99\nL X+200\nL Z+20\nL X+100\n",
-            "L X+399.980 Y-0.080 Z+49.960 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+299.985 Y+9.940 FMAX M99\nL X+199.990 Y+9.960\nL Z+19.980\nL X+99.995 Y+9.980 Z+19.990\n",
-        ),
-        (
-            Dialect::Heidenhain,
-            "L X+400 FMAX\nCR X+420 Y+0 R+10 DR+ F100\nL X+100\n",
-            "L X+399.980 FMAX\nCR X+419.980 Y+0 R+10 DR+ F100\nL X+99.995 Y-0.020\n",
-        ),
-    ] {
+    for [language, program, expected] in rows(
+        r"
+// Holes have heights of their own; behind G98 the height is that of before.
+rs274 | G0 X400 Y0 Z50\nT2 M6\nG98 G81 X300 Y10 Z-5 R2 F100\nX200\nG80\nG0 X100\nG0 Z9\n | G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG98 G81 X299.985 Y9.940 Z-5.030 R1.970 F100\nX199.990 Z-5.020 R1.980 Y9.960\nG80\nG0 X99.995 Y9.980\nG0 Z8.990\n
+rs274 | G0 X400 Y0 Z50\nM205 X1 Y1\nG99 G81 X300 Z-5 R2 F100\nY5\nX100 Y10\nG80\nG0 X200\n | G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG99 G81 X299.985 Z-5.030 R1.970 F100\nY4.940\nX99.995 Y9.980 Z-5.010 R1.990\nG80\nG0 X199.990 Y9.960 Z1.980\n
+// Both polar coordinates are a place of X and Y.
+rs274 | G0 X400 Y0 Z50\nT2 M6\nG16\nG0 X300 Y45\nG15\nG0 X100\n | G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG16\nG0 X212.121 Y212.090 G15\nG15\nG0 X99.995 Y212.112\n
+rs274 | G0 X400 Y0 Z50\nM205 X1 Y1\nG0 @300 ^45\nG0 X100\n | G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG0 X212.121 Y212.090\nG0 X99.995 Y212.112\n
+siemens | G0 X400\nG2 X420 I10 J0 F100\nG2 X440 Y0 CR=10\nG1 X500 Y1\n | G0 X399.980\nG2 X419.980 I10 J0 F100\nG2 X439.980 Y0 CR=10\nG1 X499.975 Y0.900\n
+siemens | G0 X400 Y0 Z50\nT2 M6\nG0 X300\nCYCLE81(10,0,2,-5)\nG0 X200 Y10\nG0 X100\n | G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG0 X299.985\nCYCLE81(10,0,2,-5)\nG0 X199.990 Y9.960 Z9.980\nG0 X99.995 Y9.980 Z9.990\n
+heidenhain | L X+400 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+300 Y+10 FMAX M99\nL X+200\nL Z+20\nL X+100\n | L X+399.980 Y-0.080 Z+49.960 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+299.985 Y+9.940 FMAX M99\nL X+199.990 Y+9.960\nL Z+19.980\nL X+99.995 Y+9.980 Z+19.990\n
+heidenhain | L X+400 FMAX\nCR X+420 Y+0 R+10 DR+ F100\nL X+100\n | L X+399.980 FMAX\nCR X+419.980 Y+0 R+10 DR+ F100\nL X+99.995 Y-0.020\n
+",
+    ) {
+        let dialect = match language {
+            "siemens" => Dialect::Siemens,
+            "heidenhain" => Dialect::Heidenhain,
+            _ => Dialect::Rs274,
+        };
         assert_eq!(run(dialect, program).as_deref(), Ok(expected), "{program}");
     }
     // A pole relative to a place that is unknown is none.
-    for (line, expected) in [
-        (
-            "C X+420 Y+0 DR+ F100",
-            "line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before",
-        ),
-        (
-            "LP PR+50 PA+45",
-            "line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before",
-        ),
-    ] {
+    for [line, expected] in rows(
+        r"
+C X+420 Y+0 DR+ F100 | line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before
+LP PR+50 PA+45 | line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before
+",
+    ) {
         let program = |begins: &str| format!("{begins}\nCC IX+10 IY+0\n{line}\n");
         let error = run(Dialect::Heidenhain, &program("L X+400 FMAX")).expect_err(line);
         assert!(error.starts_with(expected), "{error}");

@@ -1,33 +1,23 @@
 //! A program and its result on a virtual machine, against deviations that are known on paper.
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{
-    Corrector, Job, NcError, SetUp, Verification, Virtual, compensate, picture, verify,
-};
+use volcomp_model::Machine;
+use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification, picture};
 
-use crate::identity::TRAVELS;
+use crate::identity::{TRAVELS, result_of, verified_by};
 
 fn verified(model: &str, truth: &str, program: &str) -> Result<Verification, NcError> {
     let machine = |errors: &str| {
         Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine")
     };
-    let (none, setup) = (Temperatures::new(), SetUp::default());
-    let corrector = Corrector::new(&machine(model), &none, 0.0005)?;
-    let mut out = Vec::new();
-    let job = Job {
+    let (model, truth, setup) = (machine(model), machine(truth), SetUp::default());
+    let bytes = program.as_bytes();
+    let (out, summary) = result_of((&model, 0.0005), &setup, bytes, |job| Job {
         keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
-    let of = Virtual {
-        truth: &machine(truth),
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 10_000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)
+        ..job
+    })?;
+    let out = String::from_utf8(out).expect("text");
+    let texts = [program, out.as_str()];
+    verified_by(&truth, &setup, Dialect::Rs274, texts, &summary.shares)
 }
 
 /// The model knows 80 of 100 µm/m: of 10 µm at 100 mm 2 are left.
@@ -66,23 +56,12 @@ fn what_the_model_knows_is_gone() {
 
 #[test]
 fn a_result_of_another_program_is_refused() {
-    let (none, setup) = (Temperatures::new(), SetUp::default());
     let truth = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-    let of = Virtual {
-        truth: &truth,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 10_000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    let mut original = "G0 X1\nG0 X2\n".as_bytes();
-    let error = verify(&mut original, &mut "G0 X1\n".as_bytes(), &[1.0, 1.0], of);
+    let (setup, texts) = (SetUp::default(), ["G0 X1\nG0 X2\n", "G0 X1\n"]);
+    let error = verified_by(&truth, &setup, Dialect::Rs274, texts, &[1.0, 1.0]);
     let message = error.expect_err("one motion is missing").to_string();
-    assert!(
-        message.starts_with("line 2: the result does not make"),
-        "{message}"
-    );
+    let expected = "line 2: the result does not make";
+    assert!(message.starts_with(expected), "{message}");
 }
 
 /// A program and a result of it that is written here, on a machine with these errors.
@@ -94,16 +73,8 @@ fn compared(
     shares: &[f64],
 ) -> Verification {
     let truth = Machine::parse(&format!("{TRAVELS}{truth}"), "m.toml").expect("a good machine");
-    let of = Virtual {
-        truth: &truth,
-        temperatures: &Temperatures::new(),
-        setup,
-        most_blocks: 10_000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    let mut original = program.as_bytes();
-    verify(&mut original, &mut result.as_bytes(), shares, of).expect("verified")
+    let found = verified_by(&truth, setup, Dialect::Rs274, [program, result], shares);
+    found.expect("verified")
 }
 
 /// A scale error is along a line of its axis and across one of another: along X 10 µm at 100 mm, and as much across along Y there. On a

@@ -6,8 +6,10 @@ use volcomp_document::CsvTable;
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
-    AxisTable, ExchangeError, Format, LineError, TextFile, WriteOptions, Written,
-    text::{number, short},
+    format::Format,
+    options::{WriteOptions, Written},
+    table::{AxisTable, from_edge},
+    text::{ExchangeError, TextFile, number, short},
 };
 
 const HEAD: &str = "input,output,position,forward,backward,modulo";
@@ -17,19 +19,15 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
         return Written::default();
     }
     let mut text = String::new();
-    for line in options.facts.lines(Format::Csv, options) {
+    for line in options.facts.lines(Format::Csv, &options.axes) {
         // Writing to a string does not fail.
         let _ = writeln!(text, "# {line}");
     }
     text += HEAD;
     text.push('\n');
     for table in tables {
-        let micro = |value: f64| {
-            short(
-                Displacement::new(table.output.kind(), value).um_or_urad(),
-                6,
-            )
-        };
+        let kind = table.output.kind();
+        let micro = |value: f64| short(Displacement::new(kind, value).um_or_urad(), 6);
         for (place, at) in table.positions.iter().enumerate() {
             let forward = table.forward.get(place).copied().unwrap_or(0.0);
             let backward = table.backward.as_ref().and_then(|values| values.get(place));
@@ -53,7 +51,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
 }
 
 /// Comment lines become empty ones, so that lines keep their numbers.
-pub(crate) fn without_comments(text: &str) -> String {
+fn without_comments(text: &str) -> String {
     let lines = text.lines().map(|line| {
         if line.trim_start().starts_with('#') {
             ""
@@ -82,22 +80,22 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
     let (forward, backward, modulo) = (forward?, backward?, modulo?);
     let mut last_line = 1;
     for row in csv.rows() {
-        let line = row.line();
-        last_line = line;
+        last_line = row.line();
+        let here = file.at(last_line);
         let axis = |column| -> Result<AxisName, ExchangeError> {
             let text: &str = row.cell(column).text();
             let expected = "an axis: one of X Y Z A B C U V W";
             text.trim()
                 .parse()
-                .map_err(|_| LineError::at(file, line, format!("`{text}`"), expected))
+                .map_err(|_| here.error(format!("`{text}`"), expected))
         };
         let (input, output) = (axis(input)?, axis(output)?);
         let value = |column| -> Result<f64, ExchangeError> {
             let text = row.cell(column).text();
-            number(text).ok_or_else(|| LineError::at(file, line, format!("`{text}`"), "a number"))
+            number(text).ok_or_else(|| here.error(format!("`{text}`"), "a number"))
         };
         let micro = |um: f64| Displacement::from_micro(output.kind(), um).mm_or_rad();
-        let at = AxisTable::input_from_edge(input, value(position)?);
+        let at = from_edge(input, value(position)?);
         let forward = micro(value(forward)?);
         let backward = match row.cell(backward).text().trim() {
             "" => None,
@@ -106,31 +104,17 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
         let modulo = match row.cell(modulo).text().trim() {
             "0" => false,
             "1" => true,
-            found => {
-                return Err(LineError::at(
-                    file,
-                    line,
-                    format!("`{found}`"),
-                    "modulo 0 or 1",
-                ));
-            }
+            found => return Err(here.error(format!("`{found}`"), "modulo 0 or 1")),
         };
         let is_same = |table: &AxisTable| (table.input, table.output) == (input, output);
         let is_known = tables.iter().any(is_same);
         match tables.last_mut().filter(|table| is_same(table)) {
             Some(table) => {
                 if table.positions.last().is_some_and(|last| *last >= at) {
-                    return Err(LineError::at(
-                        file,
-                        line,
-                        "a position that does not rise",
-                        "rising positions",
-                    ));
+                    return Err(here.error("a position that does not rise", "rising positions"));
                 }
                 if table.backward.is_some() != backward.is_some() || table.modulo != modulo {
-                    return Err(LineError::at(
-                        file,
-                        line,
+                    return Err(here.error(
                         "another kind of row than before",
                         "backward in every row of a table or in none, and one value of modulo",
                     ));
@@ -143,12 +127,7 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
             }
             None if is_known => {
                 let found = format!("rows of {output} over {input} again");
-                return Err(LineError::at(
-                    file,
-                    line,
-                    found,
-                    "the rows of a table together",
-                ));
+                return Err(here.error(found, "the rows of a table together"));
             }
             None => tables.push(AxisTable {
                 input,
@@ -161,7 +140,7 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
         }
     }
     match tables.iter().find_map(AxisTable::refusal) {
-        Some(refusal) => Err(LineError::at(file, last_line, refusal, "whole tables")),
+        Some(refusal) => Err(file.at(last_line).error(refusal, "whole tables")),
         None => Ok(()),
     }
 }

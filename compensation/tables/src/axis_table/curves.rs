@@ -2,11 +2,14 @@
 
 use core::fmt::Write;
 
-use volcomp_curve::{Curve, ErrorCurve, Table};
+use volcomp_curve::{Curve, ErrorCurve, Field, Table};
 use volcomp_model::write_curve;
 use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName};
 
-use super::{AxisTable, Content, ErrorTables, ExchangeError};
+use super::{
+    table::{AxisTable, Content, ErrorTable, ErrorTables},
+    text::ExchangeError,
+};
 
 /// Curves (mm or deg, µm or µrad) and location errors (µm or µrad), as `[errors]` of a machine file states them.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -95,7 +98,7 @@ fn linear(
 fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
     let micro =
         |name: ErrorName, value: f64| Displacement::new(name.component.kind(), value).um_or_urad();
-    let motion = |table: &super::ErrorTable| {
+    let motion = |table: &ErrorTable| {
         let values = table.values.iter().map(|value| micro(table.name, *value));
         Ok((
             table.name,
@@ -119,10 +122,10 @@ fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
 /// The curves as the part `[errors]` of a machine file.
 pub fn to_toml(curves: &Curves) -> String {
     let mut text = String::from("[errors]\n");
-    let field = |field: &volcomp_curve::Field| match field {
-        volcomp_curve::Field::Curve(curve) => write_curve(curve),
+    let field = |field: &Field| match field {
+        Field::Curve(curve) => write_curve(curve),
         // Tables become no grids.
-        volcomp_curve::Field::Grid(_) => "0.0".to_owned(),
+        Field::Grid(_) => "0.0".to_owned(),
     };
     for (name, curve) in &curves.motions {
         // Writing to a string does not fail.

@@ -2,8 +2,6 @@
 
 use core::{fmt, str::FromStr};
 
-use super::facts::{is_facts_file, stated_format};
-
 /// A format of compensation tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -22,13 +20,6 @@ pub enum Format {
     Fanuc,
     /// TwinCAT TF5280, volumetric compensation: the ISG CSV.
     IsgCsv,
-}
-
-/// What a format holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Holds {
-    Axes,
-    Errors,
 }
 
 /// A word that names no format.
@@ -64,11 +55,9 @@ impl Format {
         }
     }
 
-    pub(crate) fn holds(self) -> Holds {
-        match self {
-            Self::IsgCsv => Holds::Errors,
-            _ => Holds::Axes,
-        }
+    /// Whether it holds the component errors themselves, not tables of axes.
+    pub(crate) fn holds_errors(self) -> bool {
+        self == Self::IsgCsv
     }
 
     /// Whether its files hold lines that the control passes over; else the facts stand in a file beside them.
@@ -124,49 +113,6 @@ impl Format {
                 "Sign unproven: try with one small known value first. Above all: whether an error of an axis that carries the workpiece is meant as its \
                  own motion, which has the other sign."
             }
-        }
-    }
-
-    /// The format that files are in, by their names and beginnings; `None` where it is not certain. A file of LinuxCNC does not say its type.
-    pub fn of_files(files: &[super::TextFile]) -> Option<Self> {
-        let (facts, tables): (Vec<_>, Vec<_>) =
-            (files.iter()).partition(|file| is_facts_file(file.base()));
-        // The facts say it, where they are of one format.
-        let mut stated: Vec<Self> = facts
-            .iter()
-            .filter_map(|file| stated_format(file))
-            .collect();
-        stated.dedup();
-        match stated[..] {
-            [only] => Some(only),
-            _ => tables.iter().find_map(|file| Self::of_file(&file.text)),
-        }
-    }
-
-    /// The format that a file which volcomp wrote states in its head; `None` of every other file.
-    pub fn stated_in(file: &super::TextFile) -> Option<Self> {
-        stated_format(file)
-    }
-
-    fn of_file(text: &str) -> Option<Self> {
-        let has = |word: &str| text.contains(word);
-        let mut lines = text
-            .lines()
-            .map(str::trim)
-            .filter(|line| !line.is_empty() && !line.starts_with('#') && !line.starts_with("//"));
-        let first = lines.next().unwrap_or("");
-        if has("$AN_CEC") || has("$AA_ENC_COMP") {
-            Some(Self::Siemens840d)
-        } else if first.starts_with("BEGIN ") {
-            Some(Self::HeidenhainTnc640)
-        } else if first.starts_with("input,output,position") {
-            Some(Self::Csv)
-        } else if first.starts_with('%') {
-            Some(Self::Fanuc)
-        } else if super::isg_csv::is_head(first) {
-            Some(Self::IsgCsv)
-        } else {
-            None
         }
     }
 }

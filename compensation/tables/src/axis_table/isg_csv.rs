@@ -2,33 +2,31 @@
 
 use core::fmt::Write;
 
+use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use super::{
-    ErrorTable, ErrorTables, ExchangeError, Format, LineError, TextFile, WriteOptions, Written,
-    text::{number, short},
+    format::Format,
+    options::{WriteOptions, Written},
+    table::{ErrorTable, ErrorTables, from_edge},
+    text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of mm and of rad.
-pub(crate) const MM: usize = 7;
-pub(crate) const RAD: usize = 10;
-/// Decimals of positions.
-pub(crate) const POSITION: usize = 9;
+/// Decimals of mm, of rad and of positions.
+const MM: usize = 7;
+const RAD: usize = 10;
+const POSITION: usize = 9;
 
 /// A value of an error with the decimals of its unit.
-pub(crate) fn value(name: ErrorName, value: f64) -> String {
+fn value(name: ErrorName, value: f64) -> String {
     short(value, if name.component.is_angular() { RAD } else { MM })
 }
 
 /// Whether a line is the head of a table: an axis and error names.
 pub(crate) fn is_head(line: &str) -> bool {
     let mut cells = cells(line);
-    let axis = cells
-        .next()
-        .is_some_and(|cell| cell.parse::<AxisName>().is_ok());
-    axis && cells
-        .next()
-        .is_some_and(|cell| cell.parse::<ErrorName>().is_ok())
+    let mut next = || cells.next().unwrap_or("");
+    next().parse::<AxisName>().is_ok() && next().parse::<ErrorName>().is_ok()
 }
 
 fn cells(line: &str) -> impl Iterator<Item = &str> {
@@ -39,11 +37,8 @@ fn cells(line: &str) -> impl Iterator<Item = &str> {
 pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
     let mut written = Written::default();
     if !errors.locations.is_empty() {
-        let names: Vec<String> = errors
-            .locations
-            .iter()
-            .map(|(name, _)| name.to_string())
-            .collect();
+        let names = errors.locations.iter().map(|(name, _)| name.to_string());
+        let names: Vec<String> = names.collect();
         written.notes.push(format!(
             "left out, as a place for it is not known in this format: {}",
             names.join(", ")
@@ -53,22 +48,21 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
         return written;
     }
     let mut text = String::new();
-    for line in options.facts.lines(Format::IsgCsv, options) {
+    for line in options.facts.lines(Format::IsgCsv, &options.axes) {
         // Writing to a string does not fail.
         let _ = writeln!(text, "// {line}");
     }
     let mut rest: Vec<&ErrorTable> = errors.curves.iter().collect();
-    let mut is_first = true;
+    let heads = text.len();
     while let Some(first) = rest.first().copied() {
         let same = |table: &&&ErrorTable| {
             table.name.axis == first.name.axis && table.positions == first.positions
         };
         let group: Vec<&ErrorTable> = rest.iter().filter(same).copied().collect();
         rest.retain(|table| !same(&table));
-        if !is_first {
+        if text.len() > heads {
             text += "#\n";
         }
-        is_first = false;
         let names: Vec<String> = group.iter().map(|table| table.name.to_string()).collect();
         let _ = writeln!(text, "{},{}", first.name.axis, names.join(","));
         for (place, at) in first.positions.iter().enumerate() {
@@ -94,65 +88,55 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
 pub(crate) fn read(files: &[&TextFile]) -> Result<ErrorTables, ExchangeError> {
     let mut errors = ErrorTables::default();
     for file in files {
-        let mut head: Option<(AxisName, Vec<ErrorName>, Vec<Vec<f64>>)> = None;
-        let mut last = 1;
+        let mut head: Option<Head> = None;
+        let mut last = file.at(1);
         for (index, whole) in file.text.lines().enumerate() {
-            let line = index + 1;
             let text = whole.split("//").next().unwrap_or("").trim();
             if text.starts_with('#') {
-                close(file, last, head.take(), &mut errors)?;
+                close(last, head.take(), &mut errors)?;
                 continue;
             }
             if text.is_empty() {
                 continue;
             }
-            last = line;
+            last = file.at(index + 1);
             let Some((axis, names, rows)) = &mut head else {
-                head = Some(head_of(file, line, text)?);
+                head = Some(head_of(last, text)?);
                 continue;
             };
             let row: Option<Vec<f64>> = cells(text).map(number).collect();
             let Some(row) = row.filter(|row| row.len() == names.len() + 1) else {
                 let expected = format!("a position of {axis} and {} numbers", names.len());
-                return Err(LineError::at(
-                    file,
-                    line,
-                    volcomp_document::quoted(text),
-                    expected,
-                ));
+                return Err(last.error(quoted(text), expected));
             };
             rows.push(row);
         }
-        close(file, last, head.take(), &mut errors)?;
+        close(last, head.take(), &mut errors)?;
     }
     Ok(errors)
 }
 
 type Head = (AxisName, Vec<ErrorName>, Vec<Vec<f64>>);
 
-fn head_of(file: &TextFile, line: usize, text: &str) -> Result<Head, ExchangeError> {
+fn head_of(here: FilePosition<'_>, text: &str) -> Result<Head, ExchangeError> {
     let mut words = cells(text);
     let axis: Option<AxisName> = words.next().and_then(|word| word.parse().ok());
-    let wrong = |found: String, expected: &str| LineError::at(file, line, found, expected);
     let Some(axis) = axis else {
-        return Err(wrong(
-            volcomp_document::quoted(text),
-            "an axis and error names: X EXX EYX",
-        ));
+        return Err(here.error(quoted(text), "an axis and error names: X EXX EYX"));
     };
     let mut names = Vec::new();
     for word in words {
         if word.parse::<AxisName>().is_ok() {
-            return Err(wrong(
+            return Err(here.error(
                 format!("a second axis `{word}`"),
                 "one axis: tables over several axes are not read",
             ));
         }
         let name: ErrorName = word
             .parse()
-            .map_err(|_| wrong(format!("`{word}`"), "an error name: EXX"))?;
+            .map_err(|_| here.error(format!("`{word}`"), "an error name: EXX"))?;
         if name.axis != axis || name.location || names.contains(&name) {
-            return Err(wrong(
+            return Err(here.error(
                 format!("{name} in a table over {axis}"),
                 "error motions of this axis, each once",
             ));
@@ -160,7 +144,7 @@ fn head_of(file: &TextFile, line: usize, text: &str) -> Result<Head, ExchangeErr
         names.push(name);
     }
     if names.is_empty() {
-        return Err(wrong(
+        return Err(here.error(
             format!("`{axis}` alone"),
             "an axis and error names: X EXX EYX",
         ));
@@ -169,8 +153,7 @@ fn head_of(file: &TextFile, line: usize, text: &str) -> Result<Head, ExchangeErr
 }
 
 fn close(
-    file: &TextFile,
-    line: usize,
+    here: FilePosition<'_>,
     head: Option<Head>,
     errors: &mut ErrorTables,
 ) -> Result<(), ExchangeError> {
@@ -181,38 +164,20 @@ fn close(
         rows.iter()
             .map(move |row| row.get(place).copied().unwrap_or(0.0))
     };
-    let positions: Vec<f64> = column(0)
-        .map(|at| ErrorTable::from_edge(axis, at))
-        .collect();
+    let positions: Vec<f64> = column(0).map(|at| from_edge(axis, at)).collect();
     for (place, name) in names.into_iter().enumerate() {
         let table = ErrorTable {
             name,
             positions: positions.clone(),
             values: column(place + 1).collect(),
         };
-        take(file, line, table, errors)?;
+        if let Some(refusal) = table.refusal() {
+            return Err(here.error(refusal, "a whole table"));
+        }
+        if errors.curves.iter().any(|known| known.name == name) {
+            return Err(here.error(format!("{name} a second time"), "each error once"));
+        }
+        errors.curves.push(table);
     }
-    Ok(())
-}
-
-/// Adds a table that is one, and is not there already.
-pub(crate) fn take(
-    file: &TextFile,
-    line: usize,
-    table: ErrorTable,
-    errors: &mut ErrorTables,
-) -> Result<(), ExchangeError> {
-    if let Some(refusal) = table.refusal() {
-        return Err(LineError::at(file, line, refusal, "a whole table"));
-    }
-    if errors.curves.iter().any(|known| known.name == table.name) {
-        return Err(LineError::at(
-            file,
-            line,
-            format!("{} a second time", table.name),
-            "each error once",
-        ));
-    }
-    errors.curves.push(table);
     Ok(())
 }

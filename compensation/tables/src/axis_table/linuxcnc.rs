@@ -5,9 +5,10 @@ use core::fmt::Write;
 use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement, bounds::is_plausible_error};
 
 use super::{
-    AxisTable, ExchangeError, Format, LineError, TextFile, Warning, Written,
-    exchange::{deviation_from_edge, edge_of},
-    text::short,
+    format::Format,
+    options::Written,
+    table::{AxisTable, from_edge},
+    text::{ExchangeError, TextFile, Warning, short},
 };
 
 /// LinuxCNC's table has so many places.
@@ -16,40 +17,19 @@ const MOST_LINES: usize = 256;
 const DECIMALS: usize = 6;
 const DECIMALS_ROTARY: usize = 8;
 
-/// COMP_FILE_TYPE.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Type {
-    /// 0: nominal, actual forward, actual backward.
-    Positions,
-    /// 1: nominal, trim forward, trim backward.
-    Trims,
+/// Whether values are trims, nominal − actual (COMP_FILE_TYPE 1), or actual positions (0).
+fn holds_trims(format: Format) -> bool {
+    format == Format::LinuxcncType1
 }
 
-impl Type {
-    fn format(self) -> Format {
-        match self {
-            Self::Positions => Format::Linuxcnc,
-            Self::Trims => Format::LinuxcncType1,
+pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, ExchangeError> {
+    let value = |nominal: f64, deviation: f64| {
+        if holds_trims(format) {
+            -deviation
+        } else {
+            nominal + deviation
         }
-    }
-
-    /// trim = nominal − actual.
-    fn value(self, nominal: f64, deviation: f64) -> f64 {
-        match self {
-            Self::Positions => nominal + deviation,
-            Self::Trims => -deviation,
-        }
-    }
-
-    fn deviation(self, nominal: f64, value: f64) -> f64 {
-        match self {
-            Self::Positions => value - nominal,
-            Self::Trims => 0.0 - value,
-        }
-    }
-}
-
-pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, ExchangeError> {
+    };
     let mut written = Written::default();
     let mut crossed = Vec::new();
     for table in tables {
@@ -59,12 +39,12 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
         }
         let count = table.positions.len();
         if count > MOST_LINES {
-            return Err(ExchangeError::Unfit {
-                format: kind.format(),
-                what: format!("axis {}", table.input),
-                found: format!("{count} positions"),
-                expected: format!("{MOST_LINES} at the most: take a larger step"),
-            });
+            return Err(ExchangeError::unfit(
+                format,
+                format!("axis {}", table.input),
+                format!("{count} positions"),
+                format!("{MOST_LINES} at the most: take a larger step"),
+            ));
         }
         let decimals = if table.input.is_rotary() {
             DECIMALS_ROTARY
@@ -73,12 +53,12 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
         };
         let mut text = String::new();
         let backward = table.backward.as_ref().unwrap_or(&table.forward);
-        let rows = edge_of(table).zip(&table.forward).zip(backward);
+        let rows = table.positions_at_edge().zip(&table.forward).zip(backward);
         for ((at, forward), backward) in rows {
             // The nominal as it is written, so that the difference is the deviation to the last digit.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
             let [forward, backward] = [forward, backward]
-                .map(|value| short(kind.value(nominal, table.output_at_edge(*value)), decimals));
+                .map(|by| short(value(nominal, table.output_at_edge(*by)), decimals));
             // Writing to a string does not fail.
             let _ = writeln!(text, "{} {forward} {backward}", short(nominal, decimals));
         }
@@ -86,10 +66,7 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
             written.notes.push(format!(
                 "axis {}: LinuxCNC does not repeat the table; beyond {} the end value holds",
                 table.input,
-                table
-                    .positions
-                    .last()
-                    .map_or(0.0, |at| table.input_at_edge(*at))
+                table.positions_at_edge().last().unwrap_or(0.0)
             ));
         }
         written.files.push(TextFile {
@@ -99,7 +76,7 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
     }
     written.leave_out("a COMP_FILE corrects its own joint alone", &crossed);
     if !written.files.is_empty() {
-        let number = u8::from(kind == Type::Trims);
+        let number = u8::from(holds_trims(format));
         let names = written.files.iter().map(|file| file.name.as_str());
         let names = names.collect::<Vec<_>>().join(" or ");
         written.notes.push(format!(
@@ -116,8 +93,7 @@ fn axis_of(file: &TextFile) -> Result<AxisName, ExchangeError> {
     let stem = base.split('.').next().unwrap_or(base);
     let last = stem.rsplit(['-', '_', ' ']).next().unwrap_or(stem);
     last.to_ascii_uppercase().parse().map_err(|_| {
-        LineError::whole(
-            file,
+        file.whole().error(
             format!("the name `{stem}`"),
             "a name that ends in the letter of the axis: X.comp, axis-x.comp",
         )
@@ -126,18 +102,18 @@ fn axis_of(file: &TextFile) -> Result<AxisName, ExchangeError> {
 
 pub(crate) fn read(
     files: &[&TextFile],
-    kind: Type,
+    format: Format,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<AxisTable>, ExchangeError> {
     files
         .iter()
-        .map(|file| read_file(file, kind, warnings))
+        .map(|file| read_file(file, format, warnings))
         .collect()
 }
 
 fn read_file(
     file: &TextFile,
-    kind: Type,
+    format: Format,
     warnings: &mut Vec<Warning>,
 ) -> Result<AxisTable, ExchangeError> {
     let axis = axis_of(file)?;
@@ -152,57 +128,43 @@ fn read_file(
     let mut backward = Vec::new();
     let mut lines = file.text.lines().enumerate();
     for (index, line) in lines.by_ref() {
-        let number = index + 1;
+        let here = file.at(index + 1);
         let Some(three) = scanned(line) else {
-            let rest = file
-                .text
-                .lines()
-                .skip(number)
-                .filter(|line| scanned(line).is_some())
-                .count();
+            let behind = file.text.lines().skip(index + 1);
+            let rest = behind.filter(|line| scanned(line).is_some()).count();
             if !line.trim().is_empty() || rest > 0 {
-                warnings.push(Warning::at(
-                    file,
-                    number,
-                    format!("LinuxCNC stops reading here, as this is no line of three numbers; {rest} lines of numbers behind it do not count"),
-                ));
+                warnings.push(here.warning(format!("LinuxCNC stops reading here, as this is no line of three numbers; {rest} lines of numbers behind it do not count")));
             }
             break;
         };
         let [nominal, forward, back] = three;
         if !three.iter().all(|x| x.abs() <= 1e9) {
-            return Err(LineError::at(
-                file,
-                number,
-                format!("`{line}`"),
-                "numbers that a machine has",
-            ));
+            return Err(here.error(format!("`{line}`"), "numbers that a machine has"));
         }
-        let at = AxisTable::input_from_edge(axis, nominal);
+        let at = from_edge(axis, nominal);
         if table.positions.last().is_some_and(|last| *last >= at) {
-            return Err(LineError::at(
-                file,
-                number,
-                format!("nominal {nominal}"),
-                "strictly rising nominals",
-            ));
+            return Err(here.error(format!("nominal {nominal}"), "strictly rising nominals"));
         }
         if table.positions.len() == MOST_LINES {
-            return Err(LineError::too_many(file, number, MOST_LINES));
+            return Err(here.too_many(MOST_LINES));
         }
-        let deviations =
-            [forward, back].map(|value| deviation_from_edge(axis, kind.deviation(nominal, value)));
+        let deviations = [forward, back].map(|value| {
+            let deviation = if holds_trims(format) {
+                0.0 - value
+            } else {
+                value - nominal
+            };
+            from_edge(axis, deviation)
+        });
         let implausible = (deviations.into_iter())
             .map(|deviation| Displacement::new(axis.kind(), deviation))
             .find(|deviation| !is_plausible_error(*deviation));
         if let Some(deviation) = implausible {
-            let (this, other) = match kind {
-                Type::Positions => ("positions (type 0)", "trims (type 1)"),
-                Type::Trims => ("trims (type 1)", "positions (type 0)"),
-            };
-            return Err(LineError::at(
-                file,
-                number,
+            let (mut this, mut other) = ("positions (type 0)", "trims (type 1)");
+            if holds_trims(format) {
+                (this, other) = (other, this);
+            }
+            return Err(here.error(
                 format!("a deviation of {deviation:.1}, read as {this}"),
                 format!(
                     "at most {}; does the file have {other}?",
@@ -215,8 +177,7 @@ fn read_file(
         backward.push(deviations[1]);
     }
     if table.positions.len() < 2 {
-        return Err(LineError::whole(
-            file,
+        return Err(file.whole().error(
             format!("{} lines of three numbers", table.positions.len()),
             "2 at the least",
         ));

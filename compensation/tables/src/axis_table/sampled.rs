@@ -1,17 +1,15 @@
 //! Tables from a machine.
 
-use volcomp_kinematics::State;
+use volcomp_kinematics::{ErrorSource, State};
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_vocabulary::{
     AxisName, Component, CorrectionLimit, Direction, Displacement, ErrorName, PerAxis, brought_into,
 };
 
 use super::{
-    error_table::{ErrorTable, ErrorTables},
-    exchange::Content,
-    format::{Format, Holds},
-    refusal::ExchangeError,
-    table::{AxisTable, NOTHING},
+    format::Format,
+    table::{AxisTable, Content, ErrorTable, ErrorTables, NOTHING, from_edge},
+    text::ExchangeError,
 };
 
 /// More nodes along an axis no control holds.
@@ -55,11 +53,13 @@ impl TableOptions {
             if axis.may_stand_at(at) {
                 return Ok((axis.name, at));
             }
-            Err(ExchangeError::Wish {
-                what: format!("--at {}", axis.name),
-                found: at.to_string(),
-                expected: format!("{} to {}, its travel", axis.travel[0], axis.travel[1]),
-            })
+            let [low, high] = axis.travel;
+            let expected = format!("{low} to {high}, its travel");
+            Err(ExchangeError::option(
+                format!("--at {}", axis.name),
+                &at,
+                expected,
+            ))
         };
         machine.axes().iter().map(stands).collect()
     }
@@ -84,11 +84,7 @@ pub fn sampled(
         ("--step-deg", options.step_deg),
     ] {
         if !(step > 0.0 && step.is_finite()) {
-            return Err(ExchangeError::Wish {
-                what: what.to_owned(),
-                found: step.to_string(),
-                expected: "a number above 0".to_owned(),
-            });
+            return Err(ExchangeError::option(what, &step, "a number above 0"));
         }
     }
     let lines = Lines {
@@ -98,9 +94,10 @@ pub fn sampled(
         format,
         reference: machine.state(&options.reference(machine)?)?,
     };
-    let content = match format.holds() {
-        Holds::Axes => Content::Axes(lines.axis_tables()?),
-        Holds::Errors => Content::Errors(lines.error_tables()?),
+    let content = if format.holds_errors() {
+        Content::Errors(lines.error_tables()?)
+    } else {
+        Content::Axes(lines.axis_tables()?)
     };
     match content.first_refused(|value| options.limit.allows(value)) {
         Some(entry) => Err(ExchangeError::BeyondLimit {
@@ -180,23 +177,17 @@ impl Lines<'_> {
             ("--step", self.options.step_mm)
         };
         if (high - low) / step > MOST_NODES {
-            return Err(ExchangeError::Wish {
-                what: format!("{option}, axis {}", axis.name),
-                found: step.to_string(),
-                expected: format!(
-                    "a travel of {} in {MOST_NODES} steps at the most",
-                    high - low
-                ),
-            });
+            let what = format!("{option}, axis {}", axis.name);
+            let travel = high - low;
+            let expected = format!("a travel of {travel} in {MOST_NODES} steps at the most");
+            return Err(ExchangeError::option(what, &step, expected));
         }
         if let Some(period) = axis.modulo {
             let parts = (period / step).round();
             if (parts * step - period).abs() > 1e-9 * period || parts < 1.0 {
-                return Err(ExchangeError::Wish {
-                    what: format!("{option}, axis {} with modulo", axis.name),
-                    found: step.to_string(),
-                    expected: format!("a whole part of {period}"),
-                });
+                let what = format!("{option}, axis {} with modulo", axis.name);
+                let expected = format!("a whole part of {period}");
+                return Err(ExchangeError::option(what, &step, expected));
             }
             #[expect(
                 clippy::cast_possible_truncation,
@@ -246,7 +237,7 @@ impl Lines<'_> {
     /// How far beyond the low end the nodes of a turn begin, mm or deg, so that one of them is where the axis stands. Whether the tables
     /// of a control may begin within a turn is not known of any; curves of errors are not made for where the axis stands.
     fn first_beyond(&self, axis: &Axis, index: usize, step: f64) -> Result<f64, ExchangeError> {
-        if self.format.holds() != Holds::Axes {
+        if self.format.holds_errors() {
             return Ok(0.0);
         }
         let at = Displacement::new(axis.name.kind(), self.reference.q[index]).mm_or_deg();
@@ -258,13 +249,11 @@ impl Lines<'_> {
         if self.format == Format::Csv {
             return Ok(beyond);
         }
-        Err(ExchangeError::Wish {
-            what: format!("--at {}, an axis with modulo", axis.name),
-            found: at.to_string(),
-            expected: format!(
-                "whole steps of {step} from {low}, where the nodes of this format begin: else the tables are not zero there"
-            ),
-        })
+        let expected = format!(
+            "whole steps of {step} from {low}, where the nodes of this format begin: else the tables are not zero there"
+        );
+        let what = format!("--at {}, an axis with modulo", axis.name);
+        Err(ExchangeError::option(what, &at, expected))
     }
 
     fn axis_tables(&self) -> Result<Vec<AxisTable>, ExchangeError> {
@@ -290,17 +279,14 @@ impl Lines<'_> {
                         }
                         _ => at,
                     };
-                    state.q[input] = AxisTable::input_from_edge(axis.name, at);
+                    state.q[input] = from_edge(axis.name, at);
                     state.approach[input] = Some(direction);
                     correction(&state).0
                 };
                 nodes.iter().map(|node| PerAxis(node.values(of))).collect()
             };
             let [forward, backward] = Direction::BOTH.map(along);
-            let positions: Vec<f64> = nodes
-                .iter()
-                .map(|node| AxisTable::input_from_edge(axis.name, node.at()))
-                .collect();
+            let positions = positions_of(axis, &nodes);
             for (output, other) in machine.axes().iter().enumerate() {
                 if !correctors.contains(output) {
                     continue;
@@ -311,15 +297,17 @@ impl Lines<'_> {
                     standing[output]
                 };
                 let values = |found: &[PerAxis<f64>]| -> Vec<f64> {
-                    found
-                        .iter()
-                        .map(|delta| base - delta[output] + 0.0)
-                        .collect()
+                    let of = |delta: &PerAxis<f64>| base - delta[output] + 0.0;
+                    found.iter().map(of).collect()
                 };
-                let (forward, backward) = (values(&forward), values(&backward));
+                let (mut forward, mut backward) = (values(&forward), values(&backward));
                 let differ = |(a, b): (&f64, &f64)| (a - b).abs() > NOTHING;
                 let has_reversal = forward.iter().zip(&backward).any(differ);
-                let mut table = AxisTable {
+                if axis.modulo.is_some() {
+                    close(&mut forward);
+                    close(&mut backward);
+                }
+                let table = AxisTable {
                     input: axis.name,
                     output: other.name,
                     positions: positions.clone(),
@@ -327,7 +315,6 @@ impl Lines<'_> {
                     backward: has_reversal.then_some(backward),
                     modulo: axis.modulo.is_some(),
                 };
-                close(&mut table);
                 if !table.is_nothing() {
                     tables.push(table);
                 }
@@ -338,14 +325,13 @@ impl Lines<'_> {
     }
 
     fn error_tables(&self) -> Result<ErrorTables, ExchangeError> {
-        use volcomp_kinematics::ErrorSource;
         let source = self.machine.source(self.temperatures);
         let mut found = ErrorTables::default();
         for (index, axis) in self.machine.axes().iter().enumerate() {
             let nodes = self.nodes(axis, index)?;
             let of = |at: f64| {
                 let mut state = self.reference;
-                state.q[index] = AxisTable::input_from_edge(axis.name, at);
+                state.q[index] = from_edge(axis.name, at);
                 let motion = source.error_motion(index, &state);
                 let (linear, angular) = (motion.linear_mm, motion.angular_rad);
                 [
@@ -361,47 +347,34 @@ impl Lines<'_> {
                 if values.iter().all(|value| value.abs() < 1e-12) {
                     continue;
                 }
-                if axis.modulo.is_some()
-                    && let Some(&first) = values.first()
-                {
-                    values.pop();
-                    values.push(first);
+                if axis.modulo.is_some() {
+                    close(&mut values);
                 }
                 found.curves.push(ErrorTable {
                     name: ErrorName::motion(component, axis.name),
-                    positions: nodes
-                        .iter()
-                        .map(|node| AxisTable::input_from_edge(axis.name, node.at()))
-                        .collect(),
+                    positions: positions_of(axis, &nodes),
                     values,
                 });
             }
         }
-        let locations = self.machine.locations().iter();
-        found.locations = locations
-            .map(|(name, value)| {
-                (
-                    *name,
-                    Displacement::from_micro(name.component.kind(), *value).mm_or_rad(),
-                )
-            })
-            .collect();
+        let location = |(name, value): (&ErrorName, &f64)| {
+            let value = Displacement::from_micro(name.component.kind(), *value);
+            (*name, value.mm_or_rad())
+        };
+        found.locations = self.machine.locations().iter().map(location).collect();
         Ok(found)
     }
 }
 
+/// Where nodes are, mm or rad.
+fn positions_of(axis: &Axis, nodes: &[Node]) -> Vec<f64> {
+    let at = |node: &Node| from_edge(axis.name, node.at());
+    nodes.iter().map(at).collect()
+}
+
 /// The last node of a turn is its first.
-fn close(table: &mut AxisTable) {
-    if !table.modulo {
-        return;
-    }
-    for values in [Some(&mut table.forward), table.backward.as_mut()]
-        .into_iter()
-        .flatten()
-    {
-        if let Some(&first) = values.first() {
-            values.pop();
-            values.push(first);
-        }
+fn close(values: &mut [f64]) {
+    if let [first, .., last] = values {
+        *last = *first;
     }
 }

@@ -1,6 +1,10 @@
-//! A table of one input axis and one output axis.
+//! Tables of one axis over one axis, and of the component errors themselves.
 
-use volcomp_vocabulary::{AxisName, Direction, Displacement, brought_into};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Coordinate, Direction, Displacement, ErrorName, brought_into,
+};
+
+use super::{format::Format, text::ExchangeError};
 
 /// What is smaller counts as nothing, mm or rad.
 pub(crate) const NOTHING: f64 = 1e-9;
@@ -84,7 +88,7 @@ impl AxisTable {
 
     /// Why these numbers are no table; `None` where they are one.
     pub fn refusal(&self) -> Option<String> {
-        let name = format!("table {} over {}", self.output, self.input);
+        let name = self.title();
         let nodes = self.positions.len();
         if nodes < 2 {
             return Some(format!(
@@ -120,8 +124,27 @@ impl AxisTable {
         Displacement::new(self.output.kind(), deviation).mm_or_deg()
     }
 
-    pub(crate) fn input_from_edge(input: AxisName, mm_or_deg: f64) -> f64 {
-        Displacement::from_coordinate(input.kind(), mm_or_deg).mm_or_rad()
+    /// The positions as files state them: mm or deg.
+    pub(crate) fn positions_at_edge(&self) -> impl Iterator<Item = f64> {
+        self.positions.iter().map(|at| self.input_at_edge(*at))
+    }
+
+    /// What the table is, for messages.
+    pub(crate) fn title(&self) -> String {
+        format!("table {} over {}", self.output, self.input)
+    }
+
+    /// First position and spacing of an evenly spaced table, mm or deg.
+    pub(crate) fn even(&self, format: Format) -> Result<(f64, f64), ExchangeError> {
+        let (Some(spacing), Some(first)) = (self.spacing(), self.positions.first()) else {
+            return Err(ExchangeError::unfit(
+                format,
+                self.title(),
+                "positions at different distances",
+                "the same distance everywhere",
+            ));
+        };
+        Ok((self.input_at_edge(*first), self.input_at_edge(spacing)))
     }
 
     /// The same curves at other positions; those between are lost.
@@ -152,4 +175,205 @@ pub(crate) fn interpolated(positions: &[f64], values: &[f64], at: f64) -> f64 {
     };
     let share = (at - low) / (high - low);
     (1.0 - share) * value(below) + share * value(above)
+}
+
+/// A position or a deviation (mm or rad) that a file states in mm or deg.
+pub(crate) fn from_edge(axis: AxisName, mm_or_deg: f64) -> f64 {
+    Displacement::from_coordinate(axis.kind(), mm_or_deg).mm_or_rad()
+}
+
+/// One error motion at positions of its axis, in the sign of the machine file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorTable {
+    /// Which error.
+    pub name: ErrorName,
+    /// Positions of its axis, rising, mm or rad.
+    pub positions: Vec<f64>,
+    /// The error at each, mm or rad.
+    pub values: Vec<f64>,
+}
+
+impl ErrorTable {
+    /// A position as files state it: mm or deg.
+    pub(crate) fn at_edge(&self, position: f64) -> f64 {
+        Displacement::new(self.name.axis.kind(), position).mm_or_deg()
+    }
+
+    /// Why these numbers are no table; `None` where they are one.
+    pub fn refusal(&self) -> Option<String> {
+        let name = self.name;
+        let nodes = self.positions.len();
+        if nodes < 2 || self.values.len() != nodes {
+            return Some(format!(
+                "{name}: found {nodes} positions and {} values, expected as many of both, 2 at the least",
+                self.values.len()
+            ));
+        }
+        if let Some(pair) = self.positions.windows(2).find(|pair| pair[0] >= pair[1]) {
+            let [a, b] = [pair[0], pair[1]].map(|at| self.at_edge(at));
+            return Some(format!(
+                "{name}: found the positions {a} and {b}, expected rising ones"
+            ));
+        }
+        let mut all = self.positions.iter().chain(&self.values);
+        (!all.all(|x| x.is_finite())).then(|| format!("{name}: expected finite numbers"))
+    }
+}
+
+/// The component errors of a machine as tables and numbers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ErrorTables {
+    /// Error motions.
+    pub curves: Vec<ErrorTable>,
+    /// Location errors, mm or rad.
+    pub locations: Vec<(ErrorName, f64)>,
+}
+
+/// Tables of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// Tables of one axis over one axis.
+    Axes(Vec<AxisTable>),
+    /// The component errors themselves.
+    Errors(ErrorTables),
+}
+
+/// A table in the units of JSON documents.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
+pub struct ListedTable {
+    /// The axis over which it goes.
+    pub input: AxisName,
+    /// The letter of the axis that deviates, or the name of an error.
+    pub output: String,
+    /// The positions, mm or deg.
+    pub positions: Vec<f64>,
+    /// The values after positive motion, or of both.
+    pub forward: Vec<f64>,
+    /// The values after negative motion; `None`: as `forward`.
+    pub backward: Option<Vec<f64>>,
+    /// The unit of the values: `um` or `urad`.
+    pub unit: &'static str,
+    /// Whether the positions repeat with the length of the table.
+    pub modulo: bool,
+}
+
+impl ListedTable {
+    fn new(
+        input: AxisName,
+        output: (String, AxisKind),
+        positions: &[f64],
+        forward: &[f64],
+    ) -> Self {
+        let (output, kind) = output;
+        let edge = |at: &f64| Displacement::new(input.kind(), *at).mm_or_deg();
+        Self {
+            input,
+            output,
+            positions: positions.iter().map(edge).collect(),
+            forward: micro(kind, forward),
+            backward: None,
+            unit: micro_unit(kind),
+            modulo: false,
+        }
+    }
+}
+
+fn micro(kind: AxisKind, values: &[f64]) -> Vec<f64> {
+    let of = |value: &f64| Displacement::new(kind, *value).um_or_urad();
+    values.iter().map(of).collect()
+}
+
+/// The unit of a deviation in documents.
+pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
+    match kind {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "urad",
+    }
+}
+
+/// A value of tables, and where it is.
+pub(crate) struct Entry {
+    pub(crate) what: String,
+    pub(crate) value: Displacement,
+}
+
+impl Content {
+    /// Why the numbers of one of them are no table.
+    pub(crate) fn refusal(&self) -> Option<String> {
+        match self {
+            Self::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
+            Self::Errors(errors) => errors.curves.iter().find_map(ErrorTable::refusal),
+        }
+    }
+
+    /// The tables in the units of documents, in their order; location errors are not among them.
+    pub fn listed(&self) -> Vec<ListedTable> {
+        match self {
+            Self::Axes(tables) => (tables.iter())
+                .map(|table| {
+                    let kind = table.output.kind();
+                    let output = (table.output.to_string(), kind);
+                    ListedTable {
+                        backward: table.backward.as_ref().map(|values| micro(kind, values)),
+                        modulo: table.modulo,
+                        ..ListedTable::new(table.input, output, &table.positions, &table.forward)
+                    }
+                })
+                .collect(),
+            Self::Errors(errors) => (errors.curves.iter())
+                .map(|table| {
+                    let output = (table.name.to_string(), table.name.component.kind());
+                    ListedTable::new(table.name.axis, output, &table.positions, &table.values)
+                })
+                .collect(),
+        }
+    }
+
+    /// The first value that is not allowed; NaN is for the caller to refuse.
+    pub(crate) fn first_refused(&self, allows: impl Fn(Displacement) -> bool) -> Option<Entry> {
+        let refused = |kind: AxisKind, value: &f64| {
+            let value = Displacement::new(kind, *value);
+            (!allows(value)).then_some(value)
+        };
+        match self {
+            Self::Axes(tables) => tables.iter().find_map(|table| {
+                let kind = table.output.kind();
+                let sides = [Some(&table.forward), table.backward.as_ref()];
+                let mut values = (sides.into_iter().flatten())
+                    .flat_map(|side| side.iter().zip(&table.positions));
+                values.find_map(|(value, at)| {
+                    let at = Coordinate(Displacement::new(table.input.kind(), *at));
+                    Some(Entry {
+                        value: refused(kind, value)?,
+                        what: format!("the deviation of {} at {} {at}", table.output, table.input),
+                    })
+                })
+            }),
+            Self::Errors(errors) => {
+                let mut curves = errors.curves.iter();
+                let of_curves = curves.find_map(|table| {
+                    let kind = table.name.component.kind();
+                    let mut values = table.values.iter().zip(&table.positions);
+                    values.find_map(|(value, at)| {
+                        let axis = table.name.axis;
+                        let at = Coordinate(Displacement::new(axis.kind(), *at));
+                        Some(Entry {
+                            value: refused(kind, value)?,
+                            what: format!("{} at {axis} {at}", table.name),
+                        })
+                    })
+                });
+                let mut locations = errors.locations.iter();
+                of_curves.or_else(|| {
+                    locations.find_map(|(name, value)| {
+                        Some(Entry {
+                            value: refused(name.component.kind(), value)?,
+                            what: name.to_string(),
+                        })
+                    })
+                })
+            }
+        }
+    }
 }

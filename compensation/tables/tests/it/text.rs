@@ -7,7 +7,7 @@ use volcomp_tables::{
     control::{Body, DATA, FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Settings},
     protocol::{Head, Refusal},
 };
-use volcomp_test_support::structured_text::Block;
+use volcomp_test_support::{cases, structured_text::Block};
 
 use crate::world;
 
@@ -347,122 +347,91 @@ fn the_text_does_what_the_reference_does() {
     assert!(refused.iter().all(|count| *count > 20), "{refused:?}");
 }
 
+/// What stands in the text, and a mistake instead.
+const MISTAKES: &str = r"
+sum := (machine + layout / 65535) MOD 65535; | sum := 0;
+FOR at := 0 TO 69 DO | FOR at := 0 TO 68 DO
+frame[0] <> epoch | FALSE
+epoch := (epoch + 1) MOD 65536;\n    tick | tick
+epoch := (epoch + 1) MOD 65536;\n        owner | owner
+frame[3] = 0 OR | FALSE OR
+frame[3] <> owner | FALSE
+MOD 65536 > holdScans | MOD 65536 >= holdScans
+MOD 65536 > 32767 | MOD 65536 > 32000
+frame[1] = foundTick AND | FALSE AND
+IF verdict <> 1 THEN | IF verdict = 0 THEN
+foundTick := -1; |
+frame[6] = 0 OR frame[7] < 69 | frame[7] < 69
+frame[7] < 69 | frame[7] < 68
+frame[7] > capacity | frame[7] > capacity + 1
+IF frame[5] = next AND | IF
+AND next < newWords |
+base := (1 - buffer) * capacity | base := buffer * capacity
+IF frame[6] = newCounter AND | IF
+AND next = newWords THEN | THEN
+IF mapSum <> frame[7] OR | IF
+mapOfSums <> frame[8] THEN\n                verdict := 9;\n                loading := FALSE; | mapOfSums <> frame[8] THEN\n                verdict := 9;
+ABS(value) > limit[(next + at - 68) MOD outputs] * head[9] | FALSE
+(next + at - 68) MOD outputs | 0
+head[1] <> 1 OR |
+head[2] <> newCounter OR |
+head[10] <> newWords | FALSE
+head[9] > 64 | head[9] > 65
+head[at + 2] < 1 | FALSE
+head[at + 4] < 2 | head[at + 4] < 1
+head[at + 5] <> positionStep[axis] MOD 65536 | FALSE
+head[at + 6] <> positionStep[axis] / 65536 | FALSE
+value > 1000000000 OR value < -1000000000 OR head | head
+ABS(value) > limit[output] * head[9] | FALSE
+IF count + 68 <> newWords | IF FALSE
+head[61 + 2 * output] <> outputStep[output] MOD 65536 | FALSE
+buffer := 1 - buffer; |
+valid := TRUE; |
+reversal[3 * axis + output] := value; | reversal[3 * axis + output] := 0;
+IF NOT valid OR frame[6] | IF frame[6]
+OR frame[6] <> counter |
+IF verdict = 6 OR verdict = 8 THEN | IF verdict = 8 THEN
+silent := silent + 1;\n    IF silent = timeOutScans | silent := silent + 1;\n    IF silent = timeOutScans - 1
+loading := FALSE;\n        valid := FALSE; | loading := FALSE;
+loading := FALSE;\n        valid := FALSE; | valid := FALSE;
+value >= turned[axis] | value > turned[axis]
+direction[axis] >= 0 AND value <= -turned | direction[axis] > 0 AND value <= -turned
+moved := FALSE; |
+(direction[axis] = 1 AND value > 0) OR |
+cell[axis] > lines[axis] - 2 | FALSE
++ part[axis] / 2) / part[axis] | ) / part[axis]
+rest[axis] > parts[axis] | FALSE
+bits MOD 2 | 0
+node * lines[axis] + | node +
+buffer * capacity + 68 + node | 68 + node
++ parts[axis] / 2) / parts[axis] | ) / parts[axis]
+value + direction[axis] * reversal | value - direction[axis] * reversal
+> 6 * scale | > 5 * scale
++ scale / 2) / scale | ) / scale
+goal[output] < -limit[output] | FALSE
+IF NOT holds THEN | IF TRUE THEN
+waited >= stepScans | waited > stepScans
++ rate[output] - 1) / rate | ) / rate
+IF value > movements | IF output = 0
+value := -value;\n            END_IF;\n            applied | END_IF;\n            applied
+applied[output] := atStart[output]; |
+";
+
 #[test]
-#[expect(clippy::too_many_lines, reason = "a list of mistakes")]
 fn every_small_mistake_in_the_text_is_found() {
-    let mistakes = [
-        ("sum := (machine + layout / 65535) MOD 65535;", "sum := 0;"),
-        ("FOR at := 0 TO 69 DO", "FOR at := 0 TO 68 DO"),
-        ("frame[0] <> epoch", "FALSE"),
-        ("epoch := (epoch + 1) MOD 65536;\n    tick", "tick"),
-        ("epoch := (epoch + 1) MOD 65536;\n        owner", "owner"),
-        ("frame[3] = 0 OR", "FALSE OR"),
-        ("frame[3] <> owner", "FALSE"),
-        ("MOD 65536 > holdScans", "MOD 65536 >= holdScans"),
-        ("MOD 65536 > 32767", "MOD 65536 > 32000"),
-        ("frame[1] = foundTick AND", "FALSE AND"),
-        ("IF verdict <> 1 THEN", "IF verdict = 0 THEN"),
-        ("foundTick := -1;", ""),
-        ("frame[6] = 0 OR frame[7] < 69", "frame[7] < 69"),
-        ("frame[7] < 69", "frame[7] < 68"),
-        ("frame[7] > capacity", "frame[7] > capacity + 1"),
-        ("IF frame[5] = next AND", "IF"),
-        ("AND next < newWords", ""),
-        (
-            "base := (1 - buffer) * capacity",
-            "base := buffer * capacity",
-        ),
-        ("IF frame[6] = newCounter AND", "IF"),
-        ("AND next = newWords THEN", "THEN"),
-        ("IF mapSum <> frame[7] OR", "IF"),
-        (
-            "mapOfSums <> frame[8] THEN\n                verdict := 9;\n                loading := FALSE;",
-            "mapOfSums <> frame[8] THEN\n                verdict := 9;",
-        ),
-        (
-            "ABS(value) > limit[(next + at - 68) MOD outputs] * head[9]",
-            "FALSE",
-        ),
-        ("(next + at - 68) MOD outputs", "0"),
-        ("head[1] <> 1 OR", ""),
-        ("head[2] <> newCounter OR", ""),
-        ("head[10] <> newWords", "FALSE"),
-        ("head[9] > 64", "head[9] > 65"),
-        ("head[at + 2] < 1", "FALSE"),
-        ("head[at + 4] < 2", "head[at + 4] < 1"),
-        ("head[at + 5] <> positionStep[axis] MOD 65536", "FALSE"),
-        ("head[at + 6] <> positionStep[axis] / 65536", "FALSE"),
-        ("value > 1000000000 OR value < -1000000000 OR head", "head"),
-        ("ABS(value) > limit[output] * head[9]", "FALSE"),
-        ("IF count + 68 <> newWords", "IF FALSE"),
-        (
-            "head[61 + 2 * output] <> outputStep[output] MOD 65536",
-            "FALSE",
-        ),
-        ("buffer := 1 - buffer;", ""),
-        ("valid := TRUE;", ""),
-        (
-            "reversal[3 * axis + output] := value;",
-            "reversal[3 * axis + output] := 0;",
-        ),
-        ("IF NOT valid OR frame[6]", "IF frame[6]"),
-        ("OR frame[6] <> counter", ""),
-        ("IF verdict = 6 OR verdict = 8 THEN", "IF verdict = 8 THEN"),
-        (
-            "silent := silent + 1;\n    IF silent = timeOutScans",
-            "silent := silent + 1;\n    IF silent = timeOutScans - 1",
-        ),
-        (
-            "loading := FALSE;\n        valid := FALSE;",
-            "loading := FALSE;",
-        ),
-        (
-            "loading := FALSE;\n        valid := FALSE;",
-            "valid := FALSE;",
-        ),
-        ("value >= turned[axis]", "value > turned[axis]"),
-        (
-            "direction[axis] >= 0 AND value <= -turned",
-            "direction[axis] > 0 AND value <= -turned",
-        ),
-        ("moved := FALSE;", ""),
-        ("(direction[axis] = 1 AND value > 0) OR", ""),
-        ("cell[axis] > lines[axis] - 2", "FALSE"),
-        ("+ part[axis] / 2) / part[axis]", ") / part[axis]"),
-        ("rest[axis] > parts[axis]", "FALSE"),
-        ("bits MOD 2", "0"),
-        ("node * lines[axis] +", "node +"),
-        ("buffer * capacity + 68 + node", "68 + node"),
-        (
-            "                    + parts[axis] / 2) / parts[axis]",
-            ") / parts[axis]",
-        ),
-        (
-            "value + direction[axis] * reversal",
-            "value - direction[axis] * reversal",
-        ),
-        ("> 6 * scale", "> 5 * scale"),
-        ("+ scale / 2) / scale", ") / scale"),
-        ("goal[output] < -limit[output]", "FALSE"),
-        ("IF NOT holds THEN", "IF TRUE THEN"),
-        ("waited >= stepScans", "waited > stepScans"),
-        ("+ rate[output] - 1) / rate", ") / rate"),
-        ("IF value > movements", "IF output = 0"),
-        (
-            "value := -value;\n            END_IF;\n            applied",
-            "END_IF;\n            applied",
-        ),
-        ("applied[output] := atStart[output];", ""),
-    ];
-    for (right, _) in mistakes {
-        assert!(TEXT.contains(right), "{right}");
+    let mistakes = cases(MISTAKES);
+    for [right, _] in &mistakes {
+        assert!(TEXT.contains(right.as_str()), "{right}");
     }
-    let found = |(right, wrong): &(&str, &str)| compare(&TEXT.replacen(right, wrong, 1)).is_err();
+    let found = |[right, wrong]: &[String; 2]| {
+        let text = TEXT.replacen(right.as_str(), wrong, 1);
+        compare(&text).is_err()
+    };
     // Two at a time: it is most of the time of these tests.
     let (first, second) = mistakes.split_at(mistakes.len() / 2);
-    let missed_in = |part: &[(&'static str, &str)]| -> Vec<&'static str> {
+    let missed_in = |part: &[[String; 2]]| -> Vec<String> {
         let missed = part.iter().filter(|mistake| !found(mistake));
-        missed.map(|(right, _)| *right).collect()
+        missed.map(|[right, _]| right.clone()).collect()
     };
     let missed = std::thread::scope(|scope| {
         let other = scope.spawn(|| missed_in(second));

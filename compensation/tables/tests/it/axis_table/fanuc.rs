@@ -1,29 +1,23 @@
 //! FANUC pitch error compensation: steps that sum up.
 
-use volcomp_tables::axis_table::{AxisTable, Content, Format, WriteOptions, write};
+use volcomp_tables::axis_table::{AxisTable, Content, Format, write};
 use volcomp_tables::vocabulary::{AxisName, Direction};
+use volcomp_test_support::cases;
 
-use super::{close, edges, numbers, refused, tables};
+use super::{close, edges, own, refused, tables, writing};
 
 /// −100 to 200 mm in 100 mm, in µm.
 fn table(forward: [f64; 4], backward: Option<[f64; 4]>) -> AxisTable {
     let mm = |um: [f64; 4]| um.map(|um| um * 1e-3).to_vec();
+    let positions = vec![-100.0, 0.0, 100.0, 200.0];
     AxisTable {
-        input: AxisName::X,
-        output: AxisName::X,
-        positions: vec![-100.0, 0.0, 100.0, 200.0],
-        forward: mm(forward),
         backward: backward.map(mm),
-        modulo: false,
+        ..own(AxisName::X, positions, mm(forward))
     }
 }
 
 fn written(table: AxisTable) -> Result<String, String> {
-    let options = WriteOptions {
-        axes: numbers(),
-        ..WriteOptions::default()
-    };
-    let written = write(Format::Fanuc, &Content::Axes(vec![table]), &options);
+    let written = write(Format::Fanuc, &Content::Axes(vec![table]), &writing());
     written
         .map(|written| written.files[0].text.clone())
         .map_err(|error| error.to_string())
@@ -55,16 +49,9 @@ fn both_directions() {
         (0.0, 0.0, 0.004),
         (200.0, 0.007, 0.009),
     ] {
-        close(
-            found[0].deviation(at, Some(Direction::Positive)),
-            forward,
-            1e-12,
-        );
-        close(
-            found[0].deviation(at, Some(Direction::Negative)),
-            backward,
-            1e-12,
-        );
+        for (direction, expected) in Direction::BOTH.into_iter().zip([forward, backward]) {
+            close(found[0].deviation(at, Some(direction)), expected, 1e-12);
+        }
     }
 }
 
@@ -80,18 +67,12 @@ fn files_as_controls_put_them_out() {
         close(found.0, expected.0, 1e-12);
         close(found.1, expected.1, 1e-12);
     }
+    let told = warnings.concat();
+    assert!(told.contains("axis Y: no interval"), "{told}");
+    let (_, warnings) = tables(Format::Fanuc, "p", &text.replace("A1P50.0", "A1P50"));
     assert!(
-        warnings
-            .iter()
-            .any(|told| told.contains("axis Y: no interval")),
+        warnings.concat().contains("no decimal point"),
         "{warnings:?}"
-    );
-    let whole = text.replace("A1P50.0", "A1P50");
-    assert!(
-        tables(Format::Fanuc, "p", &whole)
-            .1
-            .iter()
-            .any(|told| told.contains("no decimal point"))
     );
 }
 
@@ -102,31 +83,21 @@ fn refusals() {
     let mut shifted = table([0.0, 1.0, 2.0, 3.0], None);
     shifted.positions = vec![10.0, 110.0, 210.0, 310.0];
     let told = written(shifted).expect_err("refused");
-    assert!(
-        told.contains("no point at machine zero, between 10 and 310"),
-        "{told}"
-    );
-    for text in [
-        "hello\n",
-        "N\n",
-        "N03620A1\n",
-        "N03620AxP1\n",
-        "N10000Q1\n",
-        "N10000P\n",
-    ] {
+    let expected = "no point at machine zero, between 10 and 310";
+    assert!(told.contains(expected), "{told}");
+    for [text, expected] in &cases(
+        r"
+hello\n | p.txt:1: found 
+N\n | p.txt:1: found 
+N03620A1\n | p.txt:1: found 
+N03620AxP1\n | p.txt:1: found 
+N10000Q1\n | p.txt:1: found 
+N10000P\n | p.txt:1: found 
+N03620A7P0\nN03621A7P0\nN03622A7P1\nN03624A7P1.0\n | --axis-numbers X=7
+N03620A1P9\nN03621A1P0\nN03622A1P1\nN03624A1P1.0\n | reference 9
+",
+    ) {
         let told = refused(Format::Fanuc, "p.txt", text);
-        assert!(told.starts_with("p.txt:1: found "), "{told}");
+        assert!(told.contains(expected.as_str()), "{told}");
     }
-    let told = refused(
-        Format::Fanuc,
-        "p.txt",
-        "N03620A7P0\nN03621A7P0\nN03622A7P1\nN03624A7P1.0\n",
-    );
-    assert!(told.contains("--axis-numbers X=7"), "{told}");
-    let told = refused(
-        Format::Fanuc,
-        "p.txt",
-        "N03620A1P9\nN03621A1P0\nN03622A1P1\nN03624A1P1.0\n",
-    );
-    assert!(told.contains("reference 9"), "{told}");
 }

@@ -5,8 +5,9 @@ use volcomp_tables::axis_table::{
 };
 use volcomp_tables::model::{Machine, Temperatures};
 use volcomp_tables::vocabulary::{AxisName, Direction};
+use volcomp_test_support::cases;
 
-use super::{close, edges, file, options, refused, tables};
+use super::{close, edges, file, inside, of_axes, options, over, own, refused, tables};
 
 const COM: &str = "BEGIN AXIS_X.COM MM\nNR AXISPOS BACKLASH X Y\n0 +0.0000 +0.0010 +0.0000 +0.0030\n1 +50.0000 +0.0050 +0.0040 -0.0020\n[END]\n";
 
@@ -15,11 +16,8 @@ fn the_table_of_a_tnc_640() {
     let (found, warnings) = tables(Format::HeidenhainTnc640, "AXIS_X.COM", COM);
     assert!(warnings.is_empty(), "{warnings:?}");
     assert_eq!(edges(&found[0]), [(0.0, 0.0), (50.0, 0.004)]);
-    close(
-        found[0].deviation(50.0, Some(Direction::Negative)),
-        0.005,
-        1e-12,
-    );
+    let behind = found[0].deviation(50.0, Some(Direction::Negative));
+    close(behind, 0.005, 1e-12);
     assert_eq!(
         (found[1].input, found[1].output),
         (AxisName::X, AxisName::Y)
@@ -35,82 +33,38 @@ fn the_cma_says_which_axis_is_the_input() {
         file("AXIS_X.COM", &COM.replace("BACKLASH X Y", "BACKLASH Y X")),
     ];
     let found = read(Format::HeidenhainTnc640, &files, &options()).expect("read");
-    let Content::Axes(found) = found.content else {
-        panic!("tables")
-    };
+    let found = of_axes(found.content);
     assert!(found.iter().all(|table| table.input == AxisName::Y));
-    let other = [
-        file(
-            "CONFIG.CMA",
-            "BEGIN C.CMA MM\nNR ACTIVE X\n0 * OTHER\n[END]\n",
-        ),
-        file("AXIS_X.COM", COM),
-    ];
-    let told = read(Format::HeidenhainTnc640, &other, &options())
-        .expect_err("nothing is left")
-        .to_string();
-    assert!(told.contains("does not name it"), "{told}");
-    let none = [
-        file(
-            "CONFIG.CMA",
-            "BEGIN C.CMA MM\nNR ACTIVE X\n0 - AXIS_X\n[END]\n",
-        ),
-        file("AXIS_X.COM", COM),
-    ];
-    assert!(
-        read(Format::HeidenhainTnc640, &none, &options())
-            .expect_err("no active line")
-            .to_string()
-            .contains("ACTIVE")
-    );
-}
-
-fn table(step: f64, count: u32, input: AxisName, slope: f64) -> AxisTable {
-    let inside = |edge: f64| {
-        if input.is_rotary() {
-            edge.to_radians()
-        } else {
-            edge
-        }
-    };
-    AxisTable {
-        input,
-        output: input,
-        positions: (0..count).map(|n| inside(step * f64::from(n))).collect(),
-        forward: (0..count)
-            .map(|n| inside(slope * step * f64::from(n)))
-            .collect(),
-        backward: None,
-        modulo: false,
+    for (line, expected) in [("* OTHER", "does not name it"), ("- AXIS_X", "ACTIVE")] {
+        let cma = format!("BEGIN C.CMA MM\nNR ACTIVE X\n0 {line}\n[END]\n");
+        let files = [file("CONFIG.CMA", &cma), file("AXIS_X.COM", COM)];
+        let told = read(Format::HeidenhainTnc640, &files, &options()).expect_err(line);
+        assert!(told.to_string().contains(expected), "{told}");
     }
 }
 
-fn written(format: Format, table: AxisTable) -> Result<usize, String> {
-    let written = write(
-        format,
-        &Content::Axes(vec![table]),
-        &WriteOptions::default(),
-    );
-    written
-        .map(|written| written.files.len())
-        .map_err(|error| error.to_string())
+fn table(step: f64, count: u32, input: AxisName, slope: f64) -> AxisTable {
+    let at = |n: u32| inside(input, step * f64::from(n));
+    let positions: Vec<f64> = (0..count).map(at).collect();
+    let forward = positions.iter().map(|at| slope * at).collect();
+    own(input, positions, forward)
 }
 
 #[test]
 fn every_control_of_the_maker_has_these_limits() {
-    let format = Format::HeidenhainTnc640;
-    assert!(written(format, table(1.0, 256, AxisName::X, 1e-4)).is_ok());
-    assert!(
-        written(format, table(1.0, 257, AxisName::X, 1e-4))
-            .expect_err("refused")
-            .contains("257 positions, expected 256")
-    );
-    assert!(written(format, table(15.0, 25, AxisName::C, 1e-5)).is_ok());
-    assert!(
-        written(format, table(15.0, 26, AxisName::C, 1e-5))
-            .expect_err("refused")
-            .contains("0 to 360 deg")
-    );
+    use AxisName::{C, X};
+    for (step, most, axis, slope, expected) in [
+        (1.0, 256, X, 1e-4, "257 positions, expected 256"),
+        (15.0, 25, C, 1e-5, "0 to 360 deg"),
+    ] {
+        let written = |count: u32| {
+            let content = Content::Axes(vec![table(step, count, axis, slope)]);
+            write(Format::HeidenhainTnc640, &content, &WriteOptions::default())
+        };
+        written(most).expect("written");
+        let told = written(most + 1).expect_err("refused").to_string();
+        assert!(told.contains(expected), "{told}");
+    }
 }
 
 #[test]
@@ -118,24 +72,25 @@ fn refusals_name_line_found_and_expected() {
     let format = Format::HeidenhainTnc640;
     let told = |text: &str| refused(format, "AXIS_X.COM", text);
     assert!(told("hello\n").starts_with("AXIS_X.COM:1: found `hello`"));
-    assert!(
-        told(&COM.replace("+50.0000", "+0.0000"))
-            .contains(":4: found a position that does not rise")
-    );
-    assert!(told(&COM.replace("-0.0020", "")).contains(":4: found 4 cells, expected 5"));
-    assert!(told(&COM.replace("-0.0020", "x")).contains(":4: found `x`, expected a number"));
-    assert!(told(&COM.replace("COM MM", "COM INCH")).contains("found INCH"));
-    let (_, warnings) = tables(format, "AXIS_X.COM", &COM.replace("[END]\n", ""));
-    assert!(warnings[0].contains("no [END]"), "{warnings:?}");
-    let (_, warnings) = tables(
-        format,
-        "AXIS_X.COM",
-        &COM.replace("+0.0010", "+0").replace("+0.0050", "+0"),
-    );
-    assert!(
-        warnings[0].contains("BACKLASH is 0 everywhere"),
-        "{warnings:?}"
-    );
+    for [right, wrong, expected] in &cases(
+        "
++50.0000 | +0.0000 | :4: found a position that does not rise
+-0.0020 | | :4: found 4 cells, expected 5
+-0.0020 | x | :4: found `x`, expected a number
+COM MM | COM INCH | found INCH
+",
+    ) {
+        let found = told(&COM.replace(right.as_str(), wrong));
+        assert!(found.contains(expected.as_str()), "{found}");
+    }
+    let no_play = COM.replace("+0.0010", "+0").replace("+0.0050", "+0");
+    for (text, expected) in [
+        (COM.replace("[END]\n", ""), "no [END]"),
+        (no_play, "BACKLASH is 0 everywhere"),
+    ] {
+        let (_, warnings) = tables(format, "AXIS_X.COM", &text);
+        assert!(warnings[0].contains(expected), "{warnings:?}");
+    }
 }
 
 /// A rotary table with 25 µrad in its first harmonic and 4 µrad of reversal.
@@ -171,40 +126,21 @@ fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
         let told = |note: &String| note.contains("written from 0 to 360 deg");
         assert!(made.notes.iter().any(told), "{format} {travel} {content:?}");
         let back = read(format, &made.files, &options()).expect("read");
-        let (Content::Axes(back), Content::Axes(given)) = (back.content, content) else {
-            panic!("tables")
-        };
-        let back = back
-            .iter()
-            .find(|table| (table.input, table.output) == (C, C))
-            .expect("it is there");
+        let (back, given) = (of_axes(back.content), of_axes(content));
+        let (back, given) = (over(&back, C, C), over(&given, C, C));
         let edges = edges(back);
-        assert_eq!(
-            edges.first().zip(edges.last()).map(|(a, b)| (a.0, b.0)),
-            Some((0.0, 360.0))
-        );
-        assert_eq!(edges.len(), 25);
-        let given = given
-            .iter()
-            .find(|table| (table.input, table.output) == (C, C))
-            .expect("it is there");
+        assert_eq!((edges.len(), edges[0].0, edges[24].0), (25, 0.0, 360.0));
         // Half a digit of the file, in rad.
         let resolution = 0.51e-4_f64.to_radians();
         for (node, at) in given.positions.iter().enumerate() {
             let angle = *at;
             let mean = (3.0 + 10.0 * angle.cos() + 25.0 * angle.sin()) * 1e-6;
-            close(back.deviation(*at, None), mean, 2.0 * resolution);
-            close(
-                back.deviation(*at, None),
-                given.mean()[node],
-                2.0 * resolution,
-            );
-            for (direction, half) in [(Direction::Positive, 2e-6), (Direction::Negative, -2e-6)] {
-                close(
-                    back.deviation(*at, Some(direction)),
-                    mean + half,
-                    resolution,
-                );
+            let found = back.deviation(*at, None);
+            close(found, mean, 2.0 * resolution);
+            close(found, given.mean()[node], 2.0 * resolution);
+            for (direction, half) in Direction::BOTH.into_iter().zip([2e-6, -2e-6]) {
+                let found = back.deviation(*at, Some(direction));
+                close(found, mean + half, resolution);
             }
         }
         // What the report of losses compares with the model is the file that was read back: half a digit, and the bend between nodes.
@@ -213,11 +149,8 @@ fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
             ..WriteOptions::default()
         };
         let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("told");
-        let of_c = lost
-            .axes
-            .iter()
-            .find(|found| found.axis == C)
-            .expect("it is there");
+        let of_c = lost.axes.iter().find(|found| found.axis == C);
+        let of_c = of_c.expect("it is there");
         assert!(of_c.correction > 25.0, "{of_c:?}");
         assert!(of_c.largest < 4.0, "{of_c:?}");
     }
@@ -228,20 +161,15 @@ fn steps_that_miss_0_begin_there() {
     let at = |deg: f64| (2.0 * deg.to_radians().sin(), deg.to_radians());
     let (forward, positions) = (0..=8).map(|n| at(-170.0 + 45.0 * f64::from(n))).unzip();
     let table = AxisTable {
-        input: AxisName::C,
         output: AxisName::X,
-        positions,
-        forward,
-        backward: None,
         modulo: true,
+        ..own(AxisName::C, positions, forward)
     };
     let format = Format::HeidenhainTnc640;
     let content = Content::Axes(vec![table.clone()]);
     let made = write(format, &content, &WriteOptions::default()).expect("written");
     let back = read(format, &made.files, &options()).expect("read");
-    let Content::Axes(back) = back.content else {
-        panic!("tables")
-    };
+    let back = of_axes(back.content);
     let wanted: Vec<f64> = (0..=8).map(|n| 45.0 * f64::from(n)).collect();
     let found: Vec<f64> = edges(&back[0]).iter().map(|(at, _)| *at).collect();
     assert_eq!(found, wanted);

@@ -9,54 +9,34 @@ use volcomp_tables::model::{Machine, Temperatures};
 use volcomp_tables::vocabulary::{AxisName, Direction};
 use volcomp_test_support::peers;
 
-use super::{close, refused, tables};
+use super::{close, own, refused, tables};
 
 fn trims(table: &AxisTable) -> Vec<[f64; 2]> {
     let backward = table.backward.as_ref().unwrap_or(&table.forward);
-    table
-        .forward
-        .iter()
-        .zip(backward)
-        .map(|(a, b)| [-a, -b])
-        .collect()
+    let both = table.forward.iter().zip(backward);
+    both.map(|(a, b)| [-a, -b]).collect()
 }
 
 #[test]
 fn the_examples_of_its_documentation_do_not_mean_the_same() {
-    let (zero, _) = tables(
-        Format::Linuxcnc,
-        "x.comp",
-        "0.000 0.002 -0.003\n1.000 1.003 0.998\n",
-    );
-    let (one, _) = tables(
-        Format::LinuxcncType1,
-        "x.comp",
-        "0 0.002 -0.003\n1 0.003 -0.004\n",
-    );
+    let zero = "0.000 0.002 -0.003\n1.000 1.003 0.998\n";
+    let one = "0 0.002 -0.003\n1 0.003 -0.004\n";
     // trim = nominal − actual.
-    for (found, expected) in trims(&zero[0])
-        .iter()
-        .zip([[-0.002, 0.003], [-0.003, 0.002]])
-    {
-        close(found[0], expected[0], 1e-12);
-        close(found[1], expected[1], 1e-12);
-    }
-    for (found, expected) in trims(&one[0])
-        .iter()
-        .zip([[0.002, -0.003], [0.003, -0.004]])
-    {
-        close(found[0], expected[0], 1e-12);
-        close(found[1], expected[1], 1e-12);
+    for (format, text, expected) in [
+        (Format::Linuxcnc, zero, [-0.002, 0.003, -0.003, 0.002]),
+        (Format::LinuxcncType1, one, [0.002, -0.003, 0.003, -0.004]),
+    ] {
+        let (found, _) = tables(format, "x.comp", text);
+        for (found, expected) in trims(&found[0]).as_flattened().iter().zip(expected) {
+            close(*found, expected, 1e-12);
+        }
     }
 }
 
 #[test]
 fn it_stops_silently_and_we_do_not() {
-    let (found, warnings) = tables(
-        Format::Linuxcnc,
-        "X.comp",
-        "0 0 0\n1 1.1 1.1\n\n2 2.2 2.2\n# end\n3 3 3\n",
-    );
+    let text = "0 0 0\n1 1.1 1.1\n\n2 2.2 2.2\n# end\n3 3 3\n";
+    let (found, warnings) = tables(Format::Linuxcnc, "X.comp", text);
     assert_eq!(found[0].positions.len(), 2);
     assert_eq!(
         warnings,
@@ -65,67 +45,37 @@ fn it_stops_silently_and_we_do_not() {
         ]
     );
     let (_, warnings) = tables(Format::Linuxcnc, "X.comp", "0 0 0\n1 1 1\n\n");
-    assert!(
-        warnings.is_empty(),
-        "an empty end loses nothing: {warnings:?}"
-    );
+    assert!(warnings.is_empty(), "{warnings:?}");
     // What sscanf takes: more behind the third number, signs, exponents.
-    let (found, _) = tables(
-        Format::Linuxcnc,
-        "X.comp",
-        "  -1e1\t-10.5 -9.5 # first\n+0 .5 -.5junk\n",
-    );
+    let text = "  -1e1\t-10.5 -9.5 # first\n+0 .5 -.5junk\n";
+    let (found, _) = tables(Format::Linuxcnc, "X.comp", text);
     assert_eq!(found[0].positions, [-10.0, 0.0]);
     assert_eq!(found[0].forward, [-0.5, 0.5]);
     // A comment in front takes everything.
-    assert!(
-        refused(Format::Linuxcnc, "X.comp", "# head\n0 0 0\n1 1 1\n")
-            .contains("0 lines of three numbers")
-    );
+    let told = refused(Format::Linuxcnc, "X.comp", "# head\n0 0 0\n1 1 1\n");
+    assert!(told.contains("0 lines of three numbers"), "{told}");
 }
 
 #[test]
 fn its_limits() {
-    let lines = |count: u32| {
-        (0..count)
-            .map(|n| format!("{n} {n}.001 {n}\n"))
-            .collect::<Vec<_>>()
-            .concat()
+    let lines = |count: u32| -> String {
+        let lines = (0..count).map(|n| format!("{n} {n}.001 {n}\n"));
+        lines.collect()
     };
-    assert_eq!(
-        tables(Format::Linuxcnc, "X.comp", &lines(256)).0[0]
-            .positions
-            .len(),
-        256
-    );
+    let (found, _) = tables(Format::Linuxcnc, "X.comp", &lines(256));
+    assert_eq!(found[0].positions.len(), 256);
     assert_eq!(
         refused(Format::Linuxcnc, "X.comp", &lines(257)),
         "X.comp:257: found a line 257, expected 256 at the most"
     );
     assert!(refused(Format::Linuxcnc, "X.comp", "0 0 0\n0 0 0\n").contains("strictly rising"));
-    assert!(
-        refused(Format::Linuxcnc, "table.comp", "0 0 0\n1 1 1\n")
-            .contains("the letter of the axis")
-    );
-    let table = AxisTable {
-        input: AxisName::X,
-        output: AxisName::X,
-        positions: (0..257).map(f64::from).collect(),
-        forward: vec![0.01; 257],
-        backward: None,
-        modulo: false,
-    };
-    let told = write(
-        Format::Linuxcnc,
-        &Content::Axes(vec![table]),
-        &WriteOptions::default(),
-    )
-    .expect_err("refused");
-    assert!(
-        told.to_string()
-            .contains("found 257 positions, expected 256 at the most"),
-        "{told}"
-    );
+    let told = refused(Format::Linuxcnc, "table.comp", "0 0 0\n1 1 1\n");
+    assert!(told.contains("the letter of the axis"), "{told}");
+    let positions = (0..257).map(f64::from).collect();
+    let content = Content::Axes(vec![own(AxisName::X, positions, vec![0.01; 257])]);
+    let told = write(Format::Linuxcnc, &content, &WriteOptions::default()).expect_err("refused");
+    let expected = "found 257 positions, expected 256 at the most";
+    assert!(told.to_string().contains(expected), "{told}");
 }
 
 /// control.c and usrmotintf.cc in a few lines: what LinuxCNC adds to the motor's command.
@@ -176,11 +126,8 @@ fn what_its_formula_adds_is_the_models_correction() {
     for (format, kind) in [(Format::Linuxcnc, "0"), (Format::LinuxcncType1, "1")] {
         let content = sampled(&machine, &steady, &options, format).expect("tables");
         let written = write(format, &content, &WriteOptions::default()).expect("written");
-        let file = written
-            .files
-            .iter()
-            .find(|file| file.name == "X.comp")
-            .expect("of X");
+        let mut files = written.files.iter();
+        let file = files.find(|file| file.name == "X.comp").expect("of X");
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("X.comp");
         fs::write(&path, &file.text).expect("written");
@@ -191,26 +138,14 @@ fn what_its_formula_adds_is_the_models_correction() {
         let mut call = Command::new(&python);
         call.args(["-c", PEER, kind]).arg(&path);
         for (at, direction) in &points {
-            call.arg(format!(
-                "{}{at}",
-                if *direction == Direction::Positive {
-                    '+'
-                } else {
-                    '-'
-                }
-            ));
+            let is_positive = *direction == Direction::Positive;
+            call.arg(format!("{}{at}", if is_positive { '+' } else { '-' }));
         }
         let output = call.output().expect("python runs");
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        assert!(output.status.success(), "{output:?}");
         let said = String::from_utf8(output.stdout).expect("text");
-        let trims: Vec<f64> = said
-            .lines()
-            .map(|line| line.parse().expect("a number"))
-            .collect();
+        let trims = said.lines().map(|line| line.parse().expect("a number"));
+        let trims: Vec<f64> = trims.collect();
         assert_eq!(trims.len(), points.len());
         for ((at, direction), trim) in points.iter().zip(trims) {
             let mut state = machine

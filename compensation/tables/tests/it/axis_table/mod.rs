@@ -12,7 +12,8 @@ mod round_trip;
 mod siemens;
 
 use volcomp_tables::axis_table::{
-    AxisNumbers, AxisTable, Content, ExchangeError, Format, ReadOptions, ReadTables, TextFile, read,
+    AxisNumbers, AxisTable, Content, ExchangeError, Format, ReadOptions, ReadTables, TextFile,
+    WriteOptions, read,
 };
 use volcomp_tables::vocabulary::AxisName;
 
@@ -44,34 +45,65 @@ pub(crate) fn read_text(
     read(format, &[file(name, text)], &options())
 }
 
+/// What writers have to know, with these numbers of the axes.
+pub(crate) fn writing() -> WriteOptions {
+    WriteOptions {
+        axes: numbers(),
+        ..WriteOptions::default()
+    }
+}
+
+pub(crate) fn of_axes(content: Content) -> Vec<AxisTable> {
+    match content {
+        Content::Axes(tables) => tables,
+        Content::Errors(errors) => panic!("{errors:?}"),
+    }
+}
+
+/// The table of an axis over another.
+pub(crate) fn over(tables: &[AxisTable], input: AxisName, output: AxisName) -> &AxisTable {
+    let is_it = |table: &&AxisTable| (table.input, table.output) == (input, output);
+    tables.iter().find(is_it).expect("it is there")
+}
+
+/// A table of an axis over itself.
+pub(crate) fn own(axis: AxisName, positions: Vec<f64>, forward: Vec<f64>) -> AxisTable {
+    AxisTable {
+        input: axis,
+        output: axis,
+        positions,
+        forward,
+        backward: None,
+        modulo: false,
+    }
+}
+
+/// mm or deg as tables have them: mm or rad.
+pub(crate) fn inside(axis: AxisName, edge: f64) -> f64 {
+    if axis.is_rotary() {
+        edge.to_radians()
+    } else {
+        edge
+    }
+}
+
 /// The tables and the warnings of a text that is read.
 pub(crate) fn tables(format: Format, name: &str, text: &str) -> (Vec<AxisTable>, Vec<String>) {
     let found = read_text(format, name, text).unwrap_or_else(|error| panic!("{error}"));
-    let Content::Axes(tables) = found.content else {
-        panic!("tables of axes")
-    };
-    (
-        tables,
-        found.warnings.iter().map(ToString::to_string).collect(),
-    )
+    let warnings = found.warnings.iter().map(ToString::to_string);
+    (of_axes(found.content), warnings.collect())
 }
 
 pub(crate) fn refused(format: Format, name: &str, text: &str) -> String {
-    read_text(format, name, text)
-        .expect_err("refused")
-        .to_string()
+    let error = read_text(format, name, text).expect_err("refused");
+    error.to_string()
 }
 
 /// mm or deg of a position, and of a deviation.
 pub(crate) fn edges(table: &AxisTable) -> Vec<(f64, f64)> {
-    let positions = table.positions.iter().map(|at| table.input_at_edge(*at));
-    positions
-        .zip(
-            table
-                .forward
-                .iter()
-                .map(|value| table.output_at_edge(*value)),
-        )
+    let nodes = table.positions.iter().zip(&table.forward);
+    nodes
+        .map(|(at, value)| (table.input_at_edge(*at), table.output_at_edge(*value)))
         .collect()
 }
 

@@ -6,7 +6,7 @@ use volcomp_tables::axis_table::{
 };
 use volcomp_tables::vocabulary::{AxisName, Direction, ErrorName};
 
-use super::numbers;
+use super::{inside, of_axes, over, own, writing};
 
 /// Positions and values in mm and deg; the node number `zero` is at 0.
 fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> {
@@ -21,29 +21,15 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
             let values = || prop::collection::vec(-0.05..0.05_f64, count);
             let zero = zero.index(count);
             (values(), values()).prop_map(move |(forward, backward)| {
-                let inside = |axis: AxisName, edge: f64| {
-                    if axis.is_rotary() {
-                        edge.to_radians()
-                    } else {
-                        edge
-                    }
+                // A machine has at most 2 mm and 2 mrad, with the halves of a reversal and lines beyond the ends.
+                let each = |values: Vec<f64>| -> Vec<f64> {
+                    values.into_iter().map(|v| inside(output, v)).collect()
                 };
-                let each = |values: Vec<f64>| {
-                    values
-                        .into_iter()
-                        // A machine has at most 2 mm and 2 mrad, with the halves of a reversal and lines beyond the ends.
-                        .map(|value| inside(output, value))
-                        .collect::<Vec<_>>()
-                };
+                let at = |node: usize| inside(input, (node as f64 - zero as f64) * step);
                 AxisTable {
-                    input,
                     output,
-                    positions: (0..count)
-                        .map(|node| inside(input, (node as f64 - zero as f64) * step))
-                        .collect(),
-                    forward: each(forward),
                     backward: has_reversal.then(|| each(backward)),
-                    modulo: false,
+                    ..own(input, (0..count).map(at).collect(), each(forward))
                 }
             })
         })
@@ -94,40 +80,27 @@ fn comes_back(
     keeps: Keeps,
     within: f64,
 ) -> Result<(), TestCaseError> {
-    let options = WriteOptions {
-        axes: numbers(),
-        ..WriteOptions::default()
-    };
-    let written = write(format, &Content::Axes(tables.to_vec()), &options).expect("written");
+    let content = Content::Axes(tables.to_vec());
+    let written = write(format, &content, &writing()).expect("written");
     for file in &written.files {
-        prop_assert!(
-            !file.text.contains("-0.0000\n") && !file.text.contains("=-0\n"),
-            "{}",
-            file.text
-        );
+        let text = &file.text;
+        let has_minus = text.contains("-0.0000\n") || text.contains("=-0\n");
+        prop_assert!(!has_minus, "{text}");
     }
     if !matches!(format, Format::Linuxcnc | Format::LinuxcncType1) {
         prop_assert_eq!(Format::of_files(&written.files), Some(format));
     }
     let options = ReadOptions {
-        axes: numbers(),
         encoder: Some(0),
-        ..ReadOptions::default()
+        ..super::options()
     };
     let found = read(format, &written.files, &options).expect("read");
-    let Content::Axes(found) = found.content else {
-        panic!("tables of axes")
-    };
-    let expected: Vec<AxisTable> = tables
-        .iter()
-        .filter_map(|table| kept(table, keeps))
-        .collect();
+    let found = of_axes(found.content);
+    let expected = tables.iter().filter_map(|table| kept(table, keeps));
+    let expected: Vec<AxisTable> = expected.collect();
     prop_assert_eq!(found.len(), expected.len());
     for expected in expected {
-        let found = found
-            .iter()
-            .find(|found| (found.input, found.output) == (expected.input, expected.output))
-            .expect("the table is there");
+        let found = over(&found, expected.input, expected.output);
         let positions: Vec<f64> = expected
             .positions
             .windows(2)
@@ -139,15 +112,10 @@ fn comes_back(
         ];
         for at in positions.into_iter().chain(ends) {
             for direction in [Some(Direction::Positive), Some(Direction::Negative), None] {
-                let difference = expected.output_at_edge(
-                    found.deviation(at, direction) - expected.deviation(at, direction),
-                );
-                prop_assert!(
-                    difference.abs() <= within + 1e-9,
-                    "{format} {} over {} at {at}: {difference}",
-                    expected.output,
-                    expected.input
-                );
+                let [a, b] = [found, &expected].map(|of| of.deviation(at, direction));
+                let off = expected.output_at_edge(a - b);
+                let is_near = off.abs() <= within + 1e-9;
+                prop_assert!(is_near, "{format} {expected:?} at {at}: {off}");
             }
         }
     }
@@ -157,14 +125,10 @@ fn comes_back(
 /// Own and cross tables of linear and rotary axes.
 fn several() -> impl Strategy<Value = Vec<AxisTable>> {
     use AxisName::{A, C, X, Y};
-    (
-        table(X, X),
-        table(X, Y),
-        table(C, C),
-        table(A, C),
-        table(A, X),
-    )
-        .prop_map(|(a, b, c, d, e)| vec![a, b, c, d, e])
+    let pairs = [(X, X), (X, Y), (C, C), (A, C), (A, X)];
+    pairs
+        .map(|(input, output)| table(input, output))
+        .prop_map(Vec::from)
 }
 
 /// As the TNC has them: all tables over an axis at the same positions.
@@ -178,12 +142,9 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
             ..own.clone()
         };
         // At 1950 mm 0.68 mrad; a machine has at most 2 mrad.
+        let slope = own.positions.iter().map(|at| (at * 2e-5).to_radians());
         let to_rotary = AxisTable {
-            forward: own
-                .positions
-                .iter()
-                .map(|at| (at * 2e-5).to_radians())
-                .collect(),
+            forward: slope.collect(),
             ..along(C)
         };
         vec![own.clone(), along(Y), to_rotary]
@@ -209,12 +170,8 @@ fn error_tables() -> impl Strategy<Value = ErrorTables> {
 }
 
 fn errors_come_back(format: Format, errors: &ErrorTables) -> Result<(), TestCaseError> {
-    let written = write(
-        format,
-        &Content::Errors(errors.clone()),
-        &WriteOptions::default(),
-    )
-    .expect("written");
+    let content = Content::Errors(errors.clone());
+    let written = write(format, &content, &WriteOptions::default()).expect("written");
     prop_assert_eq!(Format::of_files(&written.files), Some(format));
     let found = read(format, &written.files, &ReadOptions::default()).expect("read");
     let Content::Errors(found) = found.content else {
@@ -222,16 +179,11 @@ fn errors_come_back(format: Format, errors: &ErrorTables) -> Result<(), TestCase
     };
     prop_assert_eq!(found.curves.len(), errors.curves.len());
     for expected in &errors.curves {
-        let found = found
-            .curves
-            .iter()
-            .find(|found| found.name == expected.name)
-            .expect("it is there");
-        let within = if expected.name.component.is_angular() {
-            1e-10
-        } else {
-            1e-7
-        };
+        let mut curves = found.curves.iter();
+        let found = curves.find(|found| found.name == expected.name);
+        let found = found.expect("it is there");
+        let is_angular = expected.name.component.is_angular();
+        let within = if is_angular { 1e-10 } else { 1e-7 };
         prop_assert_eq!(found.positions.len(), expected.positions.len());
         for (a, b) in found.positions.iter().zip(&expected.positions) {
             prop_assert!((a - b).abs() < 1e-9);
@@ -287,21 +239,12 @@ fn a_turn_comes_back_as_a_turn() {
     let positions: Vec<f64> = (0..=24)
         .map(|node| f64::from(node * 15).to_radians())
         .collect();
+    let forward = (positions.iter().map(|at| 1e-4 * at.sin() + 0.0))
+        .map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
     let table = AxisTable {
-        input: C,
-        output: C,
-        forward: positions
-            .iter()
-            .map(|at| 1e-4 * at.sin() + 0.0)
-            .map(|v| if v.abs() < 1e-12 { 0.0 } else { v })
-            .collect(),
-        backward: None,
-        positions,
         modulo: true,
-    };
-    let write_options = WriteOptions {
-        axes: numbers(),
-        ..WriteOptions::default()
+        forward: forward.collect(),
+        ..own(C, positions, Vec::new())
     };
     let formats = [
         Format::Csv,
@@ -310,13 +253,10 @@ fn a_turn_comes_back_as_a_turn() {
         Format::Fanuc,
     ];
     for format in formats {
-        let files = write(format, &Content::Axes(vec![table.clone()]), &write_options)
-            .expect("written")
-            .files;
+        let content = Content::Axes(vec![table.clone()]);
+        let files = write(format, &content, &writing()).expect("written").files;
         let found = read(format, &files, &super::options()).expect("read");
-        let Content::Axes(found) = found.content else {
-            panic!("tables")
-        };
+        let found = of_axes(found.content);
         assert!(found[0].modulo, "{format}");
         // 380 deg is 20 deg, −90 deg is 270 deg.
         for (at, same) in [(380.0_f64, 20.0_f64), (-90.0, 270.0)] {

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use volcomp_tables::axis_table::{Content, Format, ReadOptions, WriteOptions, read, write};
+use volcomp_tables::axis_table::{AxisTable, Content, Format, ReadOptions, read, write};
 use volcomp_tables::vocabulary::{AxisName, Direction};
 
-use super::{close, edges, file, numbers, refused, tables};
+use super::{close, edges, file, inside, options, refused, tables, writing};
 
 const F: Format = Format::Siemens840d;
 
@@ -32,6 +32,11 @@ fn cec(
     text + more
 }
 
+/// The table and the warnings of one as an archive has it.
+fn read_cec(values: &[f64], axes: [&str; 2], steps: [f64; 3]) -> (Vec<AxisTable>, Vec<String>) {
+    tables(F, "a.ini", &framed(&cec(0, values, axes, steps, "")))
+}
+
 fn framed(text: &str) -> String {
     format!("\nMETRIC\n\nCHANDATA(1)\n{text}M17\n")
 }
@@ -41,8 +46,7 @@ fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
     let values: Vec<f64> = (0..15)
         .map(|n| if n < 10 { 0.001 * f64::from(n) } else { 0.0 })
         .collect();
-    let text = framed(&cec(0, &values, ["AX2", "AX1"], [100.0, -850.0, 0.0], ""));
-    let (found, warnings) = tables(F, "NC_CEC.INI", &text);
+    let (found, warnings) = read_cec(&values, ["AX2", "AX1"], [100.0, -850.0, 0.0]);
     assert_eq!(
         (found[0].input, found[0].output),
         (AxisName::Y, AxisName::X)
@@ -55,7 +59,7 @@ fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
     close(nodes[9].1, 0.0085, 1e-12);
     close(found[0].deviation(400.0, None), 0.0085, 1e-12);
     assert!(
-        warnings[0].contains("NC_CEC.INI:") && warnings[0].contains("8.5, no whole number"),
+        warnings[0].contains("a.ini:") && warnings[0].contains("8.5, no whole number"),
         "{warnings:?}"
     );
 }
@@ -64,26 +68,14 @@ fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
 fn allocated_points_that_are_not_used_are_passed_over() {
     let mut values = vec![0.001, 0.002, 0.003];
     values.resize(17, 0.0);
-    let (found, warnings) = tables(
-        F,
-        "a",
-        &framed(&cec(0, &values, ["AX1", "AX2"], [50.0, 0.0, 100.0], "")),
-    );
-    assert_eq!(
-        edges(&found[0]),
-        [(0.0, 0.001), (50.0, 0.002), (100.0, 0.003)]
-    );
+    let (found, warnings) = read_cec(&values, ["AX1", "AX2"], [50.0, 0.0, 100.0]);
+    let expected = [(0.0, 0.001), (50.0, 0.002), (100.0, 0.003)];
+    assert_eq!(edges(&found[0]), expected);
     assert!(warnings.is_empty(), "{warnings:?}");
     values[16] = 0.5;
-    let (_, warnings) = tables(
-        F,
-        "a",
-        &framed(&cec(0, &values, ["AX1", "AX2"], [50.0, 0.0, 100.0], "")),
-    );
-    assert!(
-        warnings[0].contains("1 values behind point 2"),
-        "{warnings:?}"
-    );
+    let (_, warnings) = read_cec(&values, ["AX1", "AX2"], [50.0, 0.0, 100.0]);
+    let expected = "1 values behind point 2";
+    assert!(warnings[0].contains(expected), "{warnings:?}");
 }
 
 #[test]
@@ -117,12 +109,10 @@ fn rotary_axes_are_in_degrees_whichever_side_they_are_on() {
 fn a_modulo_table_of_the_second_encoder() {
     let mut text = String::new();
     for n in 0..=24 {
-        let value = if n == 12 {
-            "0.0054"
-        } else if n == 3 {
-            "-0.000"
-        } else {
-            "0"
+        let value = match n {
+            12 => "0.0054",
+            3 => "-0.000",
+            _ => "0",
         };
         writeln!(text, "$AA_ENC_COMP[1,{n},AX4]={value}").expect("a string");
     }
@@ -130,11 +120,8 @@ fn a_modulo_table_of_the_second_encoder() {
     let (found, warnings) = tables(F, "AX_EEC.INI", &framed(&text));
     assert!(warnings.is_empty(), "{warnings:?}");
     assert!(found[0].modulo && found[0].input == AxisName::C);
-    close(
-        found[0].deviation((-180.0_f64).to_radians(), None),
-        0.0054_f64.to_radians(),
-        1e-12,
-    );
+    let there = found[0].deviation((-180.0_f64).to_radians(), None);
+    close(there, 0.0054_f64.to_radians(), 1e-12);
     assert!(found[0].forward[3].is_sign_positive(), "-0.000 is 0");
 }
 
@@ -146,18 +133,9 @@ fn spellings_of_programs_and_manuals() {
     let (found, warnings) = tables(F, "a", text);
     assert_eq!(edges(&found[0]), [(0.0, 0.0), (100.0, 0.0), (200.0, 0.003)]);
     assert!(found[0].modulo);
-    assert!(
-        found[0]
-            .forward
-            .iter()
-            .all(|value| value.is_sign_positive())
-    );
+    assert!(found[0].forward.iter().all(|by| by.is_sign_positive()));
     let told = warnings.join("\n");
-    for words in [
-        "IS_MODULO is -1",
-        "$MA_ENC_COMP_ENABLE",
-        "METRIC does not stand",
-    ] {
+    for words in "IS_MODULO is -1,$MA_ENC_COMP_ENABLE,METRIC does not stand".split(',') {
         assert!(told.contains(words), "{told}");
     }
 }
@@ -175,39 +153,18 @@ fn a_missing_equals_sign_is_told_once() {
 
 #[test]
 fn tables_for_single_directions_become_one() {
-    let one = cec(
-        0,
-        &[0.0, 0.01],
-        ["AX1", "AX2"],
-        [100.0, 0.0, 100.0],
-        "$AN_CEC_DIRECTION[0]=1\n",
-    );
-    let other = cec(
-        1,
-        &[0.0, 0.03, 0.04],
-        ["AX1", "AX2"],
-        [50.0, 0.0, 100.0],
-        "$AN_CEC_DIRECTION[1]=-1\n",
-    );
+    let axes = ["AX1", "AX2"];
+    let (first, second) = ("$AN_CEC_DIRECTION[0]=1\n", "$AN_CEC_DIRECTION[1]=-1\n");
+    let one = cec(0, &[0.0, 0.01], axes, [100.0, 0.0, 100.0], first);
+    let other = cec(1, &[0.0, 0.03, 0.04], axes, [50.0, 0.0, 100.0], second);
     let (found, _) = tables(F, "a", &framed(&(one.clone() + &other)));
     assert_eq!(found.len(), 1);
-    close(
-        found[0].deviation(50.0, Some(Direction::Positive)),
-        0.005,
-        1e-12,
-    );
-    close(
-        found[0].deviation(50.0, Some(Direction::Negative)),
-        0.03,
-        1e-12,
-    );
+    for (direction, expected) in Direction::BOTH.into_iter().zip([0.005, 0.03]) {
+        close(found[0].deviation(50.0, Some(direction)), expected, 1e-12);
+    }
     // The other direction is not corrected at all.
     let (found, _) = tables(F, "a", &framed(&one));
-    close(
-        found[0].deviation(100.0, Some(Direction::Negative)),
-        0.0,
-        0.0,
-    );
+    assert_eq!(found[0].deviation(100.0, Some(Direction::Negative)), 0.0);
 }
 
 /// Machine axes have the names that a control is delivered with; the example is that of the manual.
@@ -236,18 +193,11 @@ fn machine_axes_may_be_named_by_letter_and_number() {
             (50.0, 0.006),
             (100.0, 0.0),
         ] {
-            let unit = |of: f64| {
-                if letter == AxisName::C {
-                    of.to_radians()
-                } else {
-                    of
-                }
-            };
-            close(found[0].deviation(unit(at), None), unit(mm), 1e-12);
+            let deviation = found[0].deviation(inside(letter, at), None);
+            close(deviation, inside(letter, mm), 1e-12);
         }
     }
-    let cross = framed(&cec(0, &[0.0, 1.0], ["Y1", "X1"], [1.0, 0.0, 1.0], ""));
-    let (found, _) = tables(F, "a.ini", &cross);
+    let (found, _) = read_cec(&[0.0, 1.0], ["Y1", "X1"], [1.0, 0.0, 1.0]);
     assert_eq!(
         (found[0].input, found[0].output),
         (AxisName::Y, AxisName::X)
@@ -265,30 +215,19 @@ fn machine_axes_may_be_named_by_letter_and_number() {
 fn refusals_name_line_found_and_expected() {
     let inch = refused(F, "a.ini", "INCH\n");
     assert_eq!(inch, "a.ini:1: found INCH, expected METRIC");
-    let axis = refused(
-        F,
-        "a.ini",
-        &framed(&cec(0, &[0.0, 1.0], ["AX9", "AX1"], [1.0, 0.0, 1.0], "")),
-    );
-    assert!(
-        axis.contains("axis `AX9`") && axis.contains("--axis-numbers"),
-        "{axis}"
-    );
-    let missing = refused(
-        F,
-        "a.ini",
-        &framed(&cec(0, &[0.0], ["AX1", "AX2"], [1.0, 0.0, 2.0], "")),
-    );
+    let refused_cec = |values: &[f64], axes, steps| {
+        let text = framed(&cec(0, values, axes, steps, ""));
+        refused(F, "a.ini", &text)
+    };
+    let axis = refused_cec(&[0.0, 1.0], ["AX9", "AX1"], [1.0, 0.0, 1.0]);
+    let is_named = axis.contains("axis `AX9`") && axis.contains("--axis-numbers");
+    assert!(is_named, "{axis}");
+    let missing = refused_cec(&[0.0], ["AX1", "AX2"], [1.0, 0.0, 2.0]);
     assert!(missing.contains("without point 1"), "{missing}");
-    for text in [
-        "$AN_CEC[0,0]=x y\n",
-        "$AN_CEC[0,0=1\n",
-        "hello\n",
-        "$AN_CEC[a,0]=1\n",
-        "$AN_CEC[0,0]=nan\n",
-        "$AN_CEC[0,0]=1e300\n",
-    ] {
-        let told = refused(F, "a.ini", text);
+    let wrong =
+        "$AN_CEC[0,0]=x y;$AN_CEC[0,0=1;hello;$AN_CEC[a,0]=1;$AN_CEC[0,0]=nan;$AN_CEC[0,0]=1e300";
+    for text in wrong.split(';') {
+        let told = refused(F, "a.ini", &format!("{text}\n"));
         assert!(told.starts_with("a.ini:1: found "), "{told}");
     }
     let both = (0..2)
@@ -297,48 +236,31 @@ fn refusals_name_line_found_and_expected() {
         .concat();
     assert!(refused(F, "a.ini", &framed(&both)).contains("--encoder 0 or 1"));
     let chosen = ReadOptions {
-        axes: numbers(),
         encoder: Some(1),
-        ..ReadOptions::default()
+        ..options()
     };
     assert!(read(F, &[file("a.ini", &framed(&both))], &chosen).is_ok());
 }
 
 #[test]
 fn what_is_written_has_none_of_it() {
-    let text = framed(&cec(
-        0,
-        &[0.0, -0.0, 0.002],
-        ["AX5", "AX3"],
-        [30.0, 0.0, 60.0],
-        "$AN_CEC_IS_MODULO[0]=-1\n",
-    ));
-    let (found, _) = tables(F, "a", &text);
-    let options = WriteOptions {
-        axes: numbers(),
-        ..WriteOptions::default()
-    };
-    let written = write(F, &Content::Axes(found), &options).expect("written");
+    let (values, modulo) = ([0.0, -0.0, 0.002], "$AN_CEC_IS_MODULO[0]=-1\n");
+    let text = cec(0, &values, ["AX5", "AX3"], [30.0, 0.0, 60.0], modulo);
+    let (found, _) = tables(F, "a", &framed(&text));
+    let written = write(F, &Content::Axes(found), &writing()).expect("written");
     let [file] = written.files.as_slice() else {
         panic!("one file")
     };
     assert_eq!(file.name, "NC_CEC.INI");
-    assert!(
-        file.text
-            .contains("METRIC\n\nCHANDATA(1)\n$AN_CEC[0,0]=0.000000\n$AN_CEC[0,1]=0.000000\n"),
-        "{}",
-        file.text
-    );
-    assert!(
-        file.text
-            .ends_with("$AN_CEC_IS_MODULO[0]=1\n$AN_CEC_TYPE[0]=0\nM17\n")
-    );
-    assert!(
-        file.text.contains("; ")
-            && file
-                .text
-                .contains("$AN_CEC: sign unproven: try with one small known value first")
-    );
+    for part in [
+        "METRIC\n\nCHANDATA(1)\n$AN_CEC[0,0]=0.000000\n$AN_CEC[0,1]=0.000000\n",
+        "; ",
+        "$AN_CEC: sign unproven: try with one small known value first",
+    ] {
+        assert!(file.text.contains(part), "{part} {}", file.text);
+    }
+    let ends = "$AN_CEC_IS_MODULO[0]=1\n$AN_CEC_TYPE[0]=0\nM17\n";
+    assert!(file.text.ends_with(ends), "{}", file.text);
     // The head states the numbers, so it is read without them.
     let again = read(F, &written.files, &ReadOptions::default()).expect("read");
     assert!(again.warnings.is_empty(), "{:?}", again.warnings);

@@ -1,4 +1,4 @@
-//! What every file of tables states about itself.
+//! What readers and writers have to know besides the tables: where these come from, and the numbers of the axes in the control.
 
 use core::fmt::Write;
 
@@ -6,11 +6,55 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
-    AxisNumbers, AxisTable, Content,
-    exchange::WriteOptions,
     format::Format,
+    table::{AxisTable, Content, from_edge},
     text::{TextFile, short},
 };
+
+/// Which axis has which number in the control, from 1.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct AxisNumbers(Vec<(AxisName, u16)>);
+
+impl AxisNumbers {
+    /// The numbers as they are stated; `None` where an axis or a number stands twice.
+    pub fn stated(numbers: Vec<(AxisName, u16)>) -> Option<Self> {
+        let twice = numbers.iter().enumerate().any(|(place, (name, number))| {
+            let before = &numbers[..place];
+            before.iter().any(|(a, b)| a == name || b == number)
+        });
+        (!twice).then_some(Self(numbers))
+    }
+
+    /// The numbers of a machine's axes where nobody states others: 1, 2, 3 … in the order X Y Z A B C U V W.
+    pub fn of_machine(machine: &Machine) -> Self {
+        Self::counted(machine.axes().iter().map(|axis| axis.name))
+    }
+
+    /// 1, 2, 3 … for axes in the order X Y Z A B C U V W.
+    pub fn counted(axes: impl IntoIterator<Item = AxisName>) -> Self {
+        let mut names: Vec<AxisName> = axes.into_iter().collect();
+        names.sort_unstable_by_key(|name| name.index());
+        names.dedup();
+        Self(names.into_iter().zip(1..).collect())
+    }
+
+    /// The number of an axis.
+    pub fn number(&self, axis: AxisName) -> Option<u16> {
+        let found = self.0.iter().find(|(name, _)| *name == axis);
+        found.map(|(_, number)| *number)
+    }
+
+    /// The axis of a number.
+    pub fn axis(&self, number: u16) -> Option<AxisName> {
+        let found = self.0.iter().find(|(_, known)| *known == number);
+        found.map(|(name, _)| *name)
+    }
+
+    /// The axes with their numbers.
+    pub fn iter(&self) -> impl Iterator<Item = (AxisName, u16)> {
+        self.0.iter().copied()
+    }
+}
 
 /// The name of the file with the facts, beside files that hold no comments: each format has its own, so that it says of
 /// which the tables are.
@@ -66,7 +110,7 @@ impl Facts {
         };
         let there = |table: &AxisTable| {
             let at = self.at.iter().find(|(name, _)| *name == table.input);
-            let at = AxisTable::input_from_edge(table.input, at.map_or(0.0, |(_, at)| *at));
+            let at = from_edge(table.input, at.map_or(0.0, |(_, at)| *at));
             (table.input, table.deviation(at, None))
         };
         let own = tables.iter().filter(|table| table.is_own()).map(there);
@@ -95,7 +139,7 @@ impl Facts {
     }
 
     /// The lines of a head, without the mark of a comment.
-    pub(crate) fn lines(&self, format: Format, options: &WriteOptions) -> Vec<String> {
+    pub(crate) fn lines(&self, format: Format, axes: &AxisNumbers) -> Vec<String> {
         let mut at = String::new();
         for (name, place) in &self.at {
             // Writing to a string does not fail.
@@ -119,8 +163,9 @@ impl Facts {
             format.trust().to_owned(),
         ]);
         if matches!(format, Format::Siemens840d | Format::Fanuc) {
-            let used = options.axes.iter();
-            let used = used.map(|(name, number)| format!(" {name}={number}"));
+            let used = axes
+                .iter()
+                .map(|(name, number)| format!(" {name}={number}"));
             lines.push(format!("{NUMBERS}{}", used.collect::<String>()));
         }
         lines.push("No real control was tried, and nothing is certified.".to_owned());
@@ -132,7 +177,7 @@ fn title(format: Format) -> String {
     format!("Compensation tables, format {format}")
 }
 
-/// The numbers of the axes as a head that [`write`](super::write) made for this format states them, and the file with it.
+/// The numbers of the axes as a head that [`write`](super::exchange::write) made for this format states them, and the file with it.
 pub(crate) fn stated_numbers(
     format: Format,
     files: &[TextFile],
@@ -181,29 +226,98 @@ fn directions(format: Format) -> &'static str {
 }
 
 /// Text that stays one line.
-pub(crate) fn one_line(text: &str) -> String {
+fn one_line(text: &str) -> String {
     text.chars()
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect()
 }
 
 /// The file with the facts.
-pub(crate) fn file(
-    format: Format,
-    options: &WriteOptions,
-    tables: &[TextFile],
-    more: &[String],
-) -> TextFile {
+pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Written) -> TextFile {
     let mut text = String::new();
-    let names: Vec<&str> = tables.iter().map(|file| file.name.as_str()).collect();
-    let mut lines = options.facts.lines(format, options);
+    let names = written.files.iter().map(|file| file.name.as_str());
+    let names: Vec<&str> = names.collect();
+    let mut lines = options.facts.lines(format, &options.axes);
     lines.push(format!("Files: {}", names.join(", ")));
-    for line in lines.iter().chain(more) {
+    for line in lines.iter().chain(&written.notes) {
         text += line;
         text.push('\n');
     }
     TextFile {
         name: facts_file(format),
         text,
+    }
+}
+
+/// What a writer has to know besides the tables.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WriteOptions {
+    /// Where the tables come from.
+    pub facts: Facts,
+    /// The numbers of the axes in the control.
+    pub axes: AxisNumbers,
+    /// The encoder whose table `$AA_ENC_COMP` is written: 0 or 1.
+    pub encoder: u8,
+    /// The detection unit of a FANUC, mm and deg.
+    pub detection_unit: f64,
+}
+
+/// What a reader has to know besides the files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadOptions {
+    /// The numbers of the axes in the control, where they are known.
+    pub axes: AxisNumbers,
+    /// The encoder whose table `$AA_ENC_COMP` is read; `None`: that of which there is a table.
+    pub encoder: Option<u8>,
+    /// The detection unit of a FANUC, mm and deg.
+    pub detection_unit: f64,
+}
+
+impl Default for WriteOptions {
+    fn default() -> Self {
+        Self {
+            facts: Facts::default(),
+            axes: AxisNumbers::default(),
+            encoder: 0,
+            detection_unit: 0.001,
+        }
+    }
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            axes: AxisNumbers::default(),
+            encoder: None,
+            detection_unit: 0.001,
+        }
+    }
+}
+
+/// Files that were made.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// The files.
+    pub files: Vec<TextFile>,
+    /// What the files do not hold, and what the control has to be told besides.
+    pub notes: Vec<String>,
+    /// The tables that were left out, by their outputs and inputs; a note says why.
+    pub left_out: Vec<(AxisName, AxisName)>,
+}
+
+impl Written {
+    /// Leaves tables out, with a note that says why.
+    pub(crate) fn leave_out(&mut self, why: &str, tables: &[&AxisTable]) {
+        if tables.is_empty() {
+            return;
+        }
+        let names = tables
+            .iter()
+            .map(|table| format!("{} over {}", table.output, table.input));
+        let names: Vec<String> = names.collect();
+        self.notes
+            .push(format!("left out, as {why}: {}", names.join(", ")));
+        let pairs = tables.iter().map(|table| (table.output, table.input));
+        self.left_out.extend(pairs);
     }
 }

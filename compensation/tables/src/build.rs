@@ -1,0 +1,881 @@
+//! A map from a field: what is asked for, in whole steps; the choice of the grid, as few lines as keep the bound; and how far the map
+//! is from the field.
+
+use volcomp_guard::{ceiling, protocol::Layout};
+use volcomp_model::{ModelError, halton};
+use volcomp_vocabulary::{AxisName, Direction};
+
+use crate::map::{
+    FURTHEST, GRID_AXES, HEADER_WORDS, Header, Lines, MOST_WORDS, Map, NoMap, OUTPUTS, Position,
+    SCALES,
+};
+
+/// A correction over the work space: for the coordinates of the axes of the grid (mm or deg) and the direction in which each
+/// came (`None`: the mean of both), what is added to each output, mm.
+pub trait Field {
+    /// The correction of each output, mm.
+    fn correction_mm(
+        &self,
+        at: &[f64; GRID_AXES],
+        directions: &[Option<Direction>; GRID_AXES],
+    ) -> [f64; OUTPUTS];
+
+    /// Whether it depends on the directions.
+    fn is_bidirectional(&self) -> bool {
+        false
+    }
+}
+
+impl<F: Fn(&[f64; GRID_AXES]) -> [f64; OUTPUTS]> Field for F {
+    fn correction_mm(
+        &self,
+        at: &[f64; GRID_AXES],
+        _: &[Option<Direction>; GRID_AXES],
+    ) -> [f64; OUTPUTS] {
+        self(at)
+    }
+}
+
+/// An axis that a map goes over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GridAxis {
+    /// The axis.
+    pub name: AxisName,
+    /// Its travel, mm or deg.
+    pub travel: [f64; 2],
+    /// A step of the position that the control's program has, mm or deg.
+    pub step: f64,
+}
+
+/// An axis that a map corrects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// The axis, a linear one.
+    pub name: AxisName,
+    /// A step of its correction, mm.
+    pub step_mm: f64,
+    /// The largest correction, mm: 2 at the most, the ceiling of the guard.
+    pub limit_mm: f64,
+}
+
+/// What is asked of a map: its axes, the error that it may have and the memory that it may take.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Request {
+    /// The axes of the grid, one to five.
+    pub axes: Vec<GridAxis>,
+    /// The axes that are corrected, one to three.
+    pub outputs: Vec<Output>,
+    /// The largest error between the map and the field, mm.
+    pub within_mm: f64,
+    /// The words that the control has for one map.
+    pub words: usize,
+    /// The number of the map, 1 to 65535.
+    pub counter: u16,
+    /// What tells the model, see [`Header::model`].
+    pub model: u32,
+}
+
+/// A map and how far it is from its field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// The map.
+    pub map: Map,
+    /// Its error, found on a dense sample between the lines and in both directions of approach.
+    pub misfit: Misfit,
+    /// The largest change of a correction along an axis of the grid, mm for each mm or deg.
+    pub steepest: f64,
+}
+
+impl Request {
+    /// The travel of each axis, mm or deg.
+    pub(crate) fn travels(&self) -> Vec<[f64; 2]> {
+        self.axes.iter().map(|axis| axis.travel).collect()
+    }
+}
+
+/// Why a map cannot be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TablesError {
+    /// The model cannot answer.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The lines and values make no map.
+    #[error(transparent)]
+    Map(#[from] NoMap),
+    /// A rotary axis among the corrected ones.
+    #[error("axis {axis} is rotary: a map corrects linear axes only")]
+    Rotary {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// An axis of the grid that rolls over.
+    #[error(
+        "axis {axis} has a modulo: outside its travel of {lower} to {upper} a map holds the value of its end, where the machine \
+         has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
+         the control tells positions within the travel only"
+    )]
+    RollsOver {
+        /// The axis.
+        axis: AxisName,
+        /// The lower end of its travel, mm or deg.
+        lower: f64,
+        /// The upper end of its travel, mm or deg.
+        upper: f64,
+    },
+    /// A step or a bound that is no number above zero, or cannot be told in millionths.
+    #[error("{what} is {found}, expected {expected}")]
+    Number {
+        /// What it is, with the axis where there is one.
+        what: String,
+        /// The value that was given.
+        found: f64,
+        /// What was expected, in words.
+        expected: &'static str,
+    },
+    /// A correction beyond what the axis may be given.
+    #[error(
+        "the correction of {axis} is {found_um:.1} µm {at}, expected {limit_um} µm at the most"
+    )]
+    BeyondLimit {
+        /// The corrected axis.
+        axis: AxisName,
+        /// The correction.
+        found_um: f64,
+        /// The limit.
+        limit_um: f64,
+        /// Where it is, in words.
+        at: String,
+    },
+    /// The bound is finer than what any grid can reach.
+    #[error(
+        "no grid keeps {within_um} µm: the steps of the values alone leave {rounding_um:.3} µm, and a reversal that is not the same \
+         everywhere {reversal_um:.3} µm"
+    )]
+    Unreachable {
+        /// The bound that was asked for.
+        within_um: f64,
+        /// What rounding the values leaves at the most.
+        rounding_um: f64,
+        /// What of the reversals is not constant.
+        reversal_um: f64,
+    },
+    /// The bound needs more memory.
+    #[error(
+        "{within_um} µm need {} ({lines}), expected at most the {words} that there are{}",
+        needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
+        reached_um.map_or_else(String::new, |um| format!(": with these the error is {um:.3} µm"))
+    )]
+    Memory {
+        /// The bound that was asked for.
+        within_um: f64,
+        /// The words of one map that the bound needs; `None`: more than 32767.
+        needed: Option<usize>,
+        /// The lines that it needs, in words.
+        lines: String,
+        /// The words that there are for one map.
+        words: usize,
+        /// The error of the best map that the words have room for; `None` where there is room for none.
+        reached_um: Option<f64>,
+    },
+}
+
+/// The length of a correction of all outputs together, in the unit of its values.
+pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
+    values.iter().map(|v| v * v).sum::<f64>().sqrt()
+}
+
+/// Shares 0 to 1 on a lattice of so many places along each of so many axes, ends included; the first axis is the fastest.
+pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
+    // Fewer places where there are many axes.
+    let places = if axes > 3 { most.min(5) } else { most };
+    let count = (0..axes).fold(1, |count, _| count * places);
+    (0..count).map(move |number| {
+        let mut shares = [0.0; GRID_AXES];
+        let mut rest = number;
+        for share in shares.iter_mut().take(axes) {
+            *share = (rest % places) as f64 / (places - 1) as f64;
+            rest /= places;
+        }
+        shares
+    })
+}
+
+/// Every combination of directions along these axes, where the field depends on them.
+pub(crate) fn directions_of<F: Field>(
+    field: &F,
+    axes: usize,
+) -> impl Iterator<Item = [Option<Direction>; GRID_AXES]> + use<F> {
+    let bidirectional = field.is_bidirectional();
+    let count = if bidirectional { 1 << axes } else { 1 };
+    (0..count).map(move |number: usize| {
+        core::array::from_fn(|axis| {
+            (bidirectional && axis < axes).then(|| Direction::BOTH[number >> axis & 1])
+        })
+    })
+}
+
+/// The length of the difference of two corrections, in the unit of their values.
+pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
+    norm(&core::array::from_fn(|output| one[output] - other[output]))
+}
+
+/// A request whose numbers are whole steps.
+struct Wanted {
+    grid: Layout,
+    outputs: Layout,
+    /// First position, number of steps of the travel, size of a step in millionths.
+    travels: Vec<(i32, i32, u32)>,
+    output_step_nm: [u32; OUTPUTS],
+    limits: [f64; OUTPUTS],
+    scale: u16,
+    reversal: [[i16; OUTPUTS]; GRID_AXES],
+}
+
+/// A number in millionths of its unit.
+fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
+    let number = (found * 1e6).round();
+    let is_whole = (number - found * 1e6).abs() <= 1e-6 * number;
+    if !((1.0..=2e9).contains(&number) && is_whole) {
+        return Err(TablesError::Number {
+            what,
+            found,
+            expected: "whole millionths of a mm or deg, 0.000001 to 2000",
+        });
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "within 1 to 2e9"
+    )]
+    Ok(number as u32)
+}
+
+/// The nearest whole number; NaN is 0.
+#[expect(clippy::cast_possible_truncation, reason = "it saturates")]
+fn whole(number: f64) -> i32 {
+    number.round() as i32
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "it saturates")]
+fn value(number: f64) -> i16 {
+    number.round() as i16
+}
+
+impl Wanted {
+    /// The request in whole steps.
+    fn of(request: &Request) -> Result<Self, TablesError> {
+        let layout = |names: Vec<AxisName>, most: usize| {
+            if names.len() > most {
+                return Err(NoMap::Axes);
+            }
+            Layout::of(names).map_err(|_| NoMap::Axes)
+        };
+        let grid = layout(
+            request.axes.iter().map(|axis| axis.name).collect(),
+            GRID_AXES,
+        )?;
+        let outputs = layout(request.outputs.iter().map(|o| o.name).collect(), OUTPUTS)?;
+        let mut output_step_nm = [0; OUTPUTS];
+        let mut limits = [0.0; OUTPUTS];
+        for (place, output) in request.outputs.iter().enumerate() {
+            if output.name.is_rotary() {
+                return Err(TablesError::Rotary { axis: output.name });
+            }
+            output_step_nm[place] = millionths(format!("step of {}", output.name), output.step_mm)?;
+            let most = (output.step_mm * 32767.0).min(ceiling::LIMIT.0);
+            if !(output.limit_mm > 0.0 && output.limit_mm <= most) {
+                return Err(TablesError::Number {
+                    what: format!("limit of {} (mm)", output.name),
+                    found: output.limit_mm,
+                    expected: "above 0, at most 32767 steps of the output and 2 mm",
+                });
+            }
+            limits[place] = output.limit_mm;
+        }
+        let bound = request.within_mm;
+        if !(bound > 0.0 && bound.is_finite()) {
+            return Err(TablesError::Number {
+                what: "bound (mm)".to_owned(),
+                found: bound,
+                expected: "a number above 0",
+            });
+        }
+        let mut travels = Vec::new();
+        for axis in &request.axes {
+            let step = millionths(format!("step of the position of {}", axis.name), axis.step)?;
+            let [low, high] = axis.travel.map(|end| end / axis.step);
+            let most = f64::from(FURTHEST) / 2.0;
+            // Also refuses NaN.
+            if !(low < high && low >= -most && high <= most) {
+                return Err(TablesError::Number {
+                    what: format!("travel of {}, in steps of its position,", axis.name),
+                    found: high - low,
+                    expected: "a low end below a high one, both within 500 million steps",
+                });
+            }
+            let first = whole(low.floor());
+            travels.push((first, (whole(high.ceil()) - first).max(1), step));
+        }
+        Ok(Self {
+            grid,
+            outputs,
+            travels,
+            output_step_nm,
+            limits,
+            scale: 1,
+            reversal: [[0; OUTPUTS]; GRID_AXES],
+        })
+    }
+
+    fn step_mm(&self, output: usize) -> f64 {
+        f64::from(self.output_step_nm[output]) * 1e-6
+    }
+
+    /// Whether a correction is beyond the limit of its output, or is no number.
+    fn is_beyond(&self, output: usize, found_mm: f64) -> bool {
+        found_mm.is_nan() || found_mm.abs() > self.limits[output]
+    }
+
+    fn coordinate(&self, axis: usize, steps: f64) -> f64 {
+        let (first, _, step) = self.travels[axis];
+        (f64::from(first) + steps) * f64::from(step) * 1e-6
+    }
+
+    /// Looks over the work space, and gives the largest correction of each output; one beyond its limit is refused.
+    fn survey(&self, request: &Request, field: &impl Field) -> Result<[f64; OUTPUTS], TablesError> {
+        let mut largest = [0.0_f64; OUTPUTS];
+        for shares in lattice(self.travels.len(), 9) {
+            let at = self.place(&shares);
+            for directions in directions_of(field, self.travels.len()) {
+                let found = field.correction_mm(&at, &directions);
+                for (output, asked) in request.outputs.iter().enumerate() {
+                    if self.is_beyond(output, found[output]) {
+                        let axes = request.axes.iter().zip(&at);
+                        let at: Vec<String> = axes
+                            .map(|(axis, at)| format!("{}={at}", axis.name))
+                            .collect();
+                        return Err(TablesError::BeyondLimit {
+                            axis: asked.name,
+                            found_um: found[output] * 1e3,
+                            limit_um: self.limits[output] * 1e3,
+                            at: format!("at {}", at.join(",")),
+                        });
+                    }
+                    largest[output] = largest[output].max(found[output].abs());
+                }
+            }
+        }
+        Ok(largest)
+    }
+
+    /// Coordinates from shares of the travels.
+    fn place(&self, shares: &[f64; GRID_AXES]) -> [f64; GRID_AXES] {
+        core::array::from_fn(|axis| match self.travels.get(axis) {
+            Some((_, steps, _)) => self.coordinate(axis, shares[axis] * f64::from(*steps)),
+            None => 0.0,
+        })
+    }
+
+    /// As many parts of a step as the values leave room for, with a tenth to spare.
+    fn choose_scale(&mut self, largest: [f64; OUTPUTS]) {
+        let mut scale = SCALES[0];
+        let steps = (0..self.outputs.count()).map(|output| largest[output] / self.step_mm(output));
+        let most = 1.1 * steps.fold(0.0, f64::max);
+        while scale > 1 && most * f64::from(scale) > 32767.0 {
+            scale /= 2;
+        }
+        self.scale = scale;
+    }
+
+    /// The most that rounding leaves: of the values, of the way along each axis, and of the reversals.
+    fn rounding_mm(&self) -> f64 {
+        let roundings = 0.5 * (1.0 + self.travels.len() as f64);
+        let steps = (0..self.outputs.count()).map(|output| self.step_mm(output).powi(2));
+        roundings * steps.sum::<f64>().sqrt() / f64::from(self.scale)
+    }
+
+    /// Takes the reversals where they are constant, and gives what they are not, mm.
+    fn take_reversals(&mut self, field: &impl Field) -> f64 {
+        if !field.is_bidirectional() {
+            return 0.0;
+        }
+        let axes = self.travels.len();
+        let mut left = 0.0;
+        for axis in 0..axes {
+            let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; OUTPUTS];
+            for shares in lattice(axes, 9) {
+                let at = self.place(&shares);
+                let mut directions = [None; GRID_AXES];
+                directions[axis] = Some(Direction::Positive);
+                let forward = field.correction_mm(&at, &directions);
+                directions[axis] = Some(Direction::Negative);
+                let backward = field.correction_mm(&at, &directions);
+                for (output, [low, high]) in range.iter_mut().enumerate() {
+                    let half = 0.5 * (forward[output] - backward[output]);
+                    *low = low.min(half);
+                    *high = high.max(half);
+                }
+            }
+            let mut beside = [0.0; OUTPUTS];
+            for output in 0..self.outputs.count() {
+                let [low, high] = range[output];
+                let parts = 0.5 * (low + high) / self.step_mm(output) * f64::from(self.scale);
+                self.reversal[axis][output] = value(parts);
+                beside[output] = 0.5 * (high - low);
+            }
+            left += norm(&beside);
+        }
+        left
+    }
+
+    /// So many lines over the travel of an axis. From line to line it is a whole number of places, which a control can
+    /// reckon with, so the last line may be a little beyond the end.
+    fn lines(&self, axis: usize, count: u16) -> Lines {
+        let (origin, steps, step_millionths) = self.travels[axis];
+        let gaps = i32::from(count) - 1;
+        let pitch = (steps + gaps - 1) / gaps;
+        let mut best = (i32::MAX, 1, 1);
+        // As many places as a control can reckon with, or a quarter of them, where that meets the end of the travel.
+        let least = pitch.div_euclid(32767) + 1;
+        for part in (least..=(pitch / 8192).clamp(least, 32767)).take(2000) {
+            let parts = (pitch + part - 1) / part;
+            let over = part * parts - pitch;
+            if over < best.0 {
+                best = (over, part, parts);
+            }
+        }
+        Lines {
+            origin,
+            part: u16::try_from(best.1).unwrap_or(1),
+            parts: u16::try_from(best.2).unwrap_or(1),
+            count,
+            step_millionths,
+        }
+    }
+
+    fn words(&self, counts: &[u16]) -> usize {
+        let nodes = counts.iter().map(|count| usize::from(*count));
+        nodes
+            .fold(self.outputs.count(), usize::saturating_mul)
+            .saturating_add(HEADER_WORDS)
+    }
+
+    /// The map on these lines.
+    fn map(
+        &self,
+        request: &Request,
+        counts: &[u16],
+        field: &impl Field,
+    ) -> Result<Map, TablesError> {
+        let mut lines = [Lines::default(); GRID_AXES];
+        for (axis, count) in counts.iter().enumerate() {
+            lines[axis] = self.lines(axis, *count);
+        }
+        let header = Header {
+            counter: request.counter,
+            model: request.model,
+            grid: self.grid,
+            outputs: self.outputs,
+            scale: self.scale,
+            lines,
+            reversal: self.reversal,
+            output_step_nm: self.output_step_nm,
+        };
+        header.check()?;
+        let mut values = Vec::with_capacity(header.values());
+        let nodes: usize = counts.iter().map(|count| usize::from(*count)).product();
+        for node in 0..nodes {
+            let mut at = [0.0; GRID_AXES];
+            let mut rest = node;
+            for axis in (0..counts.len()).rev() {
+                let count = usize::from(counts[axis]);
+                let line = u16::try_from(rest % count).unwrap_or(0);
+                at[axis] = lines[axis].at(line);
+                rest /= count;
+            }
+            let found = field.correction_mm(&at, &[None; GRID_AXES]);
+            for (output, asked) in request.outputs.iter().enumerate() {
+                if self.is_beyond(output, found[output]) {
+                    return Err(TablesError::BeyondLimit {
+                        axis: asked.name,
+                        found_um: found[output] * 1e3,
+                        limit_um: self.limits[output] * 1e3,
+                        at: "on a line of the grid".to_owned(),
+                    });
+                }
+                values.push(value(
+                    found[output] / self.step_mm(output) * f64::from(self.scale),
+                ));
+            }
+        }
+        Ok(Map::new(header, &values)?)
+    }
+}
+
+/// The smallest map that keeps the bound.
+///
+/// The number of lines along each axis follows from the second differences of the field along lines through the work space;
+/// then the map is made, and held against the field on a dense sample between its lines; where that shows more than the
+/// bound, more lines are taken.
+///
+/// # Errors
+/// Numbers that make no sense, a correction beyond its limit, a bound that no grid keeps or that needs more words than there are.
+pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError> {
+    let mut wanted = Wanted::of(request)?;
+    let largest = wanted.survey(request, field)?;
+    wanted.choose_scale(largest);
+    let rounding_mm = wanted.rounding_mm();
+    let reversal_mm = wanted.take_reversals(field);
+    let rest_mm = request.within_mm - rounding_mm - reversal_mm;
+    if rest_mm <= 0.0 {
+        return Err(TablesError::Unreachable {
+            within_um: request.within_mm * 1e3,
+            rounding_um: rounding_mm * 1e3,
+            reversal_um: reversal_mm * 1e3,
+        });
+    }
+    let ladders: Vec<Vec<Rung>> = (0..request.axes.len())
+        .map(|axis| wanted.ladder(axis, field, rest_mm))
+        .collect();
+    let found = wanted.smallest(request, &ladders, field)?;
+    let best = match found {
+        Some(table) if table.map.words().len() <= request.words => return Ok(table),
+        _ => wanted.best_within(request, &ladders, field)?,
+    };
+    match best {
+        Some(table) if table.misfit.max_mm <= request.within_mm => Ok(table),
+        best => Err(TablesError::Memory {
+            within_um: request.within_mm * 1e3,
+            needed: found.as_ref().map(|table| table.map.words().len()),
+            lines: said(request, found.as_ref()),
+            words: request.words,
+            reached_um: best.map(|table| table.misfit.max_mm * 1e3),
+        }),
+    }
+}
+
+/// `lines along X 21, Y 11`.
+fn said(request: &Request, table: Option<&Table>) -> String {
+    let Some(table) = table else {
+        return "more lines than a grid has".to_owned();
+    };
+    let lines = &table.map.header().lines;
+    let each: Vec<String> = request
+        .axes
+        .iter()
+        .zip(lines)
+        .map(|(axis, lines)| format!("{} {}", axis.name, lines.count))
+        .collect();
+    format!("lines along {}", each.join(", "))
+}
+
+/// A number of lines along an axis, and the error that they alone make, mm.
+#[derive(Clone, Copy, Debug)]
+struct Rung {
+    count: u16,
+    error_mm: f64,
+}
+
+/// The smallest grid whose errors of all axes together keep the target: where more lines are needed, the axis that gains most for
+/// the words gets them.
+fn lines_for(ladders: &[Vec<Rung>], target_mm: f64) -> Option<Vec<u16>> {
+    let mut at = vec![0; ladders.len()];
+    loop {
+        let rungs = ladders.iter().zip(&at).map(|(ladder, at)| ladder.get(*at));
+        let rungs: Vec<&Rung> = rungs.collect::<Option<_>>()?;
+        if rungs.iter().map(|rung| rung.error_mm).sum::<f64>() <= target_mm {
+            return Some(rungs.iter().map(|rung| rung.count).collect());
+        }
+        let gain = |axis: usize| {
+            let here = rungs[axis];
+            let above = ladders[axis].iter().enumerate().skip(at[axis] + 1);
+            let (next, rung) = above
+                .into_iter()
+                .find(|(_, rung)| rung.error_mm < here.error_mm)?;
+            let growth = (f64::from(rung.count) / f64::from(here.count)).ln();
+            Some((axis, next, (here.error_mm - rung.error_mm) / growth))
+        };
+        let best = (0..ladders.len()).filter_map(gain);
+        let (axis, next, _) = best.max_by(|a, b| a.2.total_cmp(&b.2))?;
+        at[axis] = next;
+    }
+}
+
+impl Wanted {
+    /// The errors of more and more lines along one axis.
+    fn ladder(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Rung> {
+        let mut ladder = Vec::new();
+        let mut count = 2_u16;
+        // As many as a control can count where every other axis has two.
+        let most = MOST_WORDS / (self.outputs.count() << (self.travels.len() - 1));
+        loop {
+            let error_mm = self.error_along(axis, count, field);
+            ladder.push(Rung { count, error_mm });
+            count += (count / 12).max(1);
+            if error_mm <= 0.02 * within_mm || usize::from(count) > most {
+                return ladder;
+            }
+        }
+    }
+
+    /// The largest error of straight lines between so many lines of an axis: half of the second difference over two halves of a
+    /// pitch, with as many again between.
+    fn error_along(&self, axis: usize, count: u16, field: &impl Field) -> f64 {
+        const WITHIN: [f64; 3] = [0.25, 0.5, 0.75];
+        let axes = self.travels.len();
+        let lines = self.lines(axis, count);
+        let pitch = f64::from(lines.pitch());
+        let mut largest = 0.0_f64;
+        let others = lattice(axes - 1, if axes <= 3 { 3 } else { 2 });
+        for shares in others {
+            let mut shares = shares;
+            // The axis itself stands in between.
+            shares[axis..].rotate_right(1);
+            let mut at = self.place(&shares);
+            let mut look = |steps: f64| {
+                at[axis] = self.coordinate(axis, steps);
+                field.correction_mm(&at, &[None; GRID_AXES])
+            };
+            let mut before = look(0.0);
+            for line in 1..count {
+                let start = f64::from(line - 1) * pitch;
+                let after = look(start + pitch);
+                for share in WITHIN {
+                    let found = look(start + share * pitch);
+                    let error = core::array::from_fn(|output| {
+                        let straight = before[output] + share * (after[output] - before[output]);
+                        found[output] - straight
+                    });
+                    largest = largest.max(norm(&error));
+                }
+                before = after;
+            }
+        }
+        largest
+    }
+
+    /// The smallest map that keeps the bound, whatever words there are; `None` where it would have too many for any control.
+    ///
+    /// The errors along single axes add up to more than the error of the map, so the target is loosened where the map is
+    /// better than it has to be, and tightened where it is worse.
+    fn smallest(
+        &self,
+        request: &Request,
+        ladders: &[Vec<Rung>],
+        field: &impl Field,
+    ) -> Result<Option<Table>, TablesError> {
+        let mut best: Option<Table> = None;
+        let mut target_mm = request.within_mm;
+        let mut before = Vec::new();
+        for _ in 0..10 {
+            let Some(counts) = lines_for(ladders, target_mm) else {
+                break;
+            };
+            if counts == before || self.words(&counts) > MOST_WORDS {
+                break;
+            }
+            let table = self.table(request, &counts, field)?;
+            let share = request.within_mm / table.misfit.max_mm.max(0.01 * request.within_mm);
+            let words = table.map.words().len();
+            let keeps = share >= 1.0;
+            if keeps
+                && best
+                    .as_ref()
+                    .is_none_or(|best| words < best.map.words().len())
+            {
+                best = Some(table);
+            }
+            target_mm *= if keeps {
+                share.clamp(1.02, 2.0)
+            } else {
+                0.97 * share.max(0.5)
+            };
+            before = counts;
+        }
+        Ok(best)
+    }
+
+    /// The map on so many lines, and its error.
+    fn table(
+        &self,
+        request: &Request,
+        counts: &[u16],
+        field: &impl Field,
+    ) -> Result<Table, TablesError> {
+        let map = self.map(request, counts, field)?;
+        let misfit = misfit_of(&map, field, &request.travels());
+        let steepest = steepest(&map);
+        Ok(Table {
+            map,
+            misfit,
+            steepest,
+        })
+    }
+
+    /// The best map that the words have room for; `None` where they have room for none.
+    fn best_within(
+        &self,
+        request: &Request,
+        ladders: &[Vec<Rung>],
+        field: &impl Field,
+    ) -> Result<Option<Table>, TablesError> {
+        let fits = |counts: &Vec<u16>| self.words(counts) <= request.words.min(MOST_WORDS);
+        // Two lines along each axis keep this one.
+        let most = ladders
+            .iter()
+            .filter_map(|ladder| ladder.first())
+            .map(|rung| rung.error_mm);
+        let (mut low, mut high) = (0.0, most.sum::<f64>());
+        let mut best = lines_for(ladders, high).filter(fits);
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            match lines_for(ladders, middle).filter(fits) {
+                Some(counts) => {
+                    best = Some(counts);
+                    high = middle;
+                }
+                None => low = middle,
+            }
+        }
+        best.map(|counts| self.table(request, &counts, field))
+            .transpose()
+    }
+}
+
+/// The most positions between the lines that are looked at.
+const MOST: usize = 400_000;
+/// Positions spread over the work space besides those.
+const SPREAD: u32 = 20_000;
+
+/// The error of a map: the length of the difference between what a control looks up and the field. The step of the output is
+/// not in it: what is applied is rounded to it, by 0.6 of a step at the most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Misfit {
+    /// The largest, mm.
+    pub max_mm: f64,
+    /// Root of the mean square, mm.
+    pub rms_mm: f64,
+    /// Where the largest is: mm or deg along the axes of the grid.
+    pub at: [f64; GRID_AXES],
+    /// In which directions the axes came there.
+    pub directions: [Option<Direction>; GRID_AXES],
+    /// How many positions were looked at.
+    pub positions: usize,
+}
+
+/// Sums up errors.
+#[derive(Default)]
+struct Sum {
+    found: Misfit,
+    squares: f64,
+}
+
+impl Sum {
+    fn look(&mut self, map: &Map, field: &impl Field, position: &Position) {
+        let lines = &map.header().lines;
+        let at =
+            core::array::from_fn(|axis| lines[axis].coordinate(f64::from(position.steps[axis])));
+        let wanted = field.correction_mm(&at, &position.directions);
+        let looked_up = map.correction_mm(position);
+        let outputs = map.header().outputs.count();
+        let squares = (0..OUTPUTS.min(outputs)).map(|o| (looked_up[o] - wanted[o]).powi(2));
+        let square: f64 = squares.sum();
+        self.squares += square;
+        self.found.positions += 1;
+        if square.sqrt() > self.found.max_mm {
+            self.found.max_mm = square.sqrt();
+            self.found.at = at;
+            self.found.directions = position.directions;
+        }
+    }
+}
+
+/// The error of a map within these travels (mm or deg): on its lines and in the middle between them, in every direction of approach,
+/// and at positions spread over the work space.
+fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
+    let axes = travels.len();
+    let lines = &map.header().lines;
+    let directions: Vec<_> = directions_of(field, axes).collect();
+    // As the control has them: whole steps within the travel.
+    let ends: Vec<[i32; 2]> = (0..axes)
+        .map(|axis| {
+            let step = lines[axis].coordinate(1.0);
+            let [low, high] = travels[axis].map(|end| end / step);
+            [steps(low.ceil()), steps(high.floor())]
+        })
+        .collect();
+    let counts: Vec<usize> = lines[..axes]
+        .iter()
+        .map(|l| 2 * usize::from(l.count) - 1)
+        .collect();
+    let all: usize = counts.iter().product();
+    let stride = (all * directions.len()).div_ceil(MOST);
+    let mut sum = Sum::default();
+    for number in (0..all).step_by(stride.max(1)) {
+        let mut position = Position::default();
+        let mut rest = number;
+        for axis in 0..axes {
+            let half = i32::try_from(rest % counts[axis]).unwrap_or(0);
+            rest /= counts[axis];
+            let pitch = lines[axis].pitch();
+            let at = lines[axis].origin + half / 2 * pitch + half % 2 * (pitch / 2);
+            position.steps[axis] = at.max(ends[axis][0]).min(ends[axis][1]);
+        }
+        for directions in &directions {
+            position.directions = *directions;
+            sum.look(map, field, &position);
+        }
+    }
+    for number in 1..=SPREAD {
+        let mut position = Position {
+            directions: directions[number as usize % directions.len()],
+            ..Position::default()
+        };
+        for (axis, [low, high]) in ends.iter().copied().enumerate() {
+            let share = halton(number, axis);
+            let at = f64::from(low) + share * (f64::from(high) - f64::from(low));
+            position.steps[axis] = steps(at);
+        }
+        sum.look(map, field, &position);
+    }
+    let mean = sum.squares / sum.found.positions as f64;
+    sum.found.rms_mm = mean.sqrt();
+    sum.found
+}
+
+/// The largest change of an output from line to line along one axis, mm for each mm or deg.
+fn steepest(map: &Map) -> f64 {
+    let header = map.header();
+    let (axes, outputs) = (header.grid.count(), header.outputs.count());
+    let values = &map.words()[HEADER_WORDS..];
+    let mut steepest = 0.0_f64;
+    for axis in 0..axes {
+        let lines = &header.lines[axis];
+        let pitch = lines.coordinate(f64::from(lines.pitch()));
+        let behind = header.lines[axis + 1..axes].iter();
+        let step = behind.fold(outputs, |step, lines| step * usize::from(lines.count));
+        for (place, word) in values.iter().enumerate() {
+            let line = place / step % usize::from(lines.count);
+            let Some(next) = values
+                .get(place + step)
+                .filter(|_| line + 1 < lines.count.into())
+            else {
+                continue;
+            };
+            let parts = f64::from(next.cast_signed()) - f64::from(word.cast_signed());
+            let step_mm = f64::from(header.output_step_nm[place % outputs]) * 1e-6;
+            let slope = parts / f64::from(header.scale) * step_mm / pitch;
+            steepest = steepest.max(slope.abs());
+        }
+    }
+    steepest
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "within the travel, which was checked"
+)]
+fn steps(number: f64) -> i32 {
+    number.round() as i32
+}
