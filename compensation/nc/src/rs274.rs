@@ -138,8 +138,7 @@ pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> 
             b';' => ended = true,
             b' ' | b'\t' => {}
             _ if ended => {
-                return Err(malformed(
-                    from + place + 1,
+                return Err(Column(from + place + 1).malformed(
                     "found words behind a semicolon, which ends a block on this control: write them into a line of their own, or a comment in parentheses",
                 ));
             }
