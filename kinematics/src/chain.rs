@@ -312,3 +312,19 @@ fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError>
     }
     Ok((Vector3::from(found) / largest).normalize())
 }
+
+impl State {
+    /// A state from the coordinate (mm, rad) of every axis of a chain, in any order; approach unknown.
+    ///
+    /// # Errors
+    /// What [`Chain::by_axis`] refuses.
+    pub fn new(
+        chain: &Chain,
+        coordinates: impl IntoIterator<Item = (AxisName, f64)>,
+    ) -> Result<Self, ChainError> {
+        Ok(Self {
+            q: chain.by_axis(coordinates)?,
+            ..Self::default()
+        })
+    }
+}

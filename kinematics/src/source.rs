@@ -2,9 +2,7 @@
 
 use nalgebra::Vector3;
 
-use volcomp_vocabulary::{AxisName, Direction, PerAxis};
-
-use crate::{chain::Chain, error::ChainError};
+use volcomp_vocabulary::{Direction, PerAxis};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,22 +13,6 @@ pub struct State {
     /// The direction of the last travel of each axis; it selects the branch of a bidirectional curve. `None`: not
     /// known, the mean of both branches.
     pub approach: PerAxis<Option<Direction>>,
-}
-
-impl State {
-    /// A state from the coordinate (mm, rad) of every axis of a chain, in any order; approach unknown.
-    ///
-    /// # Errors
-    /// What [`Chain::by_axis`] refuses.
-    pub fn new(
-        chain: &Chain,
-        coordinates: impl IntoIterator<Item = (AxisName, f64)>,
-    ) -> Result<Self, ChainError> {
-        Ok(Self {
-            q: chain.by_axis(coordinates)?,
-            ..Self::default()
-        })
-    }
 }
 
 /// Three translations and three rotations along and about the axes of the MCS.

@@ -8,8 +8,6 @@ use volcomp_model::ModelError;
 use volcomp_nc::NcError;
 use volcomp_tables::axis_table::ExchangeError;
 
-use crate::folder::MAX_FILES;
-
 /// Why the studio refuses a request.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -24,11 +22,13 @@ pub enum StudioError {
     },
     /// The folder holds more files than measurements of one machine.
     #[error(
-        "{folder}: found more than {MAX_FILES} files, expected a folder that holds the measurement files of one machine"
+        "{folder}: found more than {most} files, expected a folder that holds the measurement files of one machine"
     )]
     TooManyFiles {
         /// The folder.
         folder: String,
+        /// The largest number of files.
+        most: usize,
     },
     /// A dropped file is refused.
     #[error("{name}: {why}")]

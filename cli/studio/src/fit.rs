@@ -10,12 +10,11 @@ use volcomp_report::{
 
 use crate::{
     error::StudioError,
-    folder::{CALIBRATION, Folder, INPUTS, MACHINE},
+    folder::{CALIBRATION, FITTED, Folder, INPUTS, MACHINE},
     questions::{name_of, with_answers},
 };
 
 pub(crate) const REPORT: &str = "result/report.html";
-pub(crate) const FITTED: &str = "result/machine.toml";
 
 /// The result of a fit. Curves with their bands, map and figures are in the report.
 #[derive(Clone, Debug, Serialize)]

@@ -20,7 +20,6 @@ use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
-    fit::FITTED,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -37,6 +36,8 @@ pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
 /// The folder of what is computed.
 pub(crate) const RESULT: &str = "result";
+/// The machine with the fitted errors.
+pub(crate) const FITTED: &str = "result/machine.toml";
 /// Tables for controls, and programs.
 pub(crate) const TABLES: &str = "result/tables";
 pub(crate) const PROGRAMS: &str = "result/nc";
@@ -229,6 +230,7 @@ impl Folder {
         if paths.len() > MAX_FILES {
             return Err(StudioError::TooManyFiles {
                 folder: self.path.display().to_string(),
+                most: MAX_FILES,
             });
         }
         Ok(paths)

@@ -18,8 +18,7 @@ use volcomp_web::{CertificateError, client};
 
 use crate::{
     error::StudioError,
-    fit::FITTED,
-    folder::{Folder, MACHINE},
+    folder::{FITTED, Folder, MACHINE},
 };
 
 /// A connection or an answer that takes longer has failed.

@@ -3,8 +3,6 @@
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};
 use volcomp_kinematics::{Correctors, State};
-#[cfg(feature = "std")]
-use volcomp_vocabulary::PerAxis;
 
 #[cfg(not(feature = "std"))]
 use crate::table::Baseline;
@@ -13,7 +11,7 @@ use crate::{
     machine::{CompiledMachine, Evaluation},
 };
 #[cfg(feature = "std")]
-use crate::{machine::CompiledAxis, slides::Slides, table::Wide};
+use crate::{machine::CompiledAxis, table::Wide};
 
 impl CompiledMachine {
     /// The volumetric error at a state (mm, rad), first order (the `twist` form).
@@ -98,22 +96,6 @@ fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correct
     } else {
         Arch::new().dispatch(One::<false>(machine, state, correctors))
     }
-}
-
-/// The correction of a machine without rotary axes, the same way.
-#[cfg(feature = "std")]
-pub(crate) fn two_steps(machine: &CompiledMachine, state: &State, slides: &Slides) -> PerAxis<f64> {
-    struct Two<'a>(&'a CompiledMachine, &'a State, &'a Slides);
-    impl WithSimd for Two<'_> {
-        type Output = PerAxis<f64>;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> PerAxis<f64> {
-            let Self(machine, state, slides) = self;
-            slides.two_steps_with(machine, state, Wide(simd))
-        }
-    }
-    Arch::new().dispatch(Two(machine, state, slides))
 }
 
 /// The parts of the correction of one pose, the same way.

@@ -1,12 +1,14 @@
 //! The correction of machines without rotary axes: the directions of their axes never turn.
 
+#[cfg(feature = "std")]
+use pulp::{Arch, Simd, WithSimd};
 use volcomp_kinematics::{Correctors, State, least_norm::LinearShares, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, PerAxis};
 
-#[cfg(feature = "std")]
-use crate::single::two_steps;
 #[cfg(not(feature = "std"))]
 use crate::table::Baseline;
+#[cfg(feature = "std")]
+use crate::table::Wide;
 use crate::{
     correction::{linear_columns, take_position},
     machine::{CompiledMachine, Evaluation},
@@ -79,4 +81,20 @@ impl Slides {
         take_position(&self.correctors, &self.shares, &position, &mut delta);
         delta
     }
+}
+
+/// The correction of one pose in registers as wide as the processor has.
+#[cfg(feature = "std")]
+fn two_steps(machine: &CompiledMachine, state: &State, slides: &Slides) -> PerAxis<f64> {
+    struct Two<'a>(&'a CompiledMachine, &'a State, &'a Slides);
+    impl WithSimd for Two<'_> {
+        type Output = PerAxis<f64>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> PerAxis<f64> {
+            let Self(machine, state, slides) = self;
+            slides.two_steps_with(machine, state, Wide(simd))
+        }
+    }
+    Arch::new().dispatch(Two(machine, state, slides))
 }

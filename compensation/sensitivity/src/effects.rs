@@ -6,9 +6,9 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{
     chunks::chunks,
+    error::SensitivityError,
     gaps::{Gaps, InGap, twists},
     poses::Poses,
-    sensitivity::{SensitivityError, checked},
     term::ErrorTerm,
 };
 
@@ -30,6 +30,35 @@ pub struct Effect {
     pub orientation_max_urad: f64,
     /// The part of the mean square of the displacement that comes from this error when none of them knows of another.
     pub share: f64,
+}
+
+/// The largest number of poses.
+const MOST_POSES: usize = 1 << 28;
+
+/// The number of poses, where it is one that is looked at and the chain has the axes of all errors.
+pub(crate) fn checked(
+    chain: &Chain,
+    terms: &[ErrorTerm],
+    poses: &Poses,
+) -> Result<usize, SensitivityError> {
+    if terms.is_empty() {
+        return Err(SensitivityError::NoErrors);
+    }
+    let found = poses.count();
+    let count = found
+        .filter(|count| (1..=MOST_POSES).contains(count))
+        .ok_or(SensitivityError::Poses {
+            found,
+            most: MOST_POSES,
+        })?;
+    for &term in terms {
+        let axis = term.axis();
+        if chain.structure().index_of(axis).is_none() {
+            let term = term.to_string();
+            return Err(SensitivityError::NoSuchAxis { term, axis });
+        }
+    }
+    Ok(count)
 }
 
 /// Sums and largest values of the squares of displacement (mm) and rotation (rad).

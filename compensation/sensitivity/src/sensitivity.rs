@@ -2,12 +2,13 @@
 
 use nalgebra::{DMatrix, Vector3};
 use volcomp_kinematics::Chain;
-use volcomp_vocabulary::{AxisKind, AxisName, Component};
+use volcomp_vocabulary::{AxisKind, Component};
 
 use crate::{
     chunks::chunks,
     dependence::{DEPENDENT_BELOW, Dependence},
-    effects::{Effect, Squares, effects},
+    effects::{Effect, Squares, checked, effects},
+    error::SensitivityError,
     gaps::{Gaps, InGap, twists},
     poses::Poses,
     term::ErrorTerm,
@@ -15,8 +16,6 @@ use crate::{
 
 /// Poses whose rows are brought into triangular form together.
 const STACKED: usize = 48;
-/// The largest number of poses.
-const MOST_POSES: usize = 1 << 28;
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,60 +61,6 @@ fn as_maps<S: serde::Serializer>(
         weights.collect::<std::collections::BTreeMap<_, _>>()
     });
     serializer.collect_seq(named)
-}
-
-/// Why nothing can be said.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SensitivityError {
-    /// No pose, or more than are looked at.
-    #[error("found {} poses, expected 1 to {most}", found.map_or("too many".to_owned(), |n| n.to_string()))]
-    Poses {
-        /// How many were given; `None` where they cannot be counted.
-        found: Option<usize>,
-        /// The largest number that is looked at.
-        most: usize,
-    },
-    /// No error was named.
-    #[error("found no error, expected at least one")]
-    NoErrors,
-    /// An error of an axis that the chain does not have.
-    #[error("{term}: the structure has no axis {axis}")]
-    NoSuchAxis {
-        /// The error that was named.
-        term: String,
-        /// The axis that is missing.
-        axis: AxisName,
-    },
-    /// A pose or a chain with a number that is not finite.
-    #[error("found an effect that is no finite number, expected finite coordinates")]
-    NotFinite,
-}
-
-/// The number of poses, where it is one that is looked at and the chain has the axes of all errors.
-pub(crate) fn checked(
-    chain: &Chain,
-    terms: &[ErrorTerm],
-    poses: &Poses,
-) -> Result<usize, SensitivityError> {
-    if terms.is_empty() {
-        return Err(SensitivityError::NoErrors);
-    }
-    let found = poses.count();
-    let count = found
-        .filter(|count| (1..=MOST_POSES).contains(count))
-        .ok_or(SensitivityError::Poses {
-            found,
-            most: MOST_POSES,
-        })?;
-    for &term in terms {
-        let axis = term.axis();
-        if chain.structure().index_of(axis).is_none() {
-            let term = term.to_string();
-            return Err(SensitivityError::NoSuchAxis { term, axis });
-        }
-    }
-    Ok(count)
 }
 
 /// Judges errors of a chain over poses, to first order, on all cores.

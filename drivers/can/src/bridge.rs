@@ -17,7 +17,7 @@ use crate::{
     barrier::{Barrier, Count},
     ears::{Ears, Health, Heard, Place, hear},
     frame::CanPort,
-    plain::Plain,
+    plain::{Plain, needed},
     quantity::STATES,
     signals::SignalTable,
     unopened::Unopened,
@@ -290,18 +290,6 @@ impl<P: CanPort> Controller for CanController<P> {
 
 /// A bridge of which positions are only read takes nothing.
 const ONLY_READS: Fault = Fault::Unsupported("corrections, where positions are only read");
-
-/// The place of a signal of an axis that must be there.
-pub(crate) fn needed(
-    table: &SignalTable,
-    name: AxisName,
-    suffix: &str,
-) -> Result<(usize, usize), String> {
-    let signal = format!("{name}_{suffix}");
-    table
-        .find(&signal)
-        .ok_or_else(|| format!("there is no signal {signal}"))
-}
 
 fn described(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {
     let both = config.axes.iter().zip(counts);

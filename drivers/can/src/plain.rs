@@ -7,7 +7,6 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
     barrier::{Count, send},
-    bridge::needed,
     frame::{CanPort, Frame},
     quantity::to_internal,
     signals::{Message, Signal, SignalTable},
@@ -124,4 +123,16 @@ fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize
     }
     sent.push((message.clone(), frame));
     Some(sent.len() - 1)
+}
+
+/// The place of a signal of an axis that must be there.
+pub(crate) fn needed(
+    table: &SignalTable,
+    name: AxisName,
+    suffix: &str,
+) -> Result<(usize, usize), String> {
+    let signal = format!("{name}_{suffix}");
+    table
+        .find(&signal)
+        .ok_or_else(|| format!("there is no signal {signal}"))
 }

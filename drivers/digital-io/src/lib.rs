@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod axis;
 mod coherent;
 mod controller;
 #[cfg(feature = "gpio")]
@@ -9,8 +10,9 @@ mod panel;
 mod wiring;
 mod words;
 
+pub use axis::{DigitalAxis, LowBits};
 pub use coherent::{Coherence, read_coherent};
-pub use controller::{DigitalAxis, DigitalController, LowBits};
+pub use controller::DigitalController;
 #[cfg(feature = "gpio")]
 pub use gpio::{GpioPort, LineSet};
 pub use panel::{Panel, PanelWord};

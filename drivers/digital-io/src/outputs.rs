@@ -5,7 +5,7 @@ use std::time::Instant;
 use volcomp_port::{DigitalIo, Fault};
 use volcomp_vocabulary::PerChannel;
 
-use crate::{controller::DigitalAxis, wiring::Wiring};
+use crate::{axis::DigitalAxis, wiring::Wiring};
 
 /// How far a correction is on its way over lines with a latch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_port::{DigitalIo, Fault, InputLevels};
 
-use crate::{controller::DigitalAxis, wiring::Wiring};
+use crate::{axis::DigitalAxis, wiring::Wiring};
 
 /// What the lines to a control carry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,21 @@
 //! Signs at points, which tell directions apart without colour.
 
-use super::{svg::finite, xy::Mark};
+use super::svg::finite;
+
+/// The sign at each point of a series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// No sign.
+    None,
+    /// A filled dot.
+    Dot,
+    /// A triangle that points up: forward.
+    Up,
+    /// A triangle that points down: backward.
+    Down,
+    /// A cross.
+    Cross,
+}
 
 /// Adds the outline of a sign at a place to the data of a path.
 pub(crate) fn outline(path: &mut String, mark: Mark, [x, y]: [f64; 2], size: f64) {

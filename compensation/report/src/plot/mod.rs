@@ -15,12 +15,13 @@ mod xy;
 
 pub use colour::{colour_at, colour_scale};
 pub use heat_map::{HeatMap, heat_map};
+pub use marks::Mark;
 pub use quiver::{Arrow, Quiver, quiver};
 pub use scale::{Scale, short, ticks};
 pub use square_sketch::{SquareSketch, square_sketch};
 pub use svg::{Svg, escaped, finite};
 pub use thin::{MOST_POINTS, thinned};
-pub use xy::{Band, Bracket, Look, Mark, Series, WIDTH, XyPlot, xy};
+pub use xy::{Band, Bracket, Look, Series, WIDTH, XyPlot, xy};
 
 /// The rules for the classes that the plots use. The colours are variables: `--ink`, `--faint`, `--grid`, `--forward`,
 /// `--backward`, `--band`, `--paper`, `--mark`.

@@ -1,7 +1,7 @@
 //! Values over a coordinate: runs, curves, bands, limits and brackets with letters.
 
 use super::{
-    marks::outline,
+    marks::{Mark, outline},
     scale::{Scale, short, ticks},
     svg::{Anchor, Svg, escaped, finite},
     thin::{MOST_POINTS, thinned},
@@ -17,21 +17,6 @@ const SIGN: f64 = 8.6;
 const ROW: f64 = 17.0;
 /// Signs are drawn for so many points of a series at the most: more would cover each other.
 const MOST_MARKS: usize = 250;
-
-/// The sign at each point of a series.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mark {
-    /// No sign.
-    None,
-    /// A filled dot.
-    Dot,
-    /// A triangle that points up: forward.
-    Up,
-    /// A triangle that points down: backward.
-    Down,
-    /// A cross.
-    Cross,
-}
 
 /// How a series looks. Forward and backward differ in colour, in the line (whole, dashed) and in their signs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
