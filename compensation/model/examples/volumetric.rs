@@ -130,6 +130,7 @@ fn compared(seed: u64, poses: u32) -> Compared {
     };
     let field = ErrorField {
         tool: "",
+        curves: vec![&machine],
         machine: &machine,
         errors: &errors,
     };

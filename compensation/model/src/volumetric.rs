@@ -7,6 +7,7 @@
 //!
 //! Each axis comes from one of its two sides, so that the play of a reversal is part of the error.
 
+use volcomp_curve::Field;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisName, Direction};
 
@@ -19,9 +20,11 @@ const HALF_POSES: u32 = 2048;
 const STARTS: usize = 128;
 /// Coordinates at which an axis is sampled in the search.
 const SAMPLES: u32 = 33;
-/// Poses from which each axis is sampled at the [places](Machine::places) of its curves, too: a spot of one axis is narrower than equal samples, and
-/// is the same from every pose.
+/// Poses from which each axis is sampled at the places of its curves, too, which are narrower than equal samples: so many of the worst, and so many that
+/// cover the travels, since a spot adds to the rest of the error at some poses and takes from it at others.
 const STARTS_AT_PLACES: usize = 8;
+/// Of each of them, poses from which all nodes of grids are sampled: of those there may be many.
+const STARTS_AT_NODES: usize = 2;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
 /// Step of the search, as a share of the travel, below which it ends.
@@ -38,6 +41,8 @@ pub struct ErrorField<'a> {
     pub tool: &'a str,
     /// The machine whose ideal tip and tool axis are meant.
     pub machine: &'a Machine,
+    /// The machines whose curves are in the errors: each is searched at the [places](Machine::places) of all.
+    pub curves: Vec<&'a Machine>,
     /// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes.
     pub errors: &'a dyn Fn(&State) -> [f64; 6],
 }
@@ -146,15 +151,32 @@ fn worst(
         .collect();
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut best: Option<(f64, usize, Place)> = None;
-    let at_places: Vec<_> = fields.iter().map(|of| samples(Some(of.machine))).collect();
-    let even = samples(None);
-    for (number, (value, field, place)) in starts.into_iter().take(STARTS).enumerate() {
-        let samples = if number < STARTS_AT_PLACES {
-            &at_places[field]
+    let at_nodes: Vec<_> = fields.iter().map(Samples::of).collect();
+    let at_places: Vec<_> = at_nodes.iter().map(Samples::without_grids).collect();
+    let even = Samples::even();
+    // Those of Halton's sequence come first.
+    let covering = found.iter().take(STARTS_AT_PLACES);
+    let covering = covering.map(|(field, place, at)| (size(at), *field, place));
+    let mut searches: Vec<_> = starts
+        .iter()
+        .take(STARTS)
+        .map(|start| (*start, &even))
+        .collect();
+    let at_its_places = |(number, start): (usize, (f64, usize, _))| {
+        let samples = if number < STARTS_AT_NODES {
+            &at_nodes
         } else {
-            &even
+            &at_places
         };
+        (start, &samples[start.1])
+    };
+    searches.extend(
+        (starts.iter().take(STARTS_AT_PLACES).copied().enumerate())
+            .chain(covering.enumerate())
+            .map(at_its_places),
+    );
+    let mut best: Option<(f64, usize, Place)> = None;
+    for ((value, field, place), samples) in searches {
         let (value, place) = if value.is_nan() {
             (value, place.clone())
         } else {
@@ -173,49 +195,103 @@ fn worst(
     )
 }
 
-/// Shares of the travel at which each axis is sampled: equal ones, and of a machine also the places of its curves.
-fn samples(machine: Option<&Machine>) -> Vec<Vec<f64>> {
-    let even = || (0..SAMPLES).map(|sample| f64::from(sample) / f64::from(SAMPLES - 1));
-    let Some(machine) = machine else {
-        return vec![even().collect()];
-    };
-    let axes = machine.axes().iter().zip(machine.places());
-    axes.map(|(axis, places)| {
-        let [low, high] = axis.travel;
-        let shares = places.into_iter().map(|at| (at - low) / (high - low));
-        even().chain(shares).collect()
-    })
-    .collect()
+/// Where axes are sampled, as shares of their travels.
+struct Samples {
+    /// Each axis by itself; the one entry of equal samples holds for all.
+    of_axes: Vec<Vec<f64>>,
+    /// Nodes of grids: two axes, and the nodes of each.
+    of_grids: Vec<[(usize, Vec<f64>); 2]>,
 }
 
-/// Coordinate ascent: each axis is sampled over its whole travel (`samples`, of each axis or of all), until none improves, then moved by ever smaller steps;
+impl Samples {
+    fn equal() -> Vec<f64> {
+        let share = |sample| f64::from(sample) / f64::from(SAMPLES - 1);
+        (0..SAMPLES).map(share).collect()
+    }
+
+    fn even() -> Self {
+        Self {
+            of_axes: vec![Self::equal()],
+            of_grids: Vec::new(),
+        }
+    }
+
+    fn without_grids(&self) -> Self {
+        Self {
+            of_axes: self.of_axes.clone(),
+            of_grids: Vec::new(),
+        }
+    }
+
+    /// Equal samples with the places of the curves of a field, and the nodes of their grids.
+    fn of(field: &ErrorField<'_>) -> Self {
+        let axes = field.machine.axes();
+        let shares = |axis: usize, at: &[f64]| -> Vec<f64> {
+            let [low, high] = axes[axis].travel;
+            let shares = at.iter().map(|at| (at - low) / (high - low));
+            shares.filter(|share| (0.0..=1.0).contains(share)).collect()
+        };
+        let mut samples = Self {
+            of_axes: vec![Self::equal(); axes.len()],
+            of_grids: Vec::new(),
+        };
+        for machine in &field.curves {
+            for (axis, places) in machine.places().iter().enumerate().take(axes.len()) {
+                samples.of_axes[axis].extend(shares(axis, places));
+            }
+            for (_, curve) in machine.errors() {
+                for of in curve.fields() {
+                    let Field::Grid(grid) = of else { continue };
+                    let (on, nodes) = (grid.axes(), grid.nodes());
+                    if on.iter().all(|axis| *axis < axes.len()) {
+                        samples
+                            .of_grids
+                            .push([0, 1].map(|i| (on[i], shares(on[i], &nodes[i]))));
+                    }
+                }
+            }
+        }
+        samples
+    }
+}
+
+/// Coordinate ascent: nodes of grids are sampled, then each axis over its whole travel, until none improves; then each is moved by ever smaller steps, and
 /// where it stands, it comes from the other side, too.
 fn ascend(
     field: &ErrorField<'_>,
     start: &Place,
     value: f64,
-    samples: &[Vec<f64>],
+    samples: &Samples,
     size: &dyn Fn(&At) -> f64,
 ) -> Result<(f64, Place), ModelError> {
     let (mut best, mut at) = (value, start.clone());
-    let mut moved = |axis: usize, to: f64, approach: Direction, at: &mut Place| {
-        let before = (at.shares[axis], at.approach[axis]);
-        (at.shares[axis], at.approach[axis]) = (to.clamp(0.0, 1.0), approach);
-        let value = size(&field.at(at)?);
+    let mut moved = |to: &[(usize, f64)], approach: Option<Direction>, at: &mut Place| {
+        let mut there = at.clone();
+        for (axis, share) in to {
+            there.shares[*axis] = share.clamp(0.0, 1.0);
+            there.approach[*axis] = approach.unwrap_or(there.approach[*axis]);
+        }
+        let value = size(&field.at(&there)?);
         let better = value > best;
         if better {
-            best = value;
-        } else {
-            (at.shares[axis], at.approach[axis]) = before;
+            (best, *at) = (value, there);
         }
         Ok::<_, ModelError>(better)
     };
     let axes = 0..start.shares.len();
+    for [(first, of_first), (second, of_second)] in &samples.of_grids {
+        for a in of_first {
+            for b in of_second {
+                moved(&[(*first, *a), (*second, *b)], None, &mut at)?;
+            }
+        }
+    }
     for _ in 0..ROUNDS {
         let mut better = false;
         for axis in axes.clone() {
-            for to in samples.get(axis).unwrap_or(&samples[0]) {
-                better |= moved(axis, *to, at.approach[axis], &mut at)?;
+            let of_axis = samples.of_axes.get(axis).unwrap_or(&samples.of_axes[0]);
+            for to in of_axis {
+                better |= moved(&[(axis, *to)], None, &mut at)?;
             }
         }
         if !better {
@@ -226,9 +302,10 @@ fn ascend(
     while step > MIN_STEP {
         let mut better = false;
         for axis in axes.clone() {
-            better |= moved(axis, at.shares[axis], -at.approach[axis], &mut at)?;
+            let other = -at.approach[axis];
+            better |= moved(&[(axis, at.shares[axis])], Some(other), &mut at)?;
             for by in [step, -step] {
-                better |= moved(axis, at.shares[axis] + by, at.approach[axis], &mut at)?;
+                better |= moved(&[(axis, at.shares[axis] + by)], None, &mut at)?;
             }
         }
         if !better {

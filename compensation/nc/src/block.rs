@@ -163,6 +163,8 @@ pub(crate) enum Command {
     Pole,
     /// The words of its block are the datum shift along their axes; the others stay (cycle 7).
     Datum,
+    /// F means something else from now on (FGROUP, FGREF).
+    GroupsFeed,
     /// Rotary axes go the shorter way from now on, or not (M126, M127).
     Shorter(bool),
     /// The block goes on in the next line.

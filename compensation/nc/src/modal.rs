@@ -139,6 +139,8 @@ pub(crate) struct Modal {
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
+    /// FGROUP or FGREF have changed what F means (SINUMERIK).
+    pub(crate) feed_is_grouped: bool,
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
     /// The offset of G92 or G52, whether it holds or not.
@@ -199,6 +201,7 @@ impl Default for Modal {
             motion_unsure: false,
             feed_mode: FeedMode::PerMinute,
             feed: None,
+            feed_is_grouped: false,
             system: 0,
             offsets: vec![WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],

@@ -508,6 +508,7 @@ impl Interpreter {
                     // Which place the pole has from now on, is not known here.
                     self.modal.pole = None;
                 }
+                Command::GroupsFeed => self.modal.feed_is_grouped = true,
                 Command::Shorter(on) => self.modal.shorter = *on,
                 Command::GoesOn => self.modal.goes_on = true,
                 Command::Defines(cycle) => self.modal.defined = Some(cycle.clone()),

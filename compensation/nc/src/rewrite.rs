@@ -388,6 +388,9 @@ impl Rewriter {
         {
             self.interpreter.may_not_have_moved(motion);
         }
+        if line.block.begins == Begins::Slash && line.block.word(b'F').is_some() {
+            self.interpreter.modal.feed = None;
+        }
         // A motion that is corrected has written its lines.
         if out.len() == length {
             self.edits.write(line, out);

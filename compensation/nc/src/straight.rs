@@ -4,14 +4,14 @@ use std::ops::Range;
 
 use crate::{
     NcError,
-    block::{Begins, LAST, Manner, Word},
+    block::{Begins, Command, LAST, Manner, Word},
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, between, each, is_rotary},
     line::{Line, NewWord, Shape},
     modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
-    number::{Number, Numerals, half_step, of_steps},
+    number::{Form, Number, Numerals, half_step, of_steps},
     reversal::{Turns, steps_of},
     rewrite::{Contour, Rewriter, Settled, Strategy},
     shortest::through,
@@ -24,6 +24,9 @@ pub(crate) const MOST_PARTS: usize = 4096;
 const LOOKED_AT_EACH: f64 = 5.0;
 
 const MOST_LOOKED_AT: f64 = 64.0;
+
+/// An axis that goes no further than this stands, mm or deg: what coordinates are rounded by.
+const MOVES_BY: f64 = 1e-7;
 
 /// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
 #[derive(Clone, Copy, Debug)]
@@ -436,6 +439,7 @@ impl Rewriter {
                 keeps,
                 rounded: together.as_ref().map(|deltas| deltas[place]),
             };
+            let carried_before = carried;
             let words = self.words_to(&leg, &mut carried);
             if keeps_polar {
                 carried[..2].fill(0.0);
@@ -446,11 +450,16 @@ impl Rewriter {
             }
             let mut feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
             let mut code = None;
+            // A word may stay as it is and lead away from a corrected place.
+            let moves_tool = (0..3).any(|axis| {
+                let way = to[axis] - before[axis] + carried[axis] - carried_before[axis];
+                way.abs() > MOVES_BY
+            });
             if let Some(way) = way_alone
-                && (minutes.is_some() || words[..3].iter().any(Option::is_some))
+                && (minutes.is_some() || moves_tool)
             {
                 if minutes.is_none() {
-                    minutes = Some(self.minutes_of(way, line)?);
+                    minutes = Some(self.minutes_of(way, motion, line)?);
                     // From here on F is one over the time of each part.
                     let inverse_time = Number::nearest(93.0, 0);
                     match place {
@@ -497,8 +506,7 @@ impl Rewriter {
             let square: f64 = axes
                 .map(|axis| ((to[axis] - from[axis]) / modal.scale(axis)).powi(2))
                 .sum();
-            // What the coordinates are rounded by.
-            Some(square.sqrt()).filter(|way| *way > 1e-7)
+            Some(square.sqrt()).filter(|way| *way > MOVES_BY)
         };
         if way(0..3).is_some() || modal.feed_mode == FeedMode::InverseTime {
             return None;
@@ -515,15 +523,33 @@ impl Rewriter {
     /// The time that a motion of this way takes.
     ///
     /// # Errors
-    /// Its F is not known, or goes by the spindle.
-    fn minutes_of(&self, way: f64, line: Line<'_>) -> Result<f64, NcError> {
+    /// Its F or its way is not known, or F means something else on the control.
+    fn minutes_of(&self, way: f64, motion: &Move, line: Line<'_>) -> Result<f64, NcError> {
         let modal = &self.interpreter.modal;
         let says_mode = |word: &Word| {
             word.letter == b'G' && matches!(word.value, Some(code) if code == 94.0 || code == 95.0)
         };
+        // What is called, or goes on after a return, would have G93 then.
+        let goes_away = line.block.commands.contains(&Command::Ends)
+            || line.block.words.iter().any(|word| {
+                word.letter == b'M'
+                    && matches!(word.value, Some(code) if [98.0, 99.0].contains(&code))
+            });
+        let is_unknown = |axis: usize| motion.words[axis].is_some() && !motion.known[axis];
         let why = match (modal.feed_mode, modal.feed) {
+            _ if (0..9).any(is_unknown) => "from a place that is not known",
+            _ if goes_away => {
+                "beside M17, M98, M99 or the end of the program, which belong into a block behind it"
+            }
             _ if line.block.words.iter().any(says_mode) => {
                 "beside G94 or G95, which belongs into a block before it"
+            }
+            _ if self.interpreter.control == Some(Control::Haas) => {
+                "on a Haas control, of which it is not known what F means there"
+            }
+            _ if modal.feed_is_grouped => "with FGROUP or FGREF, which change what F means",
+            _ if self.interpreter.dialect == Dialect::Siemens && modal.unit_mm != 1.0 => {
+                "in inches (G70, G700), of which F may be in mm"
             }
             (FeedMode::PerMinute, Some(feed)) if feed > 0.0 => return Ok(way / feed),
             (FeedMode::PerMinute, _) => "with an F that only the machine knows",
@@ -545,6 +571,15 @@ impl Rewriter {
         let words = [(b'G', Some(94.0)), (b'F', feed)];
         for (letter, value) in words {
             let number = value.and_then(|value| Number::shortest(value, 6));
+            // Beside least increments F600 may be 0.6.
+            let needs_point = letter == b'F' && self.interpreter.points.means_increments;
+            let number = number.map(|number| {
+                if needs_point {
+                    number.form(Form::Point)
+                } else {
+                    number
+                }
+            });
             if let Some(number) = number {
                 line.script
                     .write_word(&NewWord::plain((letter, number)), out);

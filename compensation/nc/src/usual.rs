@@ -188,6 +188,7 @@ impl Interpreter {
             sticky: _,
             tool: _,
             homes: _,
+            feed_is_grouped: _,
         } = modal;
         *dialect == Dialect::Rs274
             && (!points.means_increments || points.last_in_increments == Some(false))

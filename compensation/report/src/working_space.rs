@@ -48,6 +48,7 @@ impl Report {
             .map(|((tool, machine), errors)| ErrorField {
                 tool,
                 machine,
+                curves: vec![machine],
                 errors,
             })
             .collect();

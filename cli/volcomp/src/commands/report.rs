@@ -416,9 +416,13 @@ fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
     errors: &'a [F],
 ) -> Vec<ErrorField<'a>> {
     let all = cases.iter().zip(errors);
-    all.map(|((tool, machine, ..), errors)| ErrorField {
+    all.map(|((tool, machine, truth, before), errors)| ErrorField {
         tool,
         machine,
+        curves: [*machine, truth.actual()]
+            .into_iter()
+            .chain(before)
+            .collect(),
         errors,
     })
     .collect()

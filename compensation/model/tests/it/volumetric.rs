@@ -137,6 +137,7 @@ fn of_one_tool(machine: &Machine) -> VolumetricError {
     let field = ErrorField {
         tool: "",
         machine,
+        curves: vec![machine],
         errors: &error_at,
     };
     volumetric(&[field]).unwrap()
@@ -219,6 +220,44 @@ fn narrow_spots_of_curves_are_found() {
     }
 }
 
+/// A spot that takes from the rest of the error where that is largest, and adds to it elsewhere; a node of a grid; a spot of another machine's curve. By sums.
+#[test]
+fn spots_that_add_up_elsewhere_are_found() {
+    let three = |errors: &str| {
+        let text = format!(
+            "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\n{errors}"
+        );
+        Machine::parse(&text, "spot.toml").unwrap()
+    };
+    let spot = |um: f64| {
+        format!(
+            "EXX = {{ table = [[0, 0], [412.45, 0], [412.5, {um:?}], [412.55, 0], [1000, 0]], interpolation = \"linear\" }}\n"
+        )
+    };
+    // 80 at one side of Y, −60 at the other: the spot adds to the smaller one.
+    let wave = "EXY = { table = [[0, 80], [1000, -60]], interpolation = \"linear\" }\n";
+    let found = of_one_tool(&three(&format!("{}{wave}", spot(-60.0))));
+    assert!((found.max_mm - 0.12).abs() < 1e-6, "{found:?}");
+    let mut values = vec![vec![0.0; 101]; 101];
+    values[40][30] = 60.0;
+    let nodes: Vec<f64> = (0..=100).map(|place| 10.0 * f64::from(place)).collect();
+    let grid = three(&format!(
+        "EZX = {{ grid = {{ axes = [\"X\", \"Y\"], nodes = [{nodes:?}, {nodes:?}], values = {values:?} }} }}\n"
+    ));
+    let found = of_one_tool(&grid);
+    assert!((found.max_mm - 0.06).abs() < 1e-6, "{found:?}");
+    let (model, truth) = (three("EXX = { poly = [0.0] }\n"), three(&spot(60.0)));
+    let errors = errors(&truth);
+    let field = ErrorField {
+        tool: "",
+        machine: &model,
+        curves: vec![&model, &truth],
+        errors: &errors,
+    };
+    let found = volumetric(&[field]).unwrap();
+    assert!((found.max_mm - 0.06).abs() < 1e-6, "{found:?}");
+}
+
 /// A tilt that is constant is aligned away with one tool; with tools of two lengths its lever differs by the same shift, which
 /// one alignment for both keeps.
 #[test]
@@ -236,6 +275,7 @@ fn tools_of_two_lengths_have_one_alignment() {
     let field = |tool, machine, errors| ErrorField {
         tool,
         machine,
+        curves: vec![machine],
         errors,
     };
     let one = volumetric(&[field("SHORT", &short, &of_short)]).unwrap();

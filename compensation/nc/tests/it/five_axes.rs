@@ -512,10 +512,6 @@ fn a_turn_alone_keeps_its_time() {
     for (setup, dialect) in [
         ("", Dialect::Rs274),
         ("control = \"linuxcnc\"\n", Dialect::Rs274),
-        (
-            "control = \"haas\"\nwithout_point = \"unit\"\n",
-            Dialect::Rs274,
-        ),
         ("", Dialect::Siemens),
     ] {
         let lines = split(setup, dialect);
@@ -556,17 +552,74 @@ fn a_turn_alone_keeps_its_time() {
     );
     let alone = alone.expect("compensated");
     assert!(alone.contains(" F600") && !alone.contains("G93"), "{alone}");
-    for (program, expected) in [
-        (format!("{start}G95 G1 A90 F0.1\n"), "G94 or G95"),
-        (format!("{start}G95\nG1 A90 F0.1\n"), "each revolution"),
-        (format!("{start}G94 G1 A90 F600\n"), "G94 or G95"),
+    let haas = "control = \"haas\"\nwithout_point = \"unit\"\n";
+    for (setup, dialect, program, expected) in [
+        (
+            "",
+            Dialect::Rs274,
+            format!("{start}G95 G1 A90 F0.1\n"),
+            "G94 or G95",
+        ),
+        (
+            "",
+            Dialect::Rs274,
+            format!("{start}G95\nG1 A90 F0.1\n"),
+            "each revolution",
+        ),
+        (
+            "",
+            Dialect::Rs274,
+            format!("{start}G94 G1 A90 F600\n"),
+            "G94 or G95",
+        ),
+        (
+            "",
+            Dialect::Rs274,
+            format!("{start}/F6000\nG1 A90\n"),
+            "only the machine knows",
+        ),
+        (
+            "",
+            Dialect::Rs274,
+            "G0 Y0 Z0\nG1 X0 A90 F600\n".to_owned(),
+            "not known",
+        ),
+        (
+            haas,
+            Dialect::Rs274,
+            format!("{start}G1 A90 F600\n"),
+            "Haas",
+        ),
+        (
+            "",
+            Dialect::Siemens,
+            format!("{start}FGROUP(X,Y,Z,A)\nG1 A90 F600\n"),
+            "FGROUP",
+        ),
+        (
+            "",
+            Dialect::Siemens,
+            format!("{start}G1 A90 F600 M17\n"),
+            "M17",
+        ),
+        (
+            "",
+            Dialect::Siemens,
+            format!("{start}FGREF[A]=200\nG1 A90 F600\n"),
+            "FGROUP",
+        ),
     ] {
-        let error = result(TILTED, "", Dialect::Rs274, &program).expect_err(&program);
+        let error = result(TILTED, setup, dialect, &program).expect_err(&program);
         assert!(
             error.contains(expected) && error.contains("Write G94"),
-            "{error}"
+            "{program}{error}"
         );
     }
+    // The word of Z stays as it is, and leads back from a corrected place.
+    let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
+    let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\n";
+    let out = result(bent, "", Dialect::Rs274, program).expect("compensated");
+    assert_eq!(out.matches("G93").count(), 2, "{out}");
 }
 
 /// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C

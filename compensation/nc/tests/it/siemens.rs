@@ -309,6 +309,11 @@ fn added_lines_keep_the_manner() {
         text,
         "G0 X0 Y0 Z0\n/1 N10 G1 X=IC(100.000) Y=AC(-0.020) F500\n/1 X=IC(100.000) Y=AC(0.000) M0\n"
     );
+    let (text, _) = compensated(bent, "", "G0 X0 Y0 Z0\nG9 G1 X200 F500\n").expect("taken");
+    assert!(
+        text.ends_with(" G9\n") && text.matches("G9").count() == 1,
+        "{text}"
+    );
 }
 
 /// DC goes by the shorter way, whatever whole turns the axis has made, and stays within one turn.

@@ -560,6 +560,7 @@ pub(crate) fn field<'a>(
     volcomp_model::ErrorField {
         tool: "",
         machine,
+        curves: vec![machine],
         errors,
     }
 }

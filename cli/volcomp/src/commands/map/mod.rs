@@ -191,7 +191,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Model::Form(_) => None,
     };
     let errors = exact.as_ref().unwrap_or(&work.errors);
-    let all_axes = all_axes(&machine, errors, ensemble.as_ref())?;
+    let curves = vec![&machine, compensation.actual()];
+    let all_axes = all_axes(&machine, curves, errors, ensemble.as_ref())?;
     drop(work);
     field.finish()?;
     let document = document(
@@ -694,15 +695,17 @@ fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
 }
 
-/// The errors over poses of all axes, and with an ensemble their uncertainty.
+/// The errors, of these machines' curves, over poses of all axes, and with an ensemble their uncertainty.
 fn all_axes(
     machine: &Machine,
+    curves: Vec<&Machine>,
     errors: &ErrorAt<'_>,
     ensemble: Option<&Ensemble>,
 ) -> Result<AllAxes, Failure> {
     let field = ErrorField {
         tool: "",
         machine,
+        curves,
         errors,
     };
     let volumetric = volumetric(&[field])?;
