@@ -122,7 +122,7 @@ impl Error {
         )
     }
 
-    pub(crate) fn missing(what: &'static str, name: impl ToString) -> Self {
+    pub(crate) fn missing(what: &'static str, name: &(impl ToString + ?Sized)) -> Self {
         Self::Missing {
             what,
             name: name.to_string(),

@@ -154,8 +154,8 @@ fn worst(
     let at_nodes: Vec<_> = fields.iter().map(Samples::of).collect();
     let at_places: Vec<_> = at_nodes.iter().map(Samples::without_grids).collect();
     let even = Samples::even();
-    // Those of Halton's sequence come first.
-    let covering = found.iter().take(STARTS_AT_PLACES);
+    let apart = (found.len() / STARTS_AT_PLACES).max(1);
+    let covering = found.iter().step_by(apart).take(STARTS_AT_PLACES);
     let covering = covering.map(|(field, place, at)| (size(at), *field, place));
     let mut searches: Vec<_> = starts
         .iter()

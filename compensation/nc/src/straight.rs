@@ -450,29 +450,17 @@ impl Rewriter {
             }
             let mut feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
             let mut code = None;
-            // A word may stay as it is and lead away from a corrected place.
-            let moves_tool = (0..3).any(|axis| {
-                let way = to[axis] - before[axis] + carried[axis] - carried_before[axis];
-                way.abs() > MOVES_BY
-            });
             if let Some(way) = way_alone
-                && (minutes.is_some() || moves_tool)
+                && (minutes.is_some() || moves_tool([&before, &to], [&carried_before, &carried]))
             {
-                if minutes.is_none() {
-                    minutes = Some(self.minutes_of(way, motion, line)?);
-                    // From here on F is one over the time of each part.
-                    let inverse_time = Number::nearest(93.0, 0);
-                    match place {
-                        0 => self
-                            .edits
-                            .added
-                            .extend(inverse_time.map(|code| (b'G', code))),
-                        _ => code = inverse_time,
-                    }
-                }
-                feed = minutes.and_then(|minutes| {
-                    Number::nearest(1.0 / (minutes * share_of_time(share - passed)), 4)
-                });
+                let begins = minutes.is_none();
+                let time = match minutes {
+                    Some(minutes) => minutes,
+                    None => self.minutes_of(way, motion, line)?,
+                };
+                minutes = Some(time);
+                code = begins.then(|| self.inverse_time(place)).flatten();
+                feed = Number::nearest(1.0 / (time * share_of_time(share - passed)), 4);
             }
             let part = Part {
                 place,
@@ -561,6 +549,16 @@ impl Rewriter {
                 "a motion of rotary axes alone {why}: its correction moves X, Y or Z, which F would go by then. Write G94 and F as a number before it"
             ),
         ))
+    }
+
+    /// From this part of a motion on F is one over its time: the code of the part, or in the words of the block.
+    fn inverse_time(&mut self, place: usize) -> Option<Number> {
+        let code = Number::nearest(93.0, 0)?;
+        if place > 0 {
+            return Some(code);
+        }
+        self.edits.added.push((b'G', code));
+        None
     }
 
     /// F is that of the program again.
@@ -1016,6 +1014,11 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
             "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
         ),
     )
+}
+
+/// Whether X, Y or Z goes anywhere with the corrections that it carries at the ends of a way. Its word may stay as it is, and lead away from a corrected place.
+fn moves_tool([from, to]: [&Axes; 2], [before, after]: [&Axes; 2]) -> bool {
+    (0..3).any(|axis| (to[axis] - from[axis] + after[axis] - before[axis]).abs() > MOVES_BY)
 }
 
 /// The part of its time that a part of a motion gets: taking up the play of an axis takes a little, too.

@@ -98,7 +98,7 @@ pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
 
 /// The key that signs.
 pub fn signing_key(config: &Config) -> Result<Key, Error> {
-    Ok(Key::read(&config.keys.folder, &config.keys.sign_with)?)
+    Key::read(&config.keys.folder, &config.keys.sign_with)
 }
 
 /// Prints. A reader that has gone is no failure.

@@ -99,7 +99,7 @@ pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(),
     const LAST: u32 = 10;
     let store = open(config)?;
     let rollouts = match id {
-        Some(id) => vec![(store.rollout(id)?).ok_or_else(|| Error::missing("roll-out", id))?],
+        Some(id) => vec![(store.rollout(id)?).ok_or_else(|| Error::missing("roll-out", &id))?],
         None => store.rollouts(LAST)?,
     };
     if json {

@@ -68,7 +68,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
         running.end().await;
         Ok::<(), Error>(())
     })?;
-    Ok(store.audit("centre", "centre.end", "", serde_json::json!({}))?)
+    store.audit("centre", "centre.end", "", serde_json::json!({}))
 }
 
 /// Waits for a signal to end.

@@ -74,7 +74,7 @@ impl Store {
     /// There is no such roll-out, or it is confirmed what does not wait for a confirmation.
     pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), Error> {
         self.write(|database| {
-            let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", id))?;
+            let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
             if let Wish::Confirm { machine, hash } = wish {
                 // What would come of nothing is refused now: whoever wishes it does not see the running centre drop it.
                 let waiting = waiting_wishes(database, id)?;
@@ -98,7 +98,7 @@ impl Store {
     /// There is no such roll-out with such a machine, or it goes on or is done, or the machine does not have its model.
     pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), Error> {
         self.write(|database| {
-            let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", id))?;
+            let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
             if !rollout.phase.is_broken_off() {
                 return Err(Error::Conflict(format!(
                     "roll-out {id} goes on or is done: expected one that has stopped or was ended before it was done"

@@ -46,7 +46,6 @@ pub(crate) fn validate(name: &str, document: &Value) {
 }
 
 #[test]
-#[expect(clippy::too_many_lines, reason = "one call for each document")]
 fn live_documents_follow_their_schemas() {
     let folder = Folder::new();
     let place = folder.path().display().to_string();

@@ -480,33 +480,34 @@ fn which_way_an_axis_with_modulo_turns_is_stated() {
     );
 }
 
+/// A table that turns about A, and the beginning of its programs.
+const TILTED: &str =
+    "EC0A = 200.0\nEZA = { table = [[-360, -15], [360, 15]], interpolation = \"linear\" }\n";
+const START: &str = "G94 G0 X20 Y0 Z30 A0\nG1 Z25 F100\n";
+
+/// The result on a machine with a table that turns about A and these errors.
+fn turned(errors: &str, setup: &str, dialect: Dialect, program: &str) -> Result<String, String> {
+    let travel = "travel = [-300, 300]\n";
+    let text = format!(
+        "structure = \"w A' X' Y' b Z t\"\n[axes.X]\n{travel}[axes.Y]\n{travel}[axes.Z]\n{travel}[axes.A]\ntravel = [-360, 360]\n[errors]\n{errors}"
+    );
+    let machine = Machine::parse(&text, "m.toml").expect("a good machine");
+    let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+    let done = result_of((&machine, 0.001), &setup, program.as_bytes(), |job| Job {
+        dialect,
+        ..job
+    });
+    done.map(|(out, _)| String::from_utf8(out).expect("text"))
+        .map_err(|error| error.to_string())
+}
+
 /// A motion of rotary axes alone keeps its time where its correction moves linear axes, whose feed F is then on some controls: its F is one over the
 /// time of each part. On a control that takes mm and deg together, and where nothing linear moves, it stays as it is.
 #[test]
 fn a_turn_alone_keeps_its_time() {
-    let travel = "travel = [-300, 300]\n";
-    let machine = |errors: &str| {
-        let text = format!(
-            "structure = \"w A' X' Y' b Z t\"\n[axes.X]\n{travel}[axes.Y]\n{travel}[axes.Z]\n{travel}[axes.A]\ntravel = [-360, 360]\n[errors]\n{errors}"
-        );
-        Machine::parse(&text, "m.toml").expect("a good machine")
-    };
-    let result = |errors: &str, setup: &str, dialect: Dialect, program: &str| {
-        let machine = machine(errors);
-        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-        let done = result_of((&machine, 0.001), &setup, program.as_bytes(), |job| Job {
-            dialect,
-            ..job
-        });
-        done.map(|(out, _)| String::from_utf8(out).expect("text"))
-            .map_err(|error| error.to_string())
-    };
-    const TILTED: &str =
-        "EC0A = 200.0\nEZA = { table = [[-360, -15], [360, 15]], interpolation = \"linear\" }\n";
-    let start = "G94 G0 X20 Y0 Z30 A0\nG1 Z25 F100\n";
-    let program = format!("{start}G1 A90 F600\nX30 F50\n");
+    let program = format!("{START}G1 A90 F600\nX30 F50\n");
     let split = |setup: &str, dialect| {
-        let out = result(TILTED, setup, dialect, &program).expect("compensated");
+        let out = turned(TILTED, setup, dialect, &program).expect("compensated");
         out.lines().skip(2).map(str::to_owned).collect::<Vec<_>>()
     };
     for (setup, dialect) in [
@@ -543,8 +544,8 @@ fn a_turn_alone_keeps_its_time() {
         "{lines:?}"
     );
     // EAA moves A alone, by 0.006°.
-    let program = format!("{start}G1 A90 F600\n");
-    let alone = result(
+    let program = format!("{START}G1 A90 F600\n");
+    let alone = turned(
         "EAA = { poly = [104.719755] }\n",
         "",
         Dialect::Rs274,
@@ -552,30 +553,40 @@ fn a_turn_alone_keeps_its_time() {
     );
     let alone = alone.expect("compensated");
     assert!(alone.contains(" F600") && !alone.contains("G93"), "{alone}");
+    // The word of Z stays as it is, and leads back from a corrected place.
+    let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
+    let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\n";
+    let out = turned(bent, "", Dialect::Rs274, program).expect("compensated");
+    assert_eq!(out.matches("G93").count(), 2, "{out}");
+}
+
+/// Where the time of such a motion is not known it is refused, and says what to write.
+#[test]
+fn a_turn_alone_of_unknown_time_is_refused() {
     let haas = "control = \"haas\"\nwithout_point = \"unit\"\n";
     for (setup, dialect, program, expected) in [
         (
             "",
             Dialect::Rs274,
-            format!("{start}G95 G1 A90 F0.1\n"),
+            format!("{START}G95 G1 A90 F0.1\n"),
             "G94 or G95",
         ),
         (
             "",
             Dialect::Rs274,
-            format!("{start}G95\nG1 A90 F0.1\n"),
+            format!("{START}G95\nG1 A90 F0.1\n"),
             "each revolution",
         ),
         (
             "",
             Dialect::Rs274,
-            format!("{start}G94 G1 A90 F600\n"),
+            format!("{START}G94 G1 A90 F600\n"),
             "G94 or G95",
         ),
         (
             "",
             Dialect::Rs274,
-            format!("{start}/F6000\nG1 A90\n"),
+            format!("{START}/F6000\nG1 A90\n"),
             "only the machine knows",
         ),
         (
@@ -587,39 +598,34 @@ fn a_turn_alone_keeps_its_time() {
         (
             haas,
             Dialect::Rs274,
-            format!("{start}G1 A90 F600\n"),
+            format!("{START}G1 A90 F600\n"),
             "Haas",
         ),
         (
             "",
             Dialect::Siemens,
-            format!("{start}FGROUP(X,Y,Z,A)\nG1 A90 F600\n"),
+            format!("{START}FGROUP(X,Y,Z,A)\nG1 A90 F600\n"),
             "FGROUP",
         ),
         (
             "",
             Dialect::Siemens,
-            format!("{start}G1 A90 F600 M17\n"),
+            format!("{START}G1 A90 F600 M17\n"),
             "M17",
         ),
         (
             "",
             Dialect::Siemens,
-            format!("{start}FGREF[A]=200\nG1 A90 F600\n"),
+            format!("{START}FGREF[A]=200\nG1 A90 F600\n"),
             "FGROUP",
         ),
     ] {
-        let error = result(TILTED, setup, dialect, &program).expect_err(&program);
+        let error = turned(TILTED, setup, dialect, &program).expect_err(&program);
         assert!(
             error.contains(expected) && error.contains("Write G94"),
             "{program}{error}"
         );
     }
-    // The word of Z stays as it is, and leads back from a corrected place.
-    let bent = "EZA = { table = [[0, 0], [10, -0.6], [20, 0.4]], interpolation = \"linear\" }\n";
-    let program = "G94 G0 X0 Y0 Z0 A0\nG1 Z0 A10 F600\nG1 Z0 A20\n";
-    let out = result(bent, "", Dialect::Rs274, program).expect("compensated");
-    assert_eq!(out.matches("G93").count(), 2, "{out}");
 }
 
 /// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C
