@@ -73,7 +73,7 @@ fn a_model_is_rolled_out_and_what_machines_say_is_stored() {
             })
         })
         .await;
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         until("silence is told", || shop.is_open(AlarmKind::Silent)).await;
         centre.end().await;
     });
@@ -101,7 +101,7 @@ fn a_centre_that_is_started_again_goes_on() {
         let centre = shop.centre(&shop.url()).await;
         until("the roll-out is done", || state().phase == Phase::Done).await;
         assert_eq!((0..4).map(told).collect::<Vec<_>>(), [1; 4], "each once");
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
@@ -125,7 +125,7 @@ fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
         shop.until_stopped(id, "residual").await;
         until("a person is told", || shop.is_open(AlarmKind::Rollout)).await;
         assert_eq!(gateways[1].0.version(), 0);
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
@@ -186,7 +186,7 @@ fn nothing_is_lost_when_the_centre_was_cut_off() {
         wire.cut(false);
         let gone = || shop.rollout(id);
         until("the roll-out goes on", || gone().phase == Phase::Done).await;
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
@@ -211,7 +211,7 @@ fn a_node_of_the_cluster_is_killed() {
         shop.start_server(0);
         let before = told(0);
         until("with all nodes again", || told(0) > before + 5).await;
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }
@@ -230,7 +230,7 @@ fn a_full_disk_loses_nothing() {
         })
         .await;
         shop.store.limit_pages(u32::MAX - 1).unwrap();
-        all_is_stored(&shop, gateways).await;
+        all_is_stored(shop, gateways).await;
         centre.end().await;
     });
 }

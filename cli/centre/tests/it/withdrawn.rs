@@ -64,7 +64,7 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         })
         .await;
         until("one has it", || staying.version() == 2).await;
-        assert!(!is_suspect(&shop));
+        assert!(!is_suspect(shop));
         *residual.lock().unwrap() = 400.0;
         shop.until_stopped(second, "").await;
         until("it is taken back", || {
@@ -87,20 +87,20 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
                 .any(|live| live.version == 3 && live.model == old.model.checksum)
         })
         .await;
-        until("the one that has it is suspect", || is_suspect(&shop)).await;
+        until("the one that has it is suspect", || is_suspect(shop)).await;
         shop.store.wish(second, &Wish::Abort, "anna").unwrap();
         until("it is over", || rollout(second).phase.is_over()).await;
         // A centre that is started again knows it, too.
         centre.end().await;
         let centre = shop.centre(&shop.url()).await;
         tokio::time::sleep(std::time::Duration::from_secs(3)).await;
-        assert!(is_suspect(&shop), "ended for good, and nobody is told");
+        assert!(is_suspect(shop), "ended for good, and nobody is told");
         *residual.lock().unwrap() = 4.0;
         let quick = soak(0.0);
         let (third, given) = start_way_back(&shop.store, &all[0].0, quick, "bert").unwrap();
         assert_eq!(given.sha256, old.model.sha256);
         until("it has the one before", || staying.version() == 3).await;
-        until("nothing is suspect", || !is_suspect(&shop)).await;
+        until("nothing is suspect", || !is_suspect(shop)).await;
         until("it is done", || rollout(third.id).phase == Phase::Done).await;
         shop.until_under_key(2, 0).await;
         centre.end().await;
@@ -125,7 +125,7 @@ fn a_machine_may_keep_the_model() {
         let early = shop.store.keep_model(id, &name, "bert").unwrap_err();
         assert!(early.to_string().contains("goes on or is done"), "{early}");
         shop.store.wish(id, &Wish::Abort, "anna").unwrap();
-        until("it is suspect", || is_suspect(&shop)).await;
+        until("it is suspect", || is_suspect(shop)).await;
         let alarms = shop.store.open_alarms().unwrap();
         let text = alarms.iter().find(|alarm| alarm.kind == AlarmKind::Suspect);
         let text = &text.unwrap().text;
@@ -143,9 +143,9 @@ fn a_machine_may_keep_the_model() {
         shop.store.put_machine(&machine, "anna").unwrap();
         until("it is told", || gateway.0.version() == 2).await;
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
-        assert!(is_suspect(&shop));
+        assert!(is_suspect(shop));
         shop.store.keep_model(id, &name, "bert").unwrap();
-        until("nobody is told any more", || !is_suspect(&shop)).await;
+        until("nobody is told any more", || !is_suspect(shop)).await;
         let audit = shop.store.audit_records(None, 50).unwrap();
         let kept = audit.iter().find(|record| record.action == "rollout.keep");
         assert_eq!(kept.map(|record| record.by.as_str()), Some("bert"));
@@ -173,7 +173,7 @@ fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
         let told = Told::default();
         told.version.store(1, Ordering::Relaxed);
         let gateway = tokio::spawn(gateway::run(shop.plan(0, "run-0"), told.clone()));
-        until("it is suspect", || is_suspect(&shop)).await;
+        until("it is suspect", || is_suspect(shop)).await;
         assert!(shop.store.issued(&name).unwrap().is_none());
         let mut machine = shop.machines[0].0.clone();
         machine.enable = false;
@@ -191,9 +191,9 @@ fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
         })
         .await;
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
-        assert!(is_suspect(&shop), "settings make nothing good");
+        assert!(is_suspect(shop), "settings make nothing good");
         shop.store.keep_model(id, &name, "bert").unwrap();
-        until("nobody is told any more", || !is_suspect(&shop)).await;
+        until("nobody is told any more", || !is_suspect(shop)).await;
         centre.end().await;
         gateway.abort();
     });

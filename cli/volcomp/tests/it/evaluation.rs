@@ -117,7 +117,7 @@ fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
         warm["notes"]
     );
     let said = warm["material_compensation"].as_str().expect("a text");
-    contains(&said, "11 µm/(m·K)");
+    contains(said, "11 µm/(m·K)");
     // 8 m: α L R/√3 and ΔT L R(α)/√3 with what the file states.
     let contribution = |k: usize| warm["uncertainty"]["contributions"][k]["u_um"].clone();
     close(&contribution(2), 11.0 * 8.0 / 3.0_f64.sqrt(), 1e-9);
@@ -272,11 +272,11 @@ fn a_wrong_unit_and_an_angle_are_told() {
         }
         rows
     };
-    let right = folder.write("right.csv", &rows("um", "target"));
-    let wrong = folder.write("wrong.csv", &rows("mm", "target"));
-    let tiny = folder.write("tiny.csv", &rows("nm", "target"));
-    let angle = folder.write("angle.csv", &rows("urad", "target"));
-    let turned = folder.write("turned.csv", &rows("um", "target deg"));
+    let right = folder.write("right.csv", rows("um", "target"));
+    let wrong = folder.write("wrong.csv", rows("mm", "target"));
+    let tiny = folder.write("tiny.csv", rows("nm", "target"));
+    let angle = folder.write("angle.csv", rows("urad", "target"));
+    let turned = folder.write("turned.csv", rows("um", "target deg"));
     let said = |call: &[&str]| json(call)["notes"].to_string();
     for command in ["iso230", "straightness"] {
         assert!(!said(&[command, &right]).contains("another unit"));
@@ -288,7 +288,7 @@ fn a_wrong_unit_and_an_angle_are_told() {
             );
         }
     }
-    let second = folder.write("second.csv", &rows("um", "target"));
+    let second = folder.write("second.csv", rows("um", "target"));
     let notes = said(&["squareness", &wrong, &second, "--error", "EC0Y"]);
     contains(&notes, "a squareness of");
     let notes = said(&["iso230", &angle]);
@@ -388,7 +388,7 @@ fn a_title_that_names_no_positioning_is_not_judged_as_one() {
              1 0.0 0.0 1.0 0.5 0.2 0.2 1.0\n2 100.0 2.0 3.0 2.5 0.2 0.2 1.0\n"
         )
     };
-    let straight = folder.write("a.txt", &report("EXY straightness", "um"));
+    let straight = folder.write("a.txt", report("EXY straightness", "um"));
     let call = ["iso230", &straight, "--tolerance", "E=70,B=5"];
     let message = refused(&call);
     assert!(
@@ -414,7 +414,7 @@ fn a_title_that_names_no_positioning_is_not_judged_as_one() {
         ("EBX pitch", "um", true),
         ("EAC", "arcsec", true),
     ] {
-        let file = folder.write("b.txt", &report(title, unit));
+        let file = folder.write("b.txt", report(title, unit));
         let status = volcomp(&["iso230", &file]).status.code();
         assert_eq!(
             status,

@@ -60,7 +60,7 @@ fn displacements_are_the_errors_that_the_call_names() {
         assert!(rms("fit") < 0.5 * without, "{channel}");
         assert_eq!(channel["recommended"], true, "{channel}");
         let own = section(&printed, names[place], names[place + 1]);
-        contains(&own, "[[thermal.drift]]");
+        contains(own, "[[thermal.drift]]");
         let toml = channel["toml"].as_str().expect("text");
         let stated = format!("error = \"{}\"\n", error.unwrap_or("???"));
         assert_eq!(

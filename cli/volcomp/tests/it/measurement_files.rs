@@ -218,8 +218,8 @@ fn laser(serial: &str, title: &str) -> String {
 fn several_files_end_in_a_table() {
     let folder = Folder::new();
     fs::create_dir(folder.path().join("lasers")).expect("made");
-    let one = folder.write("lasers/exx.rtl", &laser("12", "EXX"));
-    let other = folder.write("lasers/second.rtl", &laser("13", "EXX once more"));
+    let one = folder.write("lasers/exx.rtl", laser("12", "EXX"));
+    let other = folder.write("lasers/second.rtl", laser("13", "EXX once more"));
     folder.write("lasers/notes.pdf", "%PDF");
     let lasers = folder.file("lasers");
     let shown = text(&["inspect", &lasers]);

@@ -273,7 +273,7 @@ fn a_feature_that_nothing_cuts_is_told_with_its_key() {
         (2, "part.toml: feature[2].kind: cylinder: found points"),
     ] {
         let reason = features[place]["reason"].as_str().unwrap_or_default();
-        contains(&reason, expected);
+        contains(reason, expected);
     }
 }
 

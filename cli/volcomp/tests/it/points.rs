@@ -24,7 +24,7 @@ fn a_head_may_name_its_unit() {
         "X [mm],Y (mm),C_deg",
         "X (MM),Y/mm,C [°]",
     ] {
-        let points = folder.write("p.csv", &format!("{header}\n700,0,30\n"));
+        let points = folder.write("p.csv", format!("{header}\n700,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
     }
     // Heads in other units have a table in the program itself.
@@ -39,7 +39,7 @@ X,Y_inches,C => found column `Y_inches`, expected positions of Y in mm: Y or Y_m
 X,Y,C: => expected positions of C in deg: C or C_deg
 ";
     for (header, expected) in cases(wrong) {
-        let points = folder.write("p.csv", &format!("{header}\n700,0,30\n"));
+        let points = folder.write("p.csv", format!("{header}\n700,0,30\n"));
         let message = refused(&["error", "-m", FIVE_AXES, "--points", &points]);
         assert!(message.contains(expected), "{header}: {message}");
         contains(&message, "p.csv:1: header: ");
@@ -49,7 +49,7 @@ X,Y,C: => expected positions of C in deg: C or C_deg
     assert_eq!(first(FIVE_AXES, &points), expected);
     // Where the position itself is there, another column of the letter is one that passes through.
     for header in ["X,X_um,Y,C", "X,X remark,Y,C", "X,A:remark,Y,C"] {
-        let points = folder.write("p.csv", &format!("{header}\n700,1,0,30\n"));
+        let points = folder.write("p.csv", format!("{header}\n700,1,0,30\n"));
         assert_eq!(first(FIVE_AXES, &points), expected, "{header}");
     }
 }

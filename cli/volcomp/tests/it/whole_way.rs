@@ -108,7 +108,7 @@ fn the_demo_with_moving_least_squares_alone() {
     let calibrated = fs::read_to_string(folder.path().join("calibrated.toml")).expect("kept");
     let curves = calibrated.lines().filter(|line| line.starts_with('E'));
     for curve in curves.filter(|line| line.contains('{')) {
-        contains(&curve, "mls");
+        contains(curve, "mls");
         assert!(!curve.contains("bspline") && !curve.contains("poly"));
     }
     let mean = &answer["mean_percent"];
@@ -372,5 +372,5 @@ fn settings_without_a_leave_one_out_error_are_told() {
             .count(),
         without
     );
-    contains(&said, "x no leave-one-out error");
+    contains(said, "x no leave-one-out error");
 }

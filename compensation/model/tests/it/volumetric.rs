@@ -204,15 +204,18 @@ fn narrow_spots_of_curves_are_found() {
     use rand::RngExt as _;
     let mut random = ChaCha8Rng::seed_from_u64(8);
     for _ in 0..20 {
-        let mut text = String::from(
-            "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\n",
+        let errors: String = ["EXX", "EYY", "EZZ"]
+            .map(|name| {
+                let spot = random.random_range(1..200);
+                let node =
+                    |place: u32| [f64::from(5 * place), if place == spot { 30.0 } else { 0.0 }];
+                let table: Vec<[f64; 2]> = (0..=200).map(node).collect();
+                format!("{name} = {{ table = {table:?}, interpolation = \"linear\" }}\n")
+            })
+            .concat();
+        let text = format!(
+            "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\n{errors}"
         );
-        for name in ["EXX", "EYY", "EZZ"] {
-            let spot = random.random_range(1..200);
-            let node = |place: u32| [f64::from(5 * place), if place == spot { 30.0 } else { 0.0 }];
-            let table: Vec<[f64; 2]> = (0..=200).map(node).collect();
-            text += &format!("{name} = {{ table = {table:?}, interpolation = \"linear\" }}\n");
-        }
         let found = of_one_tool(&Machine::parse(&text, "spots.toml").unwrap());
         let expected = 0.03 * 3.0_f64.sqrt();
         assert!((found.max_mm - expected).abs() < 1e-6, "{found:?}");
