@@ -114,7 +114,7 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
-    /// If records were lost and no task is pending, queues a record at most every [`RETRY`] to test whether the log is writable again. That record
+    /// If records were lost and no task is pending, queues a record at most every `RETRY` to test whether the log is writable again. That record
     /// states the number of lost records.
     pub fn try_again(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
