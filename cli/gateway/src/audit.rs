@@ -91,8 +91,8 @@ impl AuditLog {
         standing_file(&self.dir)
     }
 
-    /// Opens the log in a folder, which is created if it is missing. A torn tail is cut off; a file with a broken chain is moved aside and a new one
-    /// started.
+    /// Opens the log in a folder, which is created if it is missing. A torn tail is cut off; a file with a broken chain
+    /// is moved aside and a new one started.
     ///
     /// # Errors
     /// The folder or file cannot be written.

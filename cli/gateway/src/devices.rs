@@ -1,5 +1,5 @@
-//! Derives from the configured devices what the guard and the plan documents need. Compares the settings reported by a control with the
-//! configuration, by the guard's own rule.
+//! Derives from the configured devices what the guard and the plan documents need. Compares the settings reported by a
+//! control with the configuration, by the guard's own rule.
 
 use std::{
     collections::BTreeMap,
@@ -78,8 +78,8 @@ pub(crate) fn needs(limits: &Limits) -> Needs {
     }
 }
 
-/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`: the control is only read).
-/// Returns `None` if its bus reports no settings. Nothing is written.
+/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`:
+/// the control is only read). Returns `None` if its bus reports no settings. Nothing is written.
 ///
 /// # Errors
 /// The control cannot be reached, or contradicts the configuration.

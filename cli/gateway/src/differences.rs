@@ -12,8 +12,8 @@ pub struct Differences {
     pub to_confirm: Vec<String>,
 }
 
-/// Compares a model with the active one. A different structure must be confirmed but is not refused: the earlier model may have been wrong (GUARD
-/// rule 13 covers structures as well).
+/// Compares a model with the active one. A different structure must be confirmed but is not refused: the earlier model
+/// may have been wrong (GUARD rule 13 covers structures as well).
 pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let letters = |machine: &Machine| {
         let mut letters: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();

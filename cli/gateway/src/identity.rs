@@ -12,8 +12,8 @@ use crate::{
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
-/// Keys of `[guard]` that need confirmation: limits, rates, accelerations, hold and ramp times, and the thresholds below which no confirmation is
-/// needed.
+/// Keys of `[guard]` that need confirmation: limits, rates, accelerations, hold and ramp times, and the thresholds
+/// below which no confirmation is needed.
 const CONFIRMED_KEYS: [&str; 17] = [
     "limit_um",
     "slew_um_per_s",
@@ -78,8 +78,9 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is evaluated at the reference
-    /// temperature, at the current temperatures in the steady state, and in the present state with the lags of the running model.
+    /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
+    /// evaluated at the reference temperature, at the current temperatures in the steady state, and in the present
+    /// state with the lags of the running model.
     /// been steady for long, and as the machine is now, with the lags of the model that runs.
     pub(crate) fn judged(
         &self,

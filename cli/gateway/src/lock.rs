@@ -1,5 +1,5 @@
-//! Allows one gateway per controller on a computer. The lock is an abstract socket address named after the device: it is exclusive, visible to all
-//! users, and released by the kernel after a crash.
+//! Allows one gateway per controller on a computer. The lock is an abstract socket address named after the device: it
+//! is exclusive, visible to all users, and released by the kernel after a crash.
 
 use std::{
     collections::BTreeSet,

@@ -249,8 +249,8 @@ impl Assembled {
     }
 }
 
-/// Initializes the cycle with the last stored output. An output that is not stored is unknown, not zero: the device must report it, or an operator
-/// must check.
+/// Initializes the cycle with the last stored output. An output that is not stored is unknown, not zero: the device
+/// must report it, or an operator must check.
 pub fn restore_output(opened: &mut Opened) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
     let file = opened.config.audit_dir().join("output.json");
@@ -259,7 +259,8 @@ pub fn restore_output(opened: &mut Opened) {
     opened.cycle.restore(&output, age);
 }
 
-/// Builds the service of a machine around its cycle, which `launch` starts. [`Service::started`] writes its first record.
+/// Builds the service of a machine around its cycle, which `launch` starts. [`Service::started`] writes its first
+/// record.
 ///
 /// # Errors
 /// `launch` fails, or the operating system cannot create a thread.
@@ -359,8 +360,9 @@ pub fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     Ok((audit, found))
 }
 
-/// The last stored output (mm, rad) and its age. `None` if none is stored, it is unreadable, or it belongs to another boot, other axes or other
-/// controllers. If the program was not shut down properly, it may have sent a later output: the values are then NaN.
+/// The last stored output (mm, rad) and its age. `None` if none is stored, it is unreadable, or it belongs to another
+/// boot, other axes or other controllers. If the program was not shut down properly, it may have sent a later output:
+/// the values are then NaN.
 fn last_output(
     path: &Path,
     model: &Model,

@@ -348,8 +348,8 @@ fn log(form: LogForm) {
     use tracing_subscriber::{
         Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
     };
-    // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures are reported as our own errors,
-    // with the URL.
+    // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures are
+    // reported as our own errors, with the URL.
     let told = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);

@@ -186,11 +186,10 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
-/// Age after which a confirmed output counts as unknown, because the control may have released it. The outputs of a control without read-back remain
-/// known until the guard withdraws them.
+/// Age after which a confirmed output counts as unknown, because the control may have released it. The outputs of a
+/// control without read-back remain known until the guard withdraws them.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
-/// The states of all paths.
 fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
     let ms = |age: Option<Duration>| age.map(|age| round(age.as_secs_f64() * 1e3));
     let pairs = facts.controllers.iter().zip(&report.paths).enumerate();

@@ -14,8 +14,8 @@ use crate::{
     locked, observe,
 };
 
-/// Maximum interval between two publications. A state older than this plus the patience with the control thread is stale, whichever of the two
-/// threads is late.
+/// Maximum interval between two publications. A state older than this plus the patience with the control thread is
+/// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
 /// Time span of the history, s.
 const SPAN_S: f64 = 120.0;
@@ -79,7 +79,8 @@ impl Published {
         self.pulse.clock()
     }
 
-    /// The current state with its age: that of the last cycle, or `unknown` if there has been no cycle for three periods ([`Pulse::patience`]).
+    /// The current state with its age: that of the last cycle, or `unknown` if there has been no cycle for three
+    /// periods ([`Pulse::patience`]).
     pub fn latest(&self) -> Status {
         let (status, cycle_at) = {
             let latest = locked(&self.shared.latest);
@@ -156,7 +157,6 @@ impl Trend {
         });
     }
 
-    /// The history as a document.
     fn history(&self) -> History {
         History {
             span_s: SPAN_S,

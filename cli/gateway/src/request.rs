@@ -82,7 +82,8 @@ impl Ask {
     }
 }
 
-/// A request and the channel for its response. Creating a request to disarm already orders it; the service only records it and responds.
+/// A request and the channel for its response. Creating a request to disarm already orders it; the service only records
+/// it and responds.
 pub struct Asked {
     pub(crate) ask: Ask,
     pub(crate) who: String,
@@ -92,8 +93,8 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Creates a request of `who`: the name of a token, `signal`, `auto_arm`, or `centre` with the first digits of a key. Without `answer`, the
-    /// response is logged. A request to disarm takes effect immediately.
+    /// Creates a request of `who`: the name of a token, `signal`, `auto_arm`, or `centre` with the first digits of a
+    /// key. Without `answer`, the response is logged. A request to disarm takes effect immediately.
     pub fn new(
         ask: Ask,
         who: impl Into<String>,
@@ -112,7 +113,8 @@ impl Asked {
     }
 }
 
-/// Sending side of the request queue. Slots are reserved for disarm requests, so that other requests never prevent them from being recorded.
+/// Sending side of the request queue. Slots are reserved for disarm requests, so that other requests never prevent them
+/// from being recorded.
 #[derive(Clone)]
 pub struct Asks {
     asked: SyncSender<Asked>,
@@ -179,7 +181,8 @@ impl Queue {
 /// An HTTP status with its document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reply {
-    /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the disk does not respond.
+    /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the
+    /// disk does not respond.
     pub status: u16,
     /// The response document.
     pub answer: Answer,

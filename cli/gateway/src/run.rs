@@ -1,4 +1,5 @@
-//! The main loop of the daemon: signals, reloads and notifications of the service manager. Nothing here waits for the machine.
+//! The main loop of the daemon: signals, reloads and notifications of the service manager. Nothing here waits for the
+//! machine.
 
 use std::{
     fs::File,

@@ -1,4 +1,5 @@
-//! The built-in simulation: a gantry that moves and warms up, its true errors, and the model that `volcomp demo` identified for it.
+//! The built-in simulation: a gantry that moves and warms up, its true errors, and the model that `volcomp demo`
+//! identified for it.
 
 use std::{sync::Arc, time::Duration};
 
@@ -48,8 +49,8 @@ pub struct Simulation {
 }
 
 impl Truth {
-    /// The truth relative to a model. The position of the workpiece is not an error of the machine, so the best-fit rigid motion at the reference
-    /// temperature is removed.
+    /// The truth relative to a model. The position of the workpiece is not an error of the machine, so the best-fit
+    /// rigid motion at the reference temperature is removed.
     fn against(machine: Machine, model: &Machine, sensors: &[String]) -> Self {
         let none = Temperatures::new();
         let mut sums = RigidSums::default();
@@ -111,7 +112,8 @@ fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
 /// A running machine with the handles for tests.
 type Started = (SimulatedController, SimulatedThermometer, Arc<Controls>);
 
-/// Settings of the barrier in the built-in machine's control: a scan takes 2 ms; rates and limits match those of [`guard`].
+/// Settings of the barrier in the built-in machine's control: a scan takes 2 ms; rates and limits match those of
+/// [`guard`].
 pub fn protection() -> Protection {
     Protection::default()
 }

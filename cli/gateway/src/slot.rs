@@ -1,5 +1,5 @@
-//! Exchange between the process and its machine: orders go in, the phase comes out. State: the counts of orders, and the phase. A stop order waits
-//! for no lock.
+//! Exchange between the process and its machine: orders go in, the phase comes out. State: the counts of orders, and
+//! the phase. A stop order waits for no lock.
 
 use std::{
     net::SocketAddr,
@@ -98,12 +98,12 @@ impl Slot {
         &self.life
     }
 
-    /// Sets the phase.
     pub(crate) fn set(&self, phase: Phase) {
         *locked(&self.phase) = phase;
     }
 
-    /// Enters the launching phase before the control thread is started; `false` if the machine was stopped meanwhile and must not start.
+    /// Enters the launching phase before the control thread is started; `false` if the machine was stopped meanwhile
+    /// and must not start.
     pub(crate) fn launch(&self) -> bool {
         let mut phase = locked(&self.phase);
         let may = matches!(*phase, Phase::Starting) && self.stops() == 0;

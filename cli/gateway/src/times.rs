@@ -43,7 +43,6 @@ impl Stretch {
         }
     }
 
-    /// Whether nothing was counted.
     pub(crate) fn is_empty(&self) -> bool {
         self.latest().is_empty()
     }

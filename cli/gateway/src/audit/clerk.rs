@@ -1,4 +1,5 @@
-//! The thread that writes the audit log and the small files beside it. Only callers that wait for a receipt are delayed by a disk that hangs.
+//! The thread that writes the audit log and the small files beside it. Only callers that wait for a receipt are delayed
+//! by a disk that hangs.
 
 use std::{
     io,
@@ -114,8 +115,8 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
-    /// If records were lost and no task is pending, queues a record at most every `RETRY` to test whether the log is writable again. That record
-    /// states the number of lost records.
+    /// If records were lost and no task is pending, queues a record at most every `RETRY` to test whether the log is
+    /// writable again. That record states the number of lost records.
     pub fn try_again(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
         let missing =

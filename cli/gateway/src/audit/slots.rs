@@ -1,7 +1,7 @@
 //! A file that can be updated on a full disk: it is allocated once and then overwritten in place.
 //!
-//! Two slots of equal size are written alternately, each with a checksum and a counter. A power failure during a write leaves the previous text in
-//! the other slot.
+//! Two slots of equal size are written alternately, each with a checksum and a counter. A power failure during a write
+//! leaves the previous text in the other slot.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -65,7 +65,8 @@ impl Slots {
         (ours.dev(), ours.ino()) == (there.dev(), there.ino()) && ours.len() == SLOTS * SLOT as u64
     }
 
-    /// Opens the file. A missing file or one of another size is created completely under a temporary name and then renamed.
+    /// Opens the file. A missing file or one of another size is created completely under a temporary name and then
+    /// renamed.
     fn take_room(&self, text: &str) -> io::Result<Open> {
         let kept = fs::read(&self.path).unwrap_or_default();
         let whole = kept.len() as u64 == SLOTS * SLOT as u64;

@@ -61,7 +61,8 @@ fn replaced(key: &str) -> Option<&'static str> {
     }
 }
 
-/// The configuration of a gateway. Paths are resolved against the folder of the file; the fields are the keys of the file.
+/// The configuration of a gateway. Paths are resolved against the folder of the file; the fields are the keys of the
+/// file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -126,8 +127,8 @@ impl Default for Config {
     }
 }
 
-/// The text of a configuration and the position of each key. All values compare equal, so that comments and order do not affect the comparison of
-/// configurations.
+/// The text of a configuration and the position of each key. All values compare equal, so that comments and order do
+/// not affect the comparison of configurations.
 #[derive(Clone, Debug, Default)]
 pub struct Source {
     document: Option<Document>,
@@ -170,8 +171,8 @@ impl Source {
 }
 
 impl DashboardConfig {
-    /// Reads only the table `[dashboard]` of a configuration file, so that the state of a running gateway can be requested while the rest of the file
-    /// is being edited.
+    /// Reads only the table `[dashboard]` of a configuration file, so that the state of a running gateway can be
+    /// requested while the rest of the file is being edited.
     ///
     /// # Errors
     /// The file cannot be read, or the table is invalid: every error with file, line and key.
@@ -205,7 +206,8 @@ pub(crate) fn is_blank(name: &str) -> bool {
 }
 
 impl Config {
-    /// Reads a configuration file. A model activated by the operator or the centre replaces the configured machine file.
+    /// Reads a configuration file. A model activated by the operator or the centre replaces the configured machine
+    /// file.
     ///
     /// # Errors
     /// The file cannot be read, or it is invalid: every error with file, line and key.
@@ -300,8 +302,8 @@ impl Config {
         &self.audit.dir
     }
 
-    /// Sets the active machine file: that of the centre, else the one activated by an operator, else the configured one. A damaged file is skipped
-    /// and logged.
+    /// Sets the active machine file: that of the centre, else the one activated by an operator, else the configured
+    /// one. A damaged file is skipped and logged.
     pub(crate) fn with_machine_in_force(mut self) -> Self {
         self.machine.clone_from(&self.configured_machine);
         // The built-in simulation has its own machine file.

@@ -188,5 +188,6 @@ pub struct Standing {
     pub jumped: Vec<String>,
 }
 
-/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations at the last arming, by configuration key.
+/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations at the last arming, by
+/// configuration key.
 pub type ConfirmedLimits = BTreeMap<String, f64>;

@@ -1,4 +1,5 @@
-//! The audit-log records that have not been sent to the centre, read from the log files: only records on disk are sent, in log order.
+//! The audit-log records that have not been sent to the centre, read from the log files: only records on disk are sent,
+//! in log order.
 
 use std::{
     collections::VecDeque,
@@ -90,7 +91,8 @@ impl AuditTail {
         let Some(mut place) = self.place.or_else(|| self.found(&files)) else {
             return;
         };
-        // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence numbers.
+        // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence
+        // numbers.
         let mut index = (files.iter())
             .position(|(_, inode)| *inode == place.inode)
             .unwrap_or_else(|| {
@@ -116,8 +118,8 @@ impl AuditTail {
         self.place = Some(place);
     }
 
-    /// The position after the last record sent. If that record is not found, the start of the oldest file; if nothing was ever sent, the start of the
-    /// current file.
+    /// The position after the last record sent. If that record is not found, the start of the oldest file; if nothing
+    /// was ever sent, the start of the current file.
     fn found(&self, files: &[(PathBuf, u64)]) -> Option<Place> {
         let (_, current) = files.last()?;
         if self.sent.checksum.is_empty() {
@@ -155,8 +157,8 @@ impl AuditTail {
     }
 }
 
-/// The complete lines of a file from an offset, up to [`PIECE`] bytes, and their length in bytes. An offset beyond the end, left by a record that was
-/// cut off, is set to the end.
+/// The complete lines of a file from an offset, up to [`PIECE`] bytes, and their length in bytes. An offset beyond the
+/// end, left by a record that was cut off, is set to the end.
 fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let mut piece = || -> std::io::Result<Vec<u8>> {
         let mut file = File::open(path)?;

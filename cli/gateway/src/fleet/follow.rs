@@ -1,8 +1,9 @@
-//! Applies the manifests of the centre. A value of the machine's key is judged by signature, addressee and version, never by time. Manifests are
-//! activated one at a time: manifest to disk, machine file to disk, request to the service, then the activation to disk.
+//! Applies the manifests of the centre. A value of the machine's key is judged by signature, addressee and version,
+//! never by time. Manifests are activated one at a time: manifest to disk, machine file to disk, request to the
+//! service, then the activation to disk.
 //!
-//! An order that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the server or the cycle are retried;
-//! refusals are not.
+//! An order that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the
+//! server or the cycle are retried; refusals are not.
 
 use std::{
     sync::{Arc, mpsc::TrySendError},
@@ -61,7 +62,6 @@ impl Service {
 
 /// A received value, judged.
 enum Heard {
-    /// A new manifest.
     New(Box<Judged>),
     /// The last accepted manifest, received again.
     Again(Box<Judged>),
@@ -69,11 +69,9 @@ enum Heard {
     Refused {
         /// Its version, as far as it can be read.
         version: u64,
-        /// Checksum of the value.
         value_sha256: String,
         /// The signer, for the audit log.
         who: String,
-        /// The reason for the refusal.
         why: String,
     },
 }
@@ -201,7 +199,8 @@ impl Hearer {
 
     /// Ramps the correction out and forbids arming before the manifest has any other effect.
     async fn disable(&self, judged: &Judged) {
-        // Note it first: the actor runs on the same thread and may be activating an older version, which must not lift this order.
+        // Note it first: the actor runs on the same thread and may be activating an older version, which must not lift
+        // this order.
         self.shared.forbid(judged.held.manifest.version);
         let key = &judged.held.desired.key;
         let mut sent = self.service.ask(CentreAsk::Disable, who(key), None);
@@ -568,7 +567,8 @@ fn needs_confirmation(question: &Question) -> Outcome {
 /// Receives values forever. The actor runs concurrently, so that its waits do not delay the next value.
 pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Actor) {
     let sender: MachineSender = link.sender();
-    // Unbounded: accepted manifests are signed by a trusted key with increasing versions, so they are few, and none may be lost.
+    // Unbounded: accepted manifests are signed by a trusted key with increasing versions, so they are few, and none may
+    // be lost.
     let (accept, accepted) = mpsc::unbounded_channel();
     let (tell, others) = mpsc::channel(OTHERS);
     let hearing = async {

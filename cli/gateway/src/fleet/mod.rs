@@ -1,8 +1,9 @@
-//! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the centre.
+//! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the
+//! centre.
 //!
-//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle: like the dashboard, they send requests to the
-//! service and read its published state. A disk that hangs delays neither the order to disarm nor the service. State: the folder of `store` and the
-//! messages queued for the server.
+//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle: like the dashboard,
+//! they send requests to the service and read its published state. A disk that hangs delays neither the order to disarm
+//! nor the service. State: the folder of `store` and the messages queued for the server.
 
 use std::{
     io,

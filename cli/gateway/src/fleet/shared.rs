@@ -110,7 +110,8 @@ impl Drop for Waits {
     }
 }
 
-/// Reports a disk that hangs, forever. Once the disk responds, this task clears its own message, whatever the waiting thread reports afterwards.
+/// Reports a disk that hangs, forever. Once the disk responds, this task clears its own message, whatever the waiting
+/// thread reports afterwards.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
     let hangs = format!("{folder}: the disk does not answer");
     let acting = format!("{hangs}: what was accepted is not in force before it does");

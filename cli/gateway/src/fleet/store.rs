@@ -1,8 +1,8 @@
 //! The folder of accepted manifests: the newest one, the active one, and their machine files.
 //!
-//! `standing.json` records which is which and is replaced atomically. Manifests are stored as signed, so that only content signed by a trusted key is
-//! used; a machine file is identified by its checksum. A manifest is on disk before its version counts, and the version is on disk before it has any
-//! effect.
+//! `standing.json` records which is which and is replaced atomically. Manifests are stored as signed, so that only
+//! content signed by a trusted key is used; a machine file is identified by its checksum. A manifest is on disk before
+//! its version counts, and the version is on disk before it has any effect.
 
 use std::{
     collections::BTreeSet,
@@ -91,7 +91,8 @@ impl Store {
         builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder counts as empty.
+    /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder counts as
+    /// empty.
     pub(crate) fn read(&self, config: &FleetConfig) -> Kept {
         let mut kept = Kept::default();
         let mut damage = Vec::new();
@@ -175,7 +176,6 @@ impl Store {
         replace_file(&self.machine(manifest), text)
     }
 
-    /// Saves the standing.
     pub(crate) fn keep_standing(&self, standing: &Standing) -> io::Result<()> {
         replace_file(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
     }
@@ -216,8 +216,8 @@ fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
     }
 }
 
-/// Reads a manifest that a trusted key signed for this machine. Its axes are compared with the machine at activation, its machine file with the
-/// checksum.
+/// Reads a manifest that a trusted key signed for this machine. Its axes are compared with the machine at activation,
+/// its machine file with the checksum.
 fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
     let desired = Desired::parse(&fs::read(path).ok()?).ok()?;
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;

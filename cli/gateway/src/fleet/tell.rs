@@ -1,5 +1,6 @@
-//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, each until the server has stored it. While the server is
-//! unreachable, messages are queued in memory and on disk, within limits. A disk that is full or hangs delays only this thread.
+//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, each until the server has
+//! stored it. While the server is unreachable, messages are queued in memory and on disk, within limits. A disk that is
+//! full or hangs delays only this thread.
 
 use std::{
     path::PathBuf,
@@ -232,7 +233,8 @@ impl Teller {
         }
     }
 
-    /// Starts sending the next message if there is one and a connection: acknowledgements first, then the log, then states.
+    /// Starts sending the next message if there is one and a connection: acknowledgements first, then the log, then
+    /// states.
     fn begin_sending(&mut self) -> Option<Sending> {
         let link = self.link.borrow().clone()?;
         if !link.is_connected() || Instant::now() < self.pause_until {
@@ -258,8 +260,8 @@ impl Teller {
         }))
     }
 
-    /// The next log record. A record sent again after a crash has a new number and therefore a new id: the server stores it again, so that no number
-    /// is missing, and the centre recognises it by its checksum.
+    /// The next log record. A record sent again after a crash has a new number and therefore a new id: the server
+    /// stores it again, so that no number is missing, and the centre recognises it by its checksum.
     fn next_record(&mut self) -> Option<Waiting> {
         if self.record.is_none() {
             let line = self.log.first()?.clone();

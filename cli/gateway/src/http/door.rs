@@ -53,8 +53,8 @@ impl Door {
         }
     }
 
-    /// Authorizes a disarm request and returns its origin for the audit log. Without a token, requests from this computer are accepted unless a page
-    /// of another origin sent them.
+    /// Authorizes a disarm request and returns its origin for the audit log. Without a token, requests from this
+    /// computer are accepted unless a page of another origin sent them.
     pub(super) fn who_disarms(&self, from: IpAddr, headers: &HeaderMap) -> Result<String, Denied> {
         if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {
             if is_of_another_page(headers) {
@@ -156,7 +156,7 @@ impl FromRequestParts<Shared> for Engineer {
 
 #[expect(clippy::result_large_err, reason = "an answer of HTTP")]
 fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Response> {
-    // The server sets the address on every request; without it, assume a remote one.
+    // The server sets the address on every request; if it is missing, assume a remote one.
     let from = parts.extensions.get::<SocketAddr>();
     let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
     let checked = (shared.door.tokens).check(from, bearer(&parts.headers), needed);

@@ -9,7 +9,8 @@ use crate::documents::{ErrorMap, MapAxis, Status};
 /// Number of nodes along each of the two axes.
 const NODES: usize = 25;
 
-/// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current positions.
+/// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current
+/// positions.
 pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
     let mut linear: Vec<(AxisName, usize)> = model
         .axes

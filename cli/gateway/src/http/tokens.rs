@@ -203,7 +203,8 @@ impl Tokens {
         match found {
             Some(holder) if holder.role >= needed => Ok(holder.clone()),
             Some(_) => Err(Denied::Role),
-            // A valid token is never blocked: wrong tokens from the same address must not prevent an operator from disarming.
+            // A valid token is never blocked: wrong tokens from the same address must not prevent an operator from
+            // disarming.
             None if self.is_blocked(from) => Err(Denied::TooMany),
             None => {
                 self.count_wrong(from);

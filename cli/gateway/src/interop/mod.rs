@@ -89,7 +89,8 @@ impl Drop for Serving {
     }
 }
 
-/// Runs a task on a separate thread until the returned value is dropped. The task is created on that thread and stays there.
+/// Runs a task on a separate thread until the returned value is dropped. The task is created on that thread and stays
+/// there.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 fn start<F: Future<Output = ()>>(
     name: &'static str,

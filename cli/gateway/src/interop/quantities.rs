@@ -1,4 +1,5 @@
-//! The quantities of a gateway in one table, which Prometheus, MTConnect and OPC UA are generated from. Adding a quantity takes one row.
+//! The quantities of a gateway in one table, which Prometheus, MTConnect and OPC UA are generated from. Adding a
+//! quantity takes one row.
 
 use std::collections::BTreeSet;
 
@@ -146,8 +147,8 @@ pub struct Quantity {
     read: Box<dyn Fn(&Status) -> Reading + Send + Sync>,
 }
 
-/// A row of the table for one kind of part: name within the part, type (for linear axes), help text and read function. `P` identifies the part within
-/// its kind.
+/// A row of the table for one kind of part: name within the part, type (for linear axes), help text and read function.
+/// `P` identifies the part within its kind.
 pub struct Row<P>(
     pub &'static str,
     pub Kind,

@@ -1,5 +1,6 @@
-//! The uploaded machine file. It is received in memory, then parsed and compared with the active model on a low-priority thread. There is one
-//! candidate at a time; requests refer to it by id, so that an engineer does not activate another engineer's file unseen.
+//! The uploaded machine file. It is received in memory, then parsed and compared with the active model on a
+//! low-priority thread. There is one candidate at a time; requests refer to it by id, so that an engineer does not
+//! activate another engineer's file unseen.
 //!
 //! Invariant: the candidate is written to disk only when it is activated; it does not survive a restart.
 
@@ -85,7 +86,8 @@ pub(super) fn take(
         if let Some(held) = &*candidate {
             return Err(held.is_there());
         }
-        // A comparison cannot be stopped: without this check, those of discarded candidates would run concurrently with the next.
+        // A comparison cannot be stopped: without this check, those of discarded candidates would run concurrently with
+        // the next.
         if shared.is_comparing.swap(true, Ordering::AcqRel) {
             let why = "the machine file that was discarded is still being compared: try again";
             return Err(refused(503, why));
@@ -135,7 +137,6 @@ impl Shared {
         }
     }
 
-    /// Discards the candidate.
     pub(crate) fn discard(&self, id: &str) -> Result<(), Reply> {
         let taken = locked(&self.candidate).take_if(|held| held.is(id));
         taken.map(drop).ok_or_else(gone)
@@ -188,7 +189,8 @@ impl Held {
     }
 }
 
-/// Parses a machine file and compares it with the active model. Returns the text to be stored and the result for the page.
+/// Parses a machine file and compares it with the active model. Returns the text to be stored and the result for the
+/// page.
 fn compared(
     bytes: Vec<u8>,
     name: &str,

@@ -1,8 +1,8 @@
 //! The thread that stores models on disk and requests their activation.
 //!
-//! Order of an activation: machine file to disk under its hash; request to the service, which compares, asks for confirmation, writes its record and
-//! ramps as for a reload; then the activation to disk. Failed writes are retried and reported. After a restart in between, the previous model is
-//! active.
+//! Order of an activation: machine file to disk under its hash; request to the service, which compares, asks for
+//! confirmation, writes its record and ramps as for a reload; then the activation to disk. Failed writes are retried
+//! and reported. After a restart in between, the previous model is active.
 
 use std::{
     path::PathBuf,
@@ -270,7 +270,8 @@ impl Desk {
         reply
     }
 
-    /// Differences from the active model; none if the file is not a valid machine, because the service reports that error.
+    /// Differences from the active model; none if the file is not a valid machine, because the service reports that
+    /// error.
     fn compared(&self, new: Option<&Machine>) -> Differences {
         let running = self.shared.published.model();
         let running = Machine::parse(&running.text, "the model in force");
@@ -280,7 +281,8 @@ impl Desk {
         }
     }
 
-    /// Puts the machine file on disk and builds the request to the service; also returns the id of the candidate it came from.
+    /// Puts the machine file on disk and builds the request to the service; also returns the id of the candidate it
+    /// came from.
     fn prepared(
         &self,
         what: Activate,

@@ -9,8 +9,9 @@ use crate::documents::ModelDiagonal;
 /// Number of equal steps per diagonal.
 const STEPS: usize = 40;
 
-/// The errors along the diagonals of the linear axes: four diagonals of three axes, two of two. Rotary axes are at zero or the nearest end of travel.
-/// The error is that of the displacement from the start of the diagonal (ISO 230-6), without correction and at the reference temperature.
+/// The errors along the diagonals of the linear axes: four diagonals of three axes, two of two. Rotary axes are at zero
+/// or the nearest end of travel. The error is that of the displacement from the start of the diagonal (ISO 230-6),
+/// without correction and at the reference temperature.
 pub(crate) fn diagonals(
     before: &Machine,
     after: &Machine,
@@ -38,7 +39,8 @@ pub(crate) fn diagonals(
         .collect()
 }
 
-/// The name of a diagonal: `NPP` for X backward, Y and Z forward; `NP0` if Z does not move; signs such as `−U +V` for other axis letters.
+/// The name of a diagonal: `NPP` for X backward, Y and Z forward; `NP0` if Z does not move; signs such as `−U +V` for
+/// other axis letters.
 fn name(linear: &[AxisName], backward: Option<usize>) -> String {
     let of_cube = [AxisName::X, AxisName::Y, AxisName::Z];
     let goes_back = |place: usize| backward == Some(place);

@@ -1,7 +1,9 @@
-//! New models: uploaded machine files, their comparison with the active model, and their activation, which works like a reload.
+//! New models: uploaded machine files, their comparison with the active model, and their activation, which works like a
+//! reload.
 //!
-//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on low-priority threads; one thread, the desk, stores
-//! models on disk and requests their activation. State: the folder of `store`, and the candidate, which does not survive a restart.
+//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on low-priority
+//! threads; one thread, the desk, stores models on disk and requests their activation. State: the folder of `store`,
+//! and the candidate, which does not survive a restart.
 
 use std::{
     path::PathBuf,
@@ -65,7 +67,8 @@ impl ModelNotes {
 }
 
 impl Models {
-    /// Starts managing the models of a machine. `is_built_in`: the built-in simulation runs, whose machine file cannot change.
+    /// Starts managing the models of a machine. `is_built_in`: the built-in simulation runs, whose machine file cannot
+    /// change.
     ///
     /// # Errors
     /// The operating system cannot create a thread.
@@ -102,7 +105,6 @@ impl Models {
         ModelNotes(Some(self.jobs.clone()))
     }
 
-    /// The current state.
     pub(crate) fn state(&self) -> ModelState {
         let shared = &self.shared;
         let model = shared.published.model();
@@ -140,13 +142,11 @@ impl Models {
         candidate::take(&self.shared, who, name, bytes)
     }
 
-    /// The current candidate.
     pub(crate) fn candidate(&self) -> Option<Candidate> {
         let candidate = locked(&self.shared.candidate);
         candidate.as_ref().map(|held| held.document.clone())
     }
 
-    /// Discards the candidate.
     pub(crate) fn discard(&self, id: &str) -> Result<ModelState, Reply> {
         self.shared.discard(id)?;
         Ok(self.state())

@@ -29,7 +29,8 @@ pub(crate) fn spawn(
     Ok(())
 }
 
-/// Moves this thread off the processor of the cycle and lowers its priority. Failures are ignored: the cycle also has real-time priority.
+/// Moves this thread off the processor of the cycle and lowers its priority. Failures are ignored: the cycle also has
+/// real-time priority.
 fn step_back(cycle_cpu: Option<usize>) {
     if let (Some(cpu), Ok(set)) = (cycle_cpu, sched_getaffinity(None))
         && let Some(others) = without(set, cpu)

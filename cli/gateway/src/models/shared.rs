@@ -62,7 +62,6 @@ pub(super) enum Activate {
     Configured,
 }
 
-/// A job for the desk.
 pub(super) enum Job {
     /// The outcome of a model, with its machine file if it was activated.
     Noted(Box<ModelEntry>, Option<String>),
@@ -84,8 +83,8 @@ pub(super) struct Held {
     pub(super) text: Option<String>,
 }
 
-/// Timeout until the request is passed to the service. A request delayed by a disk that hangs must not take effect later, unexpectedly: the client
-/// receives the timeout before the request becomes too old for a response.
+/// Timeout until the request is passed to the service. A request delayed by a disk that hangs must not take effect
+/// later, unexpectedly: the client receives the timeout before the request becomes too old for a response.
 const WITHIN: Duration = Duration::from_secs(5);
 
 /// The deadline of one request. Invariant: the request is either passed to the service or given up, never both.
@@ -104,7 +103,6 @@ impl Patience {
         }
     }
 
-    /// Remaining time.
     pub(super) fn left(&self) -> Duration {
         self.until.saturating_duration_since(Instant::now())
     }

@@ -1,7 +1,7 @@
 //! The folder of stored models: `models` beside the audit log.
 //!
-//! `standing.json` records the model activated by an operator and the history; it is replaced atomically. Machine files are named by their hash,
-//! which is verified on reading. A machine file is on disk before it has any effect.
+//! `standing.json` records the model activated by an operator and the history; it is replaced atomically. Machine files
+//! are named by their hash, which is verified on reading. A machine file is on disk before it has any effect.
 
 use std::{
     collections::BTreeSet,

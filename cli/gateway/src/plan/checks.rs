@@ -1,5 +1,5 @@
-//! Checks before any device is opened: folders, names, overlapping bytes, positions and states that no controller shows, and tables that this build
-//! does not support.
+//! Checks before any device is opened: folders, names, overlapping bytes, positions and states that no controller
+//! shows, and tables that this build does not support.
 
 use std::{io, path::Path};
 
@@ -19,8 +19,8 @@ use crate::{
 /// File-system type of `/sys`, as returned by `statfs`.
 const SYSFS_MAGIC: FsWord = 0x6265_6572;
 
-/// Rejects an audit-log folder that this user cannot create or write: it is a file or below one, its name is invalid, or its parent is not writable.
-/// Nothing is written.
+/// Rejects an audit-log folder that this user cannot create or write: it is a file or below one, its name is invalid,
+/// or its parent is not writable. Nothing is written.
 pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     let wrong = |found: &Path| {
         let what = if found.starts_with(dir) && found != dir {
@@ -76,8 +76,8 @@ fn is_missing(error: &io::Error) -> bool {
     )
 }
 
-/// Whether files and folders can be created in a folder. The kernel's own file systems reject them even for root, for whom `access` permits
-/// everything.
+/// Whether files and folders can be created in a folder. The kernel's own file systems reject them even for root, for
+/// whom `access` permits everything.
 fn can_write_in(folder: &Path) -> io::Result<()> {
     access(folder, Access::WRITE_OK | Access::EXEC_OK)?;
     if [PROC_SUPER_MAGIC, SYSFS_MAGIC].contains(&statfs(folder)?.f_type) {
@@ -117,7 +117,8 @@ pub(super) fn sensor_names(
     Ok(())
 }
 
-/// Checks that the bytes of a controller, which follows those in `before`, do not overlap each other or those of earlier controllers.
+/// Checks that the bytes of a controller, which follows those in `before`, do not overlap each other or those of
+/// earlier controllers.
 pub(super) fn overlap(
     config: &Config,
     before: &[Box<dyn ControllerDevice>],
@@ -167,7 +168,8 @@ fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> G
     GatewayError::Place(source.error(&config.file, &place, message))
 }
 
-/// Rejects a read-only controller that precedes a writing one, or stands alone: it has no place in the order of preference.
+/// Rejects a read-only controller that precedes a writing one, or stands alone: it has no place in the order of
+/// preference.
 pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     let controllers = &config.controllers;
     let misplaced = controllers.iter().enumerate().find(|(index, own)| {
@@ -186,8 +188,8 @@ pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     ))
 }
 
-/// Rejects a controller whose correction depends on an unknown position. Every writing controller needs the position of every axis of the machine:
-/// from itself, from another controller, or from `fixed`.
+/// Rejects a controller whose correction depends on an unknown position. Every writing controller needs the position of
+/// every axis of the machine: from itself, from another controller, or from `fixed`.
 pub(super) fn positions_known(
     config: &Config,
     model: &Model,
@@ -253,8 +255,8 @@ pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     ]
 }
 
-/// Rejects a controller that does not show a state which is not listed in `unseen`, an `unseen` that lists a state which is shown, and a travel
-/// beyond the range of the position word.
+/// Rejects a controller that does not show a state which is not listed in `unseen`, an `unseen` that lists a state
+/// which is shown, and a travel beyond the range of the position word.
 pub(super) fn shown<'a>(
     config: &Config,
     model: &Model,

@@ -1,5 +1,5 @@
-//! A checked configuration: everything that can be determined without opening a device. The daemon opens a plan, `check` prints it, and a reload
-//! compares it with the running one.
+//! A checked configuration: everything that can be determined without opening a device. The daemon opens a plan,
+//! `check` prints it, and a reload compares it with the running one.
 
 use std::{sync::Arc, time::Duration};
 

@@ -28,7 +28,8 @@ pub(super) enum Act {
     Chance(Faults),
     /// One fault, injected periodically.
     Directed(Injection),
-    /// Every `every` cycles, `readings` readings show the position of the first axis mirrored between the ends of its travel.
+    /// Every `every` cycles, `readings` readings show the position of the first axis mirrored between the ends of its
+    /// travel.
     OtherEnd {
         every: u64,
         readings: u32,
@@ -46,7 +47,6 @@ pub(super) enum Act {
     Reset,
     /// The control is power-cycled; its words are cleared.
     PowerUp,
-    /// The control's program stops.
     ProgramStopped,
     /// Another sender writes random words.
     Garbage,

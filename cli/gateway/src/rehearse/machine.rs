@@ -38,7 +38,8 @@ const ACCELERATING_S: f64 = 0.4;
 /// Connection to a simulated machine, shared by the runs of a gateway and the rehearsal.
 type Way = Arc<Mutex<Faulty<Wire>>>;
 
-/// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced explicitly.
+/// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced
+/// explicitly.
 pub struct Rig {
     pub(super) path: PathPlan,
     pub(super) clock: Clock,
@@ -158,8 +159,8 @@ impl Rig {
         Self::new(plan, path, 1, 1)
     }
 
-    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast as configured: 1, except for
-    /// tests of the rehearsal itself.
+    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast
+    /// as configured: 1, except for tests of the rehearsal itself.
     ///
     /// # Errors
     /// No barrier can be set to the limits.
@@ -253,7 +254,8 @@ impl Rig {
         Ok(cycle.with_rapid(guard.rapid).with_clock(self.clock.clone()))
     }
 
-    /// Opens a plan whose first controller and thermometers are replaced by this machine, for tests of a complete gateway in one process.
+    /// Opens a plan whose first controller and thermometers are replaced by this machine, for tests of a complete
+    /// gateway in one process.
     ///
     /// # Errors
     /// Plan and machine do not match.
@@ -354,8 +356,8 @@ fn warming(name: &str) -> Warming {
     }
 }
 
-/// Moves all axes simultaneously through the working volume, from the corner where the correction is largest relative to its limit to the opposite
-/// corner and back. Also returns the acceleration.
+/// Moves all axes simultaneously through the working volume, from the corner where the correction is largest relative
+/// to its limit to the opposite corner and back. Also returns the acceleration.
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     let (axes, written) = (
         plan.description.shown_axes().count(),
@@ -412,7 +414,8 @@ pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError>
         .map_err(wrong)
 }
 
-/// Settings as a machine builder would choose them for these limits: equal limits, twice the slew rate, and times that the guard accepts.
+/// Settings as a machine builder would choose them for these limits: equal limits, twice the slew rate, and times that
+/// the guard accepts.
 fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, SettingsError> {
     let limits = &plan.limits;
     let names = plan.description.axes.iter().map(|axis| axis.name);

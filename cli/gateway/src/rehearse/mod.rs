@@ -1,8 +1,10 @@
-//! A commissioning test: runs the configured machine, limits, cycle and controllers on a simulated machine, under every fault of a catalogue. No
-//! device is opened, and nothing is sent. Time is simulated, so that minutes of machine time take seconds.
+//! A commissioning test: runs the configured machine, limits, cycle and controllers on a simulated machine, under every
+//! fault of a catalogue. No device is opened, and nothing is sent. Time is simulated, so that minutes of machine time
+//! take seconds.
 //!
-//! Each controller is rehearsed alone on a separate machine: with the reference barrier, set to the configured limits, if the configuration has one,
-//! else with plain values, with or without read-back. Each fault starts on a new machine, so that it can be repeated alone.
+//! Each controller is rehearsed alone on a separate machine: with the reference barrier, set to the configured limits,
+//! if the configuration has one, else with plain values, with or without read-back. Each fault starts on a new machine,
+//! so that it can be repeated alone.
 
 mod faults;
 mod judge;
@@ -79,7 +81,8 @@ impl Rehearsal {
     /// Rehearses the plan. No device is opened.
     ///
     /// # Errors
-    /// The configuration has no limits, or no barrier can be set to them. A broken rule is not an error: the document reports it.
+    /// The configuration has no limits, or no barrier can be set to them. A broken rule is not an error: the document
+    /// reports it.
     pub fn run(&self, plan: &Plan) -> Result<RehearsalDocument, GatewayError> {
         if plan.config.guard.is_none() {
             return Err(GatewayError::invalid_in(

@@ -188,8 +188,8 @@ impl<'a> Run<'a> {
         self.state() == ramping
     }
 
-    /// Waits for compensation and performs the necessary operator actions until there are more than [`MOST_ACTS`]. Returns the time taken and the
-    /// actions.
+    /// Waits for compensation and performs the necessary operator actions until there are more than [`MOST_ACTS`].
+    /// Returns the time taken and the actions.
     pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
         let (begun, mut needed) = (self.elapsed(), Vec::new());
         let unseen = Reasons::INTERLOCK_UNSEEN;
@@ -374,7 +374,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Simulates another sender that overwrites the words of the axes. That step is not the gateway's, so the observation restarts after it.
+    /// Simulates another sender that overwrites the words of the axes. That step is not the gateway's, so the
+    /// observation restarts after it.
     fn overwrite(&mut self) {
         let limits = &self.rig.path.limits;
         let signs: [bool; 2] = [self.random.random(), self.random.random()];

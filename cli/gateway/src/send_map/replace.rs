@@ -1,7 +1,8 @@
-//! Replaces the map of a running sender: it is confirmed like the first one, and activated without ramping the corrections to zero.
+//! Replaces the map of a running sender: it is confirmed like the first one, and activated without ramping the
+//! corrections to zero.
 //!
-//! The confirmation is a file beside the audit log, which the sender picks up. A separate thread does the disk work, because the map in use must be
-//! kept valid meanwhile.
+//! The confirmation is a file beside the audit log, which the sender picks up. A separate thread does the disk work,
+//! because the map in use must be kept valid meanwhile.
 
 use std::{
     fs, io,
@@ -84,7 +85,8 @@ pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
     Ok(heard)
 }
 
-/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept for the next poll.
+/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept
+/// for the next poll.
 fn taken(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {
@@ -109,8 +111,8 @@ fn another(path: &Path, running: &MapSender, hash: &str) -> Another {
     Ok(Box::new(checked))
 }
 
-/// Rejects a map that cannot replace the one in use: its number must differ, because the control identifies maps by number, and its axes and steps
-/// must match.
+/// Rejects a map that cannot replace the one in use: its number must differ, because the control identifies maps by
+/// number, and its axes and steps must match.
 pub(super) fn fits(running: &Checked, another: &Checked) -> Result<(), String> {
     let (is, was) = (another.map.header(), running.map.header());
     let file = another.config.keys.map.display();

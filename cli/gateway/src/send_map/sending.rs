@@ -1,7 +1,7 @@
 //! Sends a map and keeps it valid until a signal.
 //!
-//! Nothing here waits for a disk while a map is in use, because its validity would expire. Records go to the [`Log`]; a disk that does not respond
-//! only prevents the map from being replaced.
+//! Nothing here waits for a disk while a map is in use, because its validity would expire. Records go to the [`Log`]; a
+//! disk that does not respond only prevents the map from being replaced.
 
 use std::{
     io::Write as _,
@@ -90,12 +90,12 @@ struct Sending {
     told: String,
 }
 
-/// Sends the map and keeps it valid until a signal. Then waits until the control, after its timeout, has ramped to zero; a second signal ends the
-/// wait.
+/// Sends the map and keeps it valid until a signal. Then waits until the control, after its timeout, has ramped to
+/// zero; a second signal ends the wait.
 ///
 /// # Errors
-/// Another gateway or sender uses the control, the control permits more than the sender or refuses the map, the first record cannot be written, or it
-/// is unknown whether the corrections reached zero.
+/// Another gateway or sender uses the control, the control permits more than the sender or refuses the map, the first
+/// record cannot be written, or it is unknown whether the corrections reached zero.
 pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
     let place = map_device(&config.keys).map_err(GatewayError::Device)?;
@@ -203,8 +203,8 @@ impl Sending {
         self.record("another map was refused");
     }
 
-    /// Starts loading the replacement map once its record is written. The map in use stays active until the control has the complete replacement;
-    /// then the control moves from value to value at its rate.
+    /// Starts loading the replacement map once its record is written. The map in use stays active until the control has
+    /// the complete replacement; then the control moves from value to value at its rate.
     fn go_over(&mut self) {
         let Some(recording) = self.recording.take() else {
             return;
@@ -316,7 +316,8 @@ impl Sending {
         }
     }
 
-    /// Whether to wait for another sender: an inactive sender loses the control after its timeout, an active one is left undisturbed.
+    /// Whether to wait for another sender: an inactive sender loses the control after its timeout, an active one is
+    /// left undisturbed.
     fn is_waited_for(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
         let other = (self.other).get_or_insert(Other {

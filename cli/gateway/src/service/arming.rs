@@ -1,4 +1,5 @@
-//! Arming: the model and limits are compared with those armed last, then the record is written, then the order is given.
+//! Arming: the model and limits are compared with those armed last, then the record is written, then the order is
+//! given.
 
 use std::{
     collections::BTreeMap,

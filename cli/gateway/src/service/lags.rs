@@ -1,11 +1,12 @@
-//! Tracks the thermal lags of the running model, which determine the effect of changing the model now. State: a copy of the model, stepped with the
-//! temperatures reported by the cycle.
+//! Tracks the thermal lags of the running model, which determine the effect of changing the model now. State: a copy of
+//! the model, stepped with the temperatures reported by the cycle.
 
 use std::time::Duration;
 
 use volcomp_runtime::{Model, Report};
 
-/// Maximum time between two reports during which the sensors count as read; the remaining time counts as without temperatures.
+/// Maximum time between two reports during which the sensors count as read; the remaining time counts as without
+/// temperatures.
 const LOOKS: Duration = Duration::from_secs(1);
 
 /// A copy of the cycle's model with the same lags.

@@ -111,7 +111,8 @@ pub struct Service {
     standing_tried: Instant,
     /// Why audit records may be missing.
     trouble: Option<&'static str>,
-    /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is stopping.
+    /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
+    /// stopping.
     tells: Reasons,
     /// Whether auto-arm is finished: it was armed once, or an operator took over.
     auto_arm_done: bool,
@@ -220,7 +221,8 @@ impl Service {
         self.look();
     }
 
-    /// One iteration: receives a request, advances the pending ones, records events and publishes the state. Waits at most 50 ms for a request.
+    /// One iteration: receives a request, advances the pending ones, records events and publishes the state. Waits at
+    /// most 50 ms for a request.
     pub fn turn(&mut self) {
         let rest = TICK.saturating_sub(self.since(self.looked));
         self.turn_within(if self.underway.is_empty() {
@@ -245,7 +247,8 @@ impl Service {
         }
     }
 
-    /// Waits, at most `patience` of system time, until disk writes and file reads are complete. Returns whether they are.
+    /// Waits, at most `patience` of system time, until disk writes and file reads are complete. Returns whether they
+    /// are.
     pub fn settle(&self, patience: Duration) -> bool {
         self.clerk.settle(patience) && self.worker.settle(patience)
     }
@@ -254,8 +257,8 @@ impl Service {
         self.clock.now().saturating_duration_since(then)
     }
 
-    /// Ramps to zero within the configured time, then ends the control thread. Returns `false` if that thread hangs. If `hurry` returns true, the
-    /// ramp is skipped.
+    /// Ramps to zero within the configured time, then ends the control thread. Returns `false` if that thread hangs. If
+    /// `hurry` returns true, the ramp is skipped.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         // The stop order comes first; nothing may delay it.
         self.switch.end();
@@ -272,8 +275,8 @@ impl Service {
         has_ended
     }
 
-    /// Stops after a panic in the service: ramps to zero, ends the control thread and records it. Of the service, only the control thread and the log
-    /// are still used. Returns `false` if the control thread hangs.
+    /// Stops after a panic in the service: ramps to zero, ends the control thread and records it. Of the service, only
+    /// the control thread and the log are still used. Returns `false` if the control thread hangs.
     pub fn abandon(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         self.switch.end();
         let has_ended = self.ramp_out(hurry, |_| {});

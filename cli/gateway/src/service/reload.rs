@@ -1,5 +1,6 @@
-//! Reloads configuration and machine file while the gateway runs: read and compare, record, apply. Decisions of the fleet's centre and models
-//! selected by an operator take the same path, with the same confirmation and ramp; they do not override what an operator has decided.
+//! Reloads configuration and machine file while the gateway runs: read and compare, record, apply. Decisions of the
+//! fleet's centre and models selected by an operator take the same path, with the same confirmation and ramp; they do
+//! not override what an operator has decided.
 
 use std::{
     path::PathBuf,
@@ -320,8 +321,8 @@ impl Service {
         self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
     }
 
-    /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the machine must not use another model
-    /// than the centre assumes.
+    /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
+    /// machine must not use another model than the centre assumes.
     pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
         if self.parts.config.is_machine_of_centre() {
             return Err(refused(
@@ -338,8 +339,8 @@ impl Service {
         )
     }
 
-    /// Starts reading a machine file without any other change of the configuration, whatever is on disk. `differences` must be confirmed in addition
-    /// to a large change of the correction.
+    /// Starts reading a machine file without any other change of the configuration, whatever is on disk. `differences`
+    /// must be confirmed in addition to a large change of the correction.
     fn read_other(
         &mut self,
         machine: PathBuf,
@@ -372,7 +373,8 @@ impl Service {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this model answers.
+            // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this
+            // model answers.
             self.ask_whether_confirmed();
             self.auto_arm_done &= self.person_decides;
             self.tell_thread();

@@ -1,4 +1,5 @@
-//! Pending requests, which advance independently. Arming and reloading, which wait for the disk, are executed one at a time in separate modules.
+//! Pending requests, which advance independently. Arming and reloading, which wait for the disk, are executed one at a
+//! time in separate modules.
 
 use std::time::Duration;
 
@@ -269,9 +270,9 @@ fn shows_interlock(report: &Report) -> bool {
     })
 }
 
-/// Whether a fault from before the start must persist: a responding controller shows an interlock, or the output of a control with read-back is
-/// unknown. Facts that only an operator can know do not count: that the interlock of a silent controller has ended, and the state of outputs without
-/// read-back.
+/// Whether a fault from before the start must persist: a responding controller shows an interlock, or the output of a
+/// control with read-back is unknown. Facts that only an operator can know do not count: that the interlock of a silent
+/// controller has ended, and the state of outputs without read-back.
 fn may_not_end(report: &Report) -> bool {
     let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
     shows_interlock(report) || !(report.correction_known || is_left)

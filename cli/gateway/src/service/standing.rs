@@ -17,7 +17,8 @@ use crate::{
 /// Name used if the file does not record who disarmed.
 const SOMEBODY: &str = "somebody";
 
-/// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an operator.
+/// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
+/// operator.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
@@ -40,7 +41,8 @@ pub(crate) fn read(dir: &Path) -> Standing {
     with_jumps(standing)
 }
 
-/// After a start, the value before a jump is unknown and the first reading would be accepted. An operator must therefore confirm it first.
+/// After a start, the value before a jump is unknown and the first reading would be accepted. An operator must
+/// therefore confirm it first.
 fn with_jumps(mut standing: Standing) -> Standing {
     let jumped = std::mem::take(&mut standing.jumped);
     if !jumped.is_empty() {

@@ -24,7 +24,6 @@ pub(super) const FILES: Duration = Duration::from_secs(8);
 /// Requester of automatic arming.
 pub(super) const AUTO_ARM: &str = "auto_arm";
 
-/// A pending request.
 pub(super) struct Underway {
     pub(super) who: String,
     pub(super) answer: Option<oneshot::Sender<Reply>>,
@@ -70,7 +69,6 @@ pub(super) enum Progress {
 /// Result of a comparison: a question, if any, or why the comparison failed.
 pub(super) type Compared = Result<Option<Question>, String>;
 
-/// A running comparison.
 pub(super) struct Comparing {
     pub(super) told: Receiver<Compared>,
     pub(super) until: Instant,

@@ -26,7 +26,8 @@ impl Life {
     }
 }
 
-/// Checks that cycles are on time: no gap longer than `patience`, and at least a third of the number that the period requires.
+/// Checks that cycles are on time: no gap longer than `patience`, and at least a third of the number that the period
+/// requires.
 pub(super) struct Watchdog {
     /// Interval between two proofs.
     interval: Duration,
@@ -51,7 +52,6 @@ impl Watchdog {
         }
     }
 
-    /// Counts a cycle.
     pub(super) fn count(&mut self, timing: &Timing, now: Instant) {
         self.cycles += 1;
         if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.patience {

@@ -27,7 +27,8 @@ impl Worker {
         true
     }
 
-    /// Starts a task; the receiver yields its result. `None`: the last task is still running, or no thread can be created.
+    /// Starts a task; the receiver yields its result. `None`: the last task is still running, or no thread can be
+    /// created.
     pub(super) fn begin<T: Send + 'static>(
         &mut self,
         work: impl FnOnce() -> T + Send + 'static,

@@ -1,4 +1,5 @@
-//! A proxy in front of the OPC UA server. It limits the number of clients and their input rate, and disconnects clients that do not read.
+//! A proxy in front of the OPC UA server. It limits the number of clients and their input rate, and disconnects clients
+//! that do not read.
 
 use std::{convert::Infallible, io, net::SocketAddr, sync::Arc, time::Duration};
 
@@ -38,7 +39,8 @@ pub(super) async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallibl
     }
 }
 
-/// Forwards both directions until one side closes. Nothing is read from a client that does not read, so that responses do not pile up.
+/// Forwards both directions until one side closes. Nothing is read from a client that does not read, so that responses
+/// do not pile up.
 async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     let mut server = TcpStream::connect(inner).await?;
     client.set_nodelay(true)?;

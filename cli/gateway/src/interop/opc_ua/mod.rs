@@ -1,7 +1,7 @@
 //! An OPC UA server: clients browse and read the state of the gateway. No node can be written or called.
 //!
-//! The library's server accepts an unlimited number of connections. It therefore listens on an internal address, and clients connect through a proxy
-//! that limits their number.
+//! The library's server accepts an unlimited number of connections. It therefore listens on an internal address, and
+//! clients connect through a proxy that limits their number.
 
 use std::{
     io,

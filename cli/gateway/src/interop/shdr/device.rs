@@ -10,7 +10,8 @@ use super::{
     lines::{AVAILABILITY, Items},
 };
 
-/// The MTConnect name of a quantity: category, type, sub-type and unit. Types with the prefix `x:` are extensions of the standard.
+/// The MTConnect name of a quantity: category, type, sub-type and unit. Types with the prefix `x:` are extensions of
+/// the standard.
 struct Item {
     category: &'static str,
     kind: String,
@@ -165,7 +166,8 @@ fn item(quantity: &Quantity) -> Item {
     }
 }
 
-/// An extension type, for quantities without a type in the standard. `COMPENSATION_` distinguishes it from states and errors of other devices.
+/// An extension type, for quantities without a type in the standard. `COMPENSATION_` distinguishes it from states and
+/// errors of other devices.
 fn own_type(quantity: &Quantity) -> String {
     format!("x:COMPENSATION_{}", quantity.row.to_ascii_uppercase())
 }

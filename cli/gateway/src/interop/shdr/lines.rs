@@ -109,7 +109,8 @@ impl Told {
     }
 }
 
-/// The lines for the change of a condition: ended alarms become normal by their code; new ones and those with a changed level are sent.
+/// The lines for the change of a condition: ended alarms become normal by their code; new ones and those with a changed
+/// level are sent.
 fn condition(
     text: &mut String,
     now: SystemTime,
@@ -156,7 +157,8 @@ fn shown(quantity: &Quantity, value: &Value) -> String {
     }
 }
 
-/// A number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are rounded to whole seconds, so that an age does not change with every update.
+/// A number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are rounded to whole seconds, so that an age does not
+/// change with every update.
 fn in_unit(value: f64, unit: Unit) -> String {
     let text = match unit {
         Unit::Mm | Unit::Deg | Unit::Degc => format!("{value:.3}"),
@@ -182,8 +184,8 @@ fn line(text: &mut String, now: SystemTime, age_ms: f64, fields: &[&str]) {
     text.push('\n');
 }
 
-/// Escapes a field. Only `|`, `"` and `\` have an escaped form; control characters, such as line ends, become spaces, and surrounding spaces are
-/// removed.
+/// Escapes a field. Only `|`, `"` and `\` have an escaped form; control characters, such as line ends, become spaces,
+/// and surrounding spaces are removed.
 pub fn escaped(text: &str) -> String {
     let plain: String = text
         .chars()

@@ -1,5 +1,5 @@
-//! The clients of the adapter. Each has a separate task with the state last sent to it, so that clients do not delay each other. A client that does
-//! not read is disconnected.
+//! The clients of the adapter. Each has a separate task with the state last sent to it, so that clients do not delay
+//! each other. A client that does not read is disconnected.
 
 use std::{
     collections::VecDeque,
@@ -98,8 +98,8 @@ async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> St
     }
 }
 
-/// Removes complete lines from the received bytes and returns the responses; `None` if a line is too long. Only `* PING` has a response: no input
-/// from a client changes anything.
+/// Removes complete lines from the received bytes and returns the responses; `None` if a line is too long. Only `*
+/// PING` has a response: no input from a client changes anything.
 fn answers(heard: &mut Vec<u8>) -> Option<String> {
     let mut text = String::new();
     let pong = format!("* PONG {}\n", HEARTBEAT.as_millis());
