@@ -81,7 +81,6 @@ impl Judge {
     /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
     /// evaluated at the reference temperature, at the current temperatures in the steady state, and in the present
     /// state with the lags of the running model.
-    /// been steady for long, and as the machine is now, with the lags of the model that runs.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],

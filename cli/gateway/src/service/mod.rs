@@ -258,7 +258,7 @@ impl Service {
     }
 
     /// Ramps to zero within the configured time, then ends the control thread. Returns `false` if that thread hangs. If
-    /// `hurry` returns true, the ramp is skipped.
+    /// `hurry` returns true, the ramp is cut short.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         // The stop order comes first; nothing may delay it.
         self.switch.end();
