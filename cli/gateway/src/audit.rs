@@ -1,4 +1,4 @@
-//! The audit log: what changed state, who asked for it, each record chained to the one before by its hash.
+//! The audit log: every change of state with the client that requested it. Records form a hash chain.
 //!
 //! A line is `CHECKSUM JSON`: the checksum is SHA-256 over the checksum of the line before, a line feed, and
 //! the JSON. A record is on disk when [`AuditLog::append`] returns.
@@ -18,18 +18,18 @@ pub(crate) mod slots;
 
 use crate::documents::{Broken, Details, Record};
 
-/// A file that is larger is closed, and the next one begun, bytes.
+/// Size above which the current file is closed and the next one started, bytes.
 const MAX_BYTES: u64 = 4 << 20;
-/// How many files are kept besides the current one.
+/// Number of files kept besides the current one.
 const KEPT: usize = 8;
 const CURRENT: &str = "audit.log";
 
-/// The file in the folder of the log that is written now.
+/// Path of the current file in the log folder.
 pub fn log_file(dir: &Path) -> PathBuf {
     dir.join(CURRENT)
 }
 
-/// The files of the log that are there, from the oldest to the one that is written now.
+/// The existing files of the log, oldest first; the last is the current file.
 pub fn log_files(dir: &Path) -> Vec<PathBuf> {
     let old = (1..=KEPT).rev().map(|n| dir.join(format!("audit.{n}.log")));
     let all = old.chain([log_file(dir)]);
@@ -43,11 +43,11 @@ pub struct Found {
     pub records: u64,
     /// Bytes of a torn tail that were cut.
     pub cut_bytes: u64,
-    /// A log that did not belong together, put aside.
+    /// Set if the hash chain was broken: the damaged file was moved aside.
     pub broken: Option<Broken>,
 }
 
-/// A record that has no place in the chain yet, with the time at which it was made.
+/// A record that is not yet in the chain, with the time of its creation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     who: String,
@@ -58,7 +58,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// A record of what happens now.
+    /// Creates a record with the current time.
     pub fn new(who: impl Into<String>, what: impl Into<String>, details: Details) -> Self {
         Self {
             who: who.into(),
@@ -70,7 +70,7 @@ impl Entry {
     }
 }
 
-/// How a file of the log is brought onto the disk.
+/// Syncs a log file to disk.
 type Sync = Box<dyn FnMut(&File) -> io::Result<()> + Send>;
 
 /// The log, open for appending.
@@ -86,16 +86,16 @@ pub struct AuditLog {
 }
 
 impl AuditLog {
-    /// The file of what outlives a restart, beside the log.
+    /// Path of `standing.slots`, the state that survives restarts.
     pub(crate) fn standing_file(&self) -> PathBuf {
         standing_file(&self.dir)
     }
 
-    /// Opens the log in a folder, which is made where it is missing. A torn tail is cut; a file whose chain is
-    /// broken is put aside and a new one begun.
+    /// Opens the log in a folder, which is created if it is missing. A torn tail is cut off; a file with a broken chain
+    /// is moved aside and a new one started.
     ///
     /// # Errors
-    /// A folder or file that cannot be written.
+    /// The folder or file cannot be written.
     pub fn open(dir: &Path) -> io::Result<(Self, Found)> {
         fs::create_dir_all(dir)?;
         let path = log_file(dir);
@@ -147,32 +147,32 @@ impl AuditLog {
         ))
     }
 
-    /// Begins the next file at another size.
+    /// Sets the size at which the next file is started, bytes.
     #[must_use]
     pub fn rotating_at(mut self, bytes: u64) -> Self {
         self.max_bytes = bytes;
         self
     }
 
-    /// Brings the file onto the disk in another way, such as a test's disk that hangs.
+    /// Replaces the function that syncs the file; tests use it to simulate a disk that hangs.
     #[must_use]
     pub fn synced_by(mut self, sync: impl FnMut(&File) -> io::Result<()> + Send + 'static) -> Self {
         self.sync = Box::new(sync);
         self
     }
 
-    /// Appends a record of now; it is on disk afterwards.
+    /// Appends a record with the current time and syncs it to disk.
     ///
     /// # Errors
-    /// A disk that is full or gone: nothing of the record is left then.
+    /// The disk is full or gone; nothing of the record remains in the file.
     pub fn append(&mut self, who: &str, what: &str, details: Details) -> io::Result<()> {
         self.write(&Entry::new(who, what, details), 0)
     }
 
-    /// Appends a record before which `lost` others could not be written; it is on disk afterwards.
+    /// Appends a record that reports `lost` records before it that could not be written, and syncs it to disk.
     ///
     /// # Errors
-    /// A disk that is full or gone: nothing of the record is left then.
+    /// The disk is full or gone; nothing of the record remains in the file.
     pub fn write(&mut self, entry: &Entry, lost: u64) -> io::Result<()> {
         if self.bytes > self.max_bytes {
             self.rotate()?;
@@ -196,7 +196,7 @@ impl AuditLog {
             .write_all(line.as_bytes())
             .and_then(|()| (self.sync)(&self.file));
         if let Err(e) = written {
-            // Half a record would be a torn tail: cut at once where that is possible.
+            // Half a record would remain as a torn tail: cut it off now if possible.
             let _ = self.file.set_len(self.bytes);
             return Err(e);
         }
@@ -205,7 +205,7 @@ impl AuditLog {
         Ok(())
     }
 
-    /// The current file becomes the first old one; the chain goes on in the next.
+    /// Renames the current file to the first old one; the chain continues in the next file.
     fn rotate(&mut self) -> io::Result<()> {
         let old = |n: usize| self.dir.join(format!("audit.{n}.log"));
         for n in (1..KEPT).rev() {
@@ -223,15 +223,15 @@ impl AuditLog {
     }
 }
 
-/// The file of what outlives a restart, in a folder of the log.
+/// Path of `standing.slots` in the log folder.
 pub(crate) fn standing_file(dir: &Path) -> PathBuf {
     dir.join("standing.slots")
 }
 
-/// Writes a small file whole or not at all, on disk.
+/// Replaces a small file atomically and syncs it to disk.
 ///
 /// # Errors
-/// A disk that is full or gone.
+/// The disk is full or gone.
 pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
     let temporary = path.with_extension("new");
     let placed = File::create(&temporary).and_then(|mut file| {
@@ -240,7 +240,7 @@ pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
         fs::rename(&temporary, path)
     });
     if placed.is_err() {
-        // What is left of it would take the last room of a full disk.
+        // A partial temporary file would use the last space of a full disk.
         let _ = fs::remove_file(&temporary);
     }
     placed?;
@@ -254,17 +254,17 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
 /// The result of verifying a file of the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// Whole records that belong to the chain.
+    /// Number of complete records in the chain.
     pub records: u64,
-    /// How many bytes they take.
+    /// Length of these records, bytes.
     pub end: usize,
-    /// The first line that is whole and yet not of the chain.
+    /// Number, from 1, of the first complete line that is not part of the chain.
     pub broken: Option<u64>,
     last_checksum: String,
     sequence: u64,
 }
 
-/// Goes through a file. The chain begins with what the first record says of the one before.
+/// Verifies a file. The chain starts with the previous checksum named in the first record.
 pub fn verify(bytes: &[u8]) -> Verified {
     let mut scanned = Verified::default();
     let mut previous: Option<String> = None;
@@ -276,7 +276,7 @@ pub fn verify(bytes: &[u8]) -> Verified {
             .ok()
             .and_then(|line| verified(line, previous.as_deref()));
         let Some((checksum, sequence)) = record else {
-            // A last line may be torn in the middle of a block; before the last it was changed.
+            // Only a torn last line is an interrupted write; an invalid line before it was modified.
             scanned.broken = (!is_last).then_some(scanned.records + 1);
             return scanned;
         };
@@ -289,7 +289,7 @@ pub fn verify(bytes: &[u8]) -> Verified {
     scanned
 }
 
-/// Checksum and sequence number of a line that belongs to the chain.
+/// Checksum and sequence number of a line; `None` if the line does not continue the chain.
 fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     let (found, record) = line.split_once(' ')?;
     let link: Link = serde_json::from_str(record).ok()?;
@@ -298,7 +298,7 @@ fn verified(line: &str, previous: Option<&str>) -> Option<(String, u64)> {
     (follows && checksum(&stated, record) == found).then(|| (found.to_owned(), link.seq))
 }
 
-/// The part of a record that makes the chain: records of other versions may hold other details.
+/// The fields of a record that form the chain. The details are ignored because they differ between versions.
 #[derive(serde::Deserialize)]
 struct Link {
     #[serde(default)]
@@ -315,24 +315,24 @@ fn checksum(previous: &str, record: &str) -> String {
     crate::hex(&digest)
 }
 
-/// Which boot of the machine this is.
+/// The kernel's boot ID; empty if it cannot be read.
 pub fn boot_id() -> String {
     let id = fs::read_to_string("/proc/sys/kernel/random/boot_id");
     id.unwrap_or_default().trim().to_owned()
 }
 
-/// Now, as ISO 8601 in UTC with milliseconds.
+/// The current time in ISO 8601, UTC, with milliseconds.
 pub fn utc_now() -> String {
     utc(std::time::SystemTime::now())
 }
 
-/// A time as ISO 8601 in UTC with milliseconds; before 1970 the beginning of 1970.
+/// A time in ISO 8601, UTC, with milliseconds; times before 1970 become the start of 1970.
 pub fn utc(time: std::time::SystemTime) -> String {
     let since = time
         .duration_since(std::time::UNIX_EPOCH)
         .unwrap_or_default();
     let seconds = i64::try_from(since.as_secs()).unwrap_or_default();
-    // No clock shows a year beyond 9999.
+    // `time` supports years up to 9999.
     let at = OffsetDateTime::from_unix_timestamp(seconds).unwrap_or(OffsetDateTime::UNIX_EPOCH);
     format!(
         "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z",

@@ -1,13 +1,13 @@
-//! What `check` prints: the effective configuration, and what follows from it.
+//! The output of `check`: the effective configuration and what follows from it.
 
 use std::path::Path;
 
 use crate::{config::Config, documents::PlanDocument, error::GatewayError, plan::Plan, toml_text};
 
-/// Checks a configuration. `online` asks the controls, too.
+/// Checks a configuration; with `online` also against the controls.
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first error found.
 pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayError> {
     let plan = Plan::new(Config::read(path)?)?;
     let found = if online {
@@ -22,7 +22,7 @@ pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayErr
     }
 }
 
-/// The effective configuration as TOML; what follows from it as comments, so that the whole can be read again.
+/// The effective configuration as TOML. Derived facts are comments, so that the output is a valid configuration.
 pub fn text(found: &PlanDocument, config: &Config) -> String {
     let mut text = config.effective_toml();
     let follows = toml_text::of(found, &["notes", "configuration", "defaults"]);
@@ -37,7 +37,7 @@ pub fn text(found: &PlanDocument, config: &Config) -> String {
     text
 }
 
-/// A note over as many lines as it needs.
+/// Wraps a note over several comment lines.
 fn wrapped(note: &str) -> String {
     let (mut text, mut line) = (String::new(), "# note:".to_owned());
     for word in note.split(' ') {
@@ -52,10 +52,10 @@ fn wrapped(note: &str) -> String {
     text + &line + "\n"
 }
 
-/// A document as one line.
+/// Serializes a document as one line of JSON.
 ///
 /// # Errors
-/// None for a document of the gateway.
+/// The document cannot be serialized; this does not occur with the gateway's own documents.
 pub fn line(document: &impl serde::Serialize) -> Result<String, GatewayError> {
     let text = serde_json::to_string(document);
     let text = text.map_err(|e| GatewayError::system("JSON", e.into()))?;

@@ -1,4 +1,4 @@
-//! Asks a running gateway for its state.
+//! Requests the state of a running gateway.
 
 use std::{
     net::{SocketAddr, TcpStream},
@@ -14,13 +14,13 @@ use volcomp_web::{CertificateError, TlsError, client};
 
 use crate::{config::DashboardConfig, documents::Status, error::GatewayError};
 
-/// A gateway that answers later counts as one that does not.
+/// Timeout for connecting and for each read.
 const AT_MOST: Duration = Duration::from_secs(3);
 
-/// Asks the gateway behind a dashboard for its state; `token` where reading needs one.
+/// Requests the state from the gateway of a dashboard configuration. `token` is required where reading needs one.
 ///
 /// # Errors
-/// Nobody answers, or the answer is no state of a gateway.
+/// No response, or the response is not the state of a gateway.
 pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, GatewayError> {
     let mut address = dashboard.listen;
     if address.ip().is_unspecified() {
@@ -53,7 +53,7 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, G
     })
 }
 
-/// The gateway's own certificate is all that is trusted.
+/// Trusts the gateway's own certificate only.
 fn encrypted(
     stream: TcpStream,
     address: SocketAddr,

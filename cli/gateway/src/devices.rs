@@ -1,5 +1,5 @@
-//! What the guard and the documents of a plan need of configured devices, and what a control told when it was asked, held
-//! against the configuration by the guard's own rule.
+//! Derives from the configured devices what the guard and the plan documents need. Compares the settings reported by a
+//! control with the configuration, by the guard's own rule.
 
 use std::{
     collections::BTreeMap,
@@ -20,7 +20,7 @@ use crate::{
     documents::{AxisPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, round},
 };
 
-/// The settings of the path besides those of its driver, for cycles of this length.
+/// Settings of a controller's path beyond those of its driver, for cycles of length `period`.
 pub(crate) fn settings(
     device: &dyn ControllerDevice,
     config: &ControllerConfig,
@@ -29,7 +29,7 @@ pub(crate) fn settings(
     let driver = device.settings();
     let behind = driver.shown_within;
     let behind = behind.map_or(period, |within| within.min(longest_read_back(period)));
-    // A frame waits for the control's scan, and is seen in the report after another one.
+    // The control processes a frame in its next scan and shows it in the report of the scan after that.
     let behind = config
         .barrier
         .map_or(behind, |barrier| behind.max(2 * (barrier.scan() + period)));
@@ -55,13 +55,13 @@ pub(crate) fn settings(
     }
 }
 
-/// The longest time for which a guard remembers its writes.
+/// Maximum time for which a guard remembers its writes.
 fn longest_read_back(period: Duration) -> Duration {
     let cycles = u32::try_from(volcomp_runtime::guard::MOST_READ_BACK_CYCLES).unwrap_or(u32::MAX);
     period.saturating_mul(cycles)
 }
 
-/// What the guard needs of a control, by the rule by which it arms.
+/// Limits that the guard requires of a control, by the rule used for arming.
 pub(crate) fn needs(limits: &Limits) -> Needs {
     let axes = || limits.axes.iter().take(limits.count);
     let largest = |value: fn(&AxisLimits) -> f64| {
@@ -78,11 +78,11 @@ pub(crate) fn needs(limits: &Limits) -> Needs {
     }
 }
 
-/// Asks a control what it tells about itself, and compares that with the configuration and the limits of its guard
-/// (`None`: it is only read); `None` where its bus has nothing to compare. Nothing is written.
+/// Reads the settings that a control reports and compares them with the configuration and the guard's limits (`None`:
+/// the control is only read). Returns `None` if its bus reports no settings. Nothing is written.
 ///
 /// # Errors
-/// A control that cannot be reached, or that contradicts the configuration.
+/// The control cannot be reached, or contradicts the configuration.
 pub(crate) fn online(
     device: &dyn ControllerDevice,
     own: &ControllerConfig,
@@ -108,10 +108,10 @@ pub(crate) fn online(
     }))
 }
 
-/// The barrier of a control as its reports tell it, checked against the configuration of the controller.
+/// Reads the barrier reports of a control and checks them against the configuration of the controller.
 ///
 /// # Errors
-/// It tells no report for this machine and these axes, or settings that the guard would not arm with.
+/// No report for this machine and these axes, or settings with which the guard would not arm.
 fn barrier(
     device: &str,
     config: &BarrierConfig,
@@ -119,7 +119,7 @@ fn barrier(
     limits: &Limits,
     reports: &[(Instant, Words)],
 ) -> Result<OnlineBarrier, DeviceError> {
-    // Axes that make no barrier were refused with the configuration.
+    // Invalid axes have already been rejected with the configuration.
     let layout = Layout::of(axes.iter().copied()).ok();
     let decoded = layout.map(|layout| {
         let decode = |(at, words): &(Instant, Words)| {
@@ -187,7 +187,7 @@ fn barrier(
     })
 }
 
-/// No report of a barrier, or one for another machine or other axes.
+/// The error for a missing report, or one for another machine or other axes.
 fn strange(device: &str, machine: u16, axes: &[AxisName], layout: Option<Layout>) -> DeviceError {
     let letters: String = axes.iter().map(|name| name.letter()).collect();
     let number = layout.map_or(0, Layout::number);
@@ -200,7 +200,7 @@ fn strange(device: &str, machine: u16, axes: &[AxisName], layout: Option<Layout>
     )
 }
 
-/// A misfit by the keys of the configuration.
+/// Describes a mismatch in terms of the configuration keys.
 fn words_of(misfit: BarrierMisfit, axes: &[AxisName], limits: &Limits) -> String {
     let micro = |axis: usize, value: f64| {
         round(Displacement::new(limits.axes[axis].kind, value).um_or_urad())

@@ -1,19 +1,19 @@
-//! In which ways a model may be one of another machine than the model in force.
+//! Signs that a new model belongs to another machine than the active model.
 
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::AxisName;
 
-/// What differs besides the errors, each in a sentence.
+/// Differences other than in the errors, one sentence each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
-    /// Why it cannot be put in force as the model of this machine.
+    /// Why it cannot be activated as the model of this machine.
     pub refusal: Option<String>,
-    /// What a person must confirm, however little the correction moves.
+    /// Differences that an operator must confirm, however small the change of the correction.
     pub to_confirm: Vec<String>,
 }
 
-/// What differs between a model and that in force. The structure is to be confirmed, not refused: it may be a mistake of the
-/// model before (GUARD rule 13 is of structures, too).
+/// Compares a model with the active one. A different structure must be confirmed but is not refused: the earlier model
+/// may have been wrong (GUARD rule 13 covers structures as well).
 pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let letters = |machine: &Machine| {
         let mut letters: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();

@@ -1,4 +1,4 @@
-//! Why a gateway does not start, or does not do what it is asked.
+//! Errors of the gateway.
 
 use std::{fmt::Display, io, path::PathBuf};
 
@@ -10,64 +10,64 @@ use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 use volcomp_web::TlsError;
 
-/// Why a gateway does not start, or does not do what it is asked.
+/// An error of the gateway: at start-up, or while it executes a command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "`file` is a path, `source` the cause")]
 pub enum GatewayError {
-    /// A place in the configuration or the machine file.
+    /// An error at a position in the configuration or the machine file.
     #[error(transparent)]
     Place(#[from] InputError),
-    /// Everything that is wrong in a configuration.
+    /// All errors of a configuration.
     #[error(transparent)]
     Configuration(#[from] InputErrors),
-    /// A machine file that does not make a machine.
+    /// The machine file does not define a valid machine.
     #[error(transparent)]
     Model(ModelError),
-    /// The configuration cannot be read as text.
+    /// The configuration is not readable text.
     #[error(transparent)]
     Unreadable(#[from] ReadError),
-    /// The machine file cannot be read as text.
+    /// The machine file is not readable text.
     #[error("{file}: machine: {source}")]
     MachineFile { file: String, source: ReadError },
-    /// Controllers, machine and limits do not fit together.
+    /// Controllers, machine and limits do not match.
     #[error("{file}: {source}")]
     Plan { file: String, source: PlanError },
-    /// The configuration of a device is invalid; found without opening it.
+    /// The configuration of a device is invalid; detected without opening it.
     #[error("{file}: {source}")]
     DeviceConfig { file: String, source: DeviceError },
-    /// A certificate that cannot be used or made.
+    /// A certificate is unusable or cannot be created.
     #[error(transparent)]
     Tls(#[from] TlsError),
-    /// A line of the token file, from 1. The message never holds the token.
+    /// A line of the token file, counted from 1, is invalid. The message never contains the token.
     #[error("{}:{line}: {source}", file.display())]
     Token {
         file: PathBuf,
         line: usize,
         source: TokenError,
     },
-    /// A file with a secret that cannot be read, or that others may read.
+    /// A file with a secret is unreadable, or readable by other users.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    /// A file that cannot be read.
+    /// A file cannot be read.
     #[error("{file}: cannot be read: {source}")]
     Read { file: String, source: io::Error },
-    /// A device that cannot be opened.
+    /// A device cannot be opened.
     #[error(transparent)]
     Device(DeviceError),
-    /// The control thread does not start.
+    /// The control thread cannot be started.
     #[error(transparent)]
     Start(#[from] StartError),
-    /// A barrier that cannot be set to the limits of a controller.
+    /// A barrier cannot be set to the limits of a controller.
     #[error("{device}: a barrier cannot be set to these limits: {source}")]
     Barrier {
         device: String,
         source: volcomp_guard::barrier::SettingsError,
     },
-    /// Something of the operating system.
+    /// An operating-system call failed.
     #[error("{what}: {source}")]
     System { what: String, source: io::Error },
-    /// Any other reason, whose message is all there is to know of it.
+    /// Any other error, described by its message alone.
     #[error("{0}")]
     Failed(Failure),
 }
@@ -83,28 +83,28 @@ pub struct Failure {
     pub status: u8,
 }
 
-/// The reason why a line of a token file is refused.
+/// Why a line of a token file is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TokenError {
-    /// A line that has not three words.
+    /// The line does not have three words.
     #[error("found {0} words, expected NAME ROLE TOKEN")]
     Words(usize),
-    /// A role that is not known.
+    /// Unknown role.
     #[error("found another role, expected view, operate or engineer")]
     Role,
-    /// A token that can be guessed.
+    /// The token is short enough to be guessed.
     #[error(
         "expected a token of at least 128 bits: 32 hexadecimal digits or 22 other letters and digits"
     )]
     Short,
-    /// A second token of one name.
+    /// The name appears more than once.
     #[error("this name stands twice")]
     Twice,
 }
 
 impl GatewayError {
-    /// A failure of the operating system.
+    /// Wraps an operating-system error with the object it concerns.
     pub fn system(what: impl Into<String>, source: io::Error) -> Self {
         Self::System {
             what: what.into(),
@@ -112,24 +112,24 @@ impl GatewayError {
         }
     }
 
-    /// A file or a call that is wrong: exit status 2.
+    /// An invalid call or file: exit status 2.
     pub(crate) fn invalid(what: impl Into<String>) -> Self {
         let what = what.into();
         Self::Failed(Failure { what, status: 2 })
     }
 
-    /// Something wrong in a file: exit status 2.
+    /// An error in a file: exit status 2.
     pub(crate) fn invalid_in(file: impl Display, what: impl Display) -> Self {
         Self::invalid(format!("{file}: {what}"))
     }
 
-    /// Work that failed: exit status 1.
+    /// A failed operation: exit status 1.
     pub(crate) fn failed(what: impl Into<String>) -> Self {
         let what = what.into();
         Self::Failed(Failure { what, status: 1 })
     }
 
-    /// A configuration that does not say where a running gateway is to be asked.
+    /// The configuration does not give the address of a running gateway.
     pub fn status_without(source: &Self) -> Self {
         Self::invalid(format!(
             "{source}; a running gateway tells its state without this file, too: volcomp-gateway status --listen ADDRESS, its address and port"
@@ -144,7 +144,7 @@ impl GatewayError {
         }
     }
 
-    /// The exit status of the program: 2 when the call or a file is wrong, 1 when the work failed.
+    /// Exit status of the program: 2 for an invalid call or file, 1 for a failed operation.
     pub fn status(&self) -> u8 {
         match self {
             Self::Failed(failure) => failure.status,

@@ -1,4 +1,4 @@
-//! What a person confirms: a machine file together with the limits within which it corrects.
+//! What an operator confirms: a machine file together with the limits of its correction.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,8 +12,8 @@ use crate::{
     documents::{ConfirmedLimits, LimitChanges, Question},
 };
 
-/// The keys of `[guard]` that a person confirms: limits, rates, accelerations, the times of holds and ramps, and what needs
-/// no confirmation.
+/// Keys of `[guard]` that need confirmation: limits, rates, accelerations, hold and ramp times, and the thresholds
+/// below which no confirmation is needed.
 const CONFIRMED_KEYS: [&str; 17] = [
     "limit_um",
     "slew_um_per_s",
@@ -34,10 +34,10 @@ const CONFIRMED_KEYS: [&str; 17] = [
     "stop_s",
 ];
 
-/// The key of the largest step of the tool tip with which a rotary axis is corrected: which axes correct depends on it.
+/// Key of the maximum step of the tool tip with which a rotary axis is corrected. It determines which axes correct.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// What a configuration allows, by its keys. An acceleration that is not limited has none.
+/// The limits of a configuration by key. An unlimited acceleration has no entry.
 pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
     let keys = serde_json::to_value(guard).unwrap_or_default();
     let has_rotary = guard.limit_urad.is_some();
@@ -48,7 +48,7 @@ pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
         .collect()
 }
 
-/// The limits that differ, with the old and the new value.
+/// The limits that differ: old and new value.
 pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChanges {
     let keys: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
     keys.into_iter()
@@ -57,29 +57,30 @@ pub(crate) fn changes(old: &ConfirmedLimits, new: &ConfirmedLimits) -> LimitChan
         .collect()
 }
 
-/// The facts by which a change is judged.
+/// Facts needed to judge a change.
 pub(crate) struct Judge {
-    /// The present temperatures by the name of the sensor, °C.
+    /// Current temperatures by sensor name, °C.
     pub degc: BTreeMap<String, f64>,
-    /// The model that runs, with its lags of now.
+    /// The running model, with the current states of its lags.
     pub running: Model,
-    /// The controllers: the axes that each of them writes, and the steps of their corrections.
+    /// The controllers: the axes that each one writes, and the steps of their corrections.
     pub controllers: Vec<Description>,
-    /// Rotary axes whose steps move the tool tip by more are not corrected.
+    /// A rotary axis whose step moves the tool tip by more than this is not corrected.
     pub rotary_step: Um,
-    /// Moves of linear axes up to this need no confirmation, µm.
+    /// Largest change of a linear axis that needs no confirmation, µm.
     pub confirm_um: f64,
-    /// Moves of rotary axes up to this need no confirmation, µrad.
+    /// Largest change of a rotary axis that needs no confirmation, µrad.
     pub confirm_urad: Option<f64>,
-    /// The hash that a person has confirmed.
+    /// The hash that was confirmed.
     pub confirmed: Option<String>,
-    /// What else must be confirmed, in sentences: that the model may be one of another machine.
+    /// Other differences that must be confirmed, one sentence each: signs that the model belongs to another machine.
     pub differences: Vec<String>,
 }
 
 impl Judge {
-    /// How far the correction moves where `new` takes the place of `old`, and the question that comes first. The move of the correction is judged at the reference temperature, at the present ones when they have
-    /// been steady for long, and as the machine is now, with the lags of the model that runs.
+    /// The largest change of the correction if `new` replaces `old`, and the question to confirm first. The change is
+    /// evaluated at the reference temperature, at the current temperatures in the steady state, and in the present
+    /// state with the lags of the running model.
     pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
@@ -108,9 +109,9 @@ impl Judge {
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
         let is_small = !moves && limits.is_empty() && self.differences.is_empty();
-        // A machine with other axes moves infinitely far, which is no number in JSON.
+        // A machine with other axes has an infinite change, which JSON cannot represent.
         let finite = |x: f64| x.is_finite().then_some(x);
-        // Without limits for rotary axes none is corrected, so that none moves.
+        // Without limits for rotary axes none is corrected, so none can move.
         let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
         if is_small || self.confirmed.as_ref() == Some(&hash) {
             return Judged {
@@ -134,17 +135,16 @@ impl Judge {
     }
 }
 
-/// A change, judged.
+/// A change with its effect and the confirmation it needs.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Judged {
-    /// How far the correction moves at the worst point, µm and µrad; `None`: infinitely far or, of rotary axes, none is
-    /// corrected.
+    /// Largest change of the correction, µm and µrad; `None`: infinite or, for rotary axes, not corrected.
     pub(crate) worst: [Option<f64>; 2],
-    /// What a person must confirm first.
+    /// The question that must be confirmed first.
     pub(crate) question: Option<Question>,
 }
 
-/// The hash by which a change is confirmed: of the machine file, and where limits change of the new limits besides.
+/// Hash that confirms a change: of the machine file, and of the new limits if limits change.
 fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> String {
     if changes.is_empty() {
         return model.hash.clone();

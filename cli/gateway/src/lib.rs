@@ -35,12 +35,12 @@ mod toml_text;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A lock whose data no holder leaves half changed, so that one that panicked is no reason to stop.
+/// Locks a mutex and ignores poisoning: no holder leaves the data in an inconsistent state.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Bytes as hexadecimal digits.
+/// Lower-case hexadecimal digits of bytes.
 fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write;
     bytes.iter().fold(String::new(), |mut text, byte| {

@@ -1,5 +1,5 @@
-//! One gateway on a computer for each controller: a name of the device in the kernel's abstract socket addresses, which
-//! nobody can hold twice, every user sees, and no crash leaves behind.
+//! Allows one gateway per controller on a computer. The lock is an abstract socket address named after the device: it
+//! is exclusive, visible to all users, and released by the kernel after a crash.
 
 use std::{
     collections::BTreeSet,
@@ -17,11 +17,10 @@ use volcomp_devices::Address;
 
 use crate::{config::Config, error::GatewayError};
 
-/// Locks the folder of the audit log and every device of a configuration that one gateway alone can have, for as long as the answer
-/// lives.
+/// Locks the folder of the audit log and every exclusive device of a configuration until the returned value is dropped.
 ///
 /// # Errors
-/// Another gateway on this computer has one of them.
+/// Another gateway on this computer holds one of the locks.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
     let mut locks = vec![lock_folder(config.audit_dir())?];
@@ -34,7 +33,7 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
             continue;
         }
         for device in (driver.devices)(&address) {
-            // Controllers and thermometers of one configuration may be on one device.
+            // Controllers and thermometers of one configuration may share a device.
             if locked.insert(device.clone()) {
                 locks.push(lock_device(url, &device)?);
             }
@@ -43,10 +42,10 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     Ok(locks)
 }
 
-/// Locks the control and the folder of the audit log of a map sender, for as long as the answer lives.
+/// Locks the control and the audit-log folder of a map sender until the returned value is dropped.
 ///
 /// # Errors
-/// A gateway or another sender on this computer has one of them.
+/// A gateway or another sender on this computer holds one of the locks.
 pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locks = vec![lock_folder(audit_dir)?];
     let address = Address::parse(url).map_err(GatewayError::Device)?;
@@ -57,12 +56,12 @@ pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListene
     Ok(locks)
 }
 
-/// Locks the folder of the audit log, in which a gateway remembers what it has written, confirmed and been told.
+/// Locks the folder of the audit log, which also contains the last output, the confirmed model and the standing state.
 fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
     try_folder(folder)?.ok_or_else(|| in_use("[audit] dir", folder))
 }
 
-/// Locks the folder in which a gateway keeps what its centre has sent.
+/// Locks the folder of manifests received from the centre.
 ///
 /// # Errors
 /// Another gateway on this computer uses it.
@@ -81,18 +80,18 @@ fn in_use(key: &str, folder: &Path) -> GatewayError {
 /// Whether a gateway or a map sender on this computer uses a folder.
 ///
 /// # Errors
-/// A folder that cannot be made or looked at.
+/// The folder cannot be created or accessed.
 pub(crate) fn is_folder_locked(folder: &Path) -> Result<bool, GatewayError> {
     Ok(try_folder(folder)?.is_none())
 }
 
-/// The lock of a folder, which is made where it is missing; `None`: another program has it.
+/// Locks a folder, which is created if it is missing; `None`: another program holds the lock.
 fn try_folder(folder: &Path) -> Result<Option<UnixListener>, GatewayError> {
     let shown = folder.display().to_string();
     let wrong = |source| GatewayError::system(shown.clone(), source);
     std::fs::create_dir_all(folder).map_err(wrong)?;
     let found = std::fs::metadata(folder).map_err(wrong)?;
-    // By what it is, not by its spelling.
+    // Use the inode: one folder can have several paths.
     try_lock(&format!("folder {} {}", found.dev(), found.ino())).map_err(wrong)
 }
 
@@ -103,7 +102,7 @@ fn lock_device(url: &str, device: &str) -> Result<UnixListener, GatewayError> {
     })
 }
 
-/// `None`: another program has it.
+/// `None`: another program holds the lock.
 fn try_lock(name: &str) -> std::io::Result<Option<UnixListener>> {
     let digest = crate::hex(&Sha256::digest(name.as_bytes())[..8]);
     let address = SocketAddr::from_abstract_name(format!("volcomp-gateway-{digest}"))?;

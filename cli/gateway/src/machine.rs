@@ -1,4 +1,4 @@
-//! The machine, in a thread of its own: started, kept running, ramped out at its end. A fault of the program in it is caught here.
+//! Runs the machine on a separate thread: start, supervision and final ramp. A panic in it is caught here.
 
 use std::{
     io::Write,
@@ -39,28 +39,28 @@ use crate::{
     times::Times,
 };
 
-/// The machine of the process.
+/// The machine controlled by this process.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// How the gateway is called.
+    /// Command-line options.
     pub options: Options,
-    /// The time of the watchdog of the service manager.
+    /// Watchdog timeout of the service manager.
     pub proven_within: Duration,
 }
 
-/// One turn of a service: [`Service::turn`].
+/// One iteration of the service loop: [`Service::turn`].
 pub type Turn<'t> = &'t mut dyn FnMut(&mut Service);
 
 impl Machine {
-    /// The plan of its files as they are now.
+    /// Plans the machine from the current files.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The errors in these files.
     pub fn plan(&self) -> Result<Plan, GatewayError> {
         Plan::new(self.options.configuration()?)
     }
 
-    /// Runs it until it is told to stop.
+    /// Runs the machine until it is stopped.
     pub fn run(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) {
         let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
         let ended = catch_unwind(whole).unwrap_or_else(|_| Err(panicked()));
@@ -70,7 +70,7 @@ impl Machine {
     fn run_to_its_end(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) -> Result<(), Failure> {
         let started = match start(self, plan, slot) {
             Ok(Some(started)) => started,
-            // Told to stop before anything could be written.
+            // Stopped before anything could be written.
             Ok(None) => return Ok(()),
             Err(error) => return Err(error.failure()),
         };
@@ -116,10 +116,10 @@ impl Machine {
             catch_unwind(AssertUnwindSafe(|| service.abandon(&mut hurry))).unwrap_or(false)
         });
         if !has_ended {
-            // It hangs: the locks of its devices are held until the process ends.
+            // The control thread hangs: keep the device locks until the process ends.
             std::mem::forget(locks);
         }
-        // What was to be told last is sent or kept.
+        // Pending fleet messages are sent or saved.
         #[cfg(feature = "fleet")]
         drop(fleet);
         drop(interop);
@@ -134,7 +134,7 @@ impl Machine {
     }
 }
 
-/// A machine whose control thread has ended, so that what is applied stands until the control takes it out.
+/// The control thread has ended: the applied correction remains until the control removes it.
 fn without_control() -> Failure {
     Failure {
         what: "the control thread has ended by itself, why is written on standard error: what was applied stands until the control takes it out".to_owned(),
@@ -142,7 +142,7 @@ fn without_control() -> Failure {
     }
 }
 
-/// A machine in which the program has a fault.
+/// A panic occurred in the machine's thread.
 fn panicked() -> Failure {
     Failure {
         what: "a fault of the program, written on standard error".to_owned(),
@@ -150,18 +150,18 @@ fn panicked() -> Failure {
     }
 }
 
-/// A machine that runs.
+/// A running machine.
 struct Started {
     assembled: Assembled,
-    /// The dashboard.
+    /// Runtime of the dashboard.
     runtime: tokio::runtime::Runtime,
-    /// One gateway for each device.
+    /// Locks of the devices.
     locks: Vec<UnixListener>,
-    /// Other systems that read it, as long as this is held.
+    /// Interfaces for other systems; they are served while this is held.
     interop: Served,
 }
 
-/// Starts a machine; `None`: it was told to stop before anything could be written.
+/// Starts a machine; `None`: it was stopped before anything could be written.
 fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, GatewayError> {
     let listener = http::listen(plan.config.dashboard.listen)?;
     let (interop, shape) = (Interop::open(&plan.config)?, plan.shape());
@@ -185,7 +185,7 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
     assembled.service.started(&found);
     let (runtime, live) = assembled.serve_dashboard(listener, &shape)?;
     let url = live.url();
-    // Nobody may be reading.
+    // Standard output may be closed.
     let mut out = std::io::stdout();
     let _ = writeln!(out, "listening on {url}");
     slot.set(Phase::Running(live));
@@ -197,7 +197,7 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
     }))
 }
 
-/// The service of a machine, and what others reach of it.
+/// The service of a machine, and the handles shared with other threads.
 #[expect(missing_docs, reason = "each is named as its type")]
 pub struct Assembled {
     pub config: Config,
@@ -213,10 +213,10 @@ pub struct Assembled {
 }
 
 impl Assembled {
-    /// Serves the dashboard on a socket, as long as the runtime lives.
+    /// Serves the dashboard on a socket for the lifetime of the runtime.
     ///
     /// # Errors
-    /// The operating system gives no thread, or no address of the socket.
+    /// The operating system cannot create a thread or return the address of the socket.
     pub fn serve_dashboard(
         &mut self,
         listener: TcpListener,
@@ -249,8 +249,8 @@ impl Assembled {
     }
 }
 
-/// Lets the cycle begin with the output that was stored last. What is not remembered is not zero: the device tells it, or a person
-/// has to look.
+/// Initializes the cycle with the last stored output. An output that is not stored is unknown, not zero: the device
+/// must report it, or an operator must check.
 pub fn restore_output(opened: &mut Opened) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
     let file = opened.config.audit_dir().join("output.json");
@@ -259,11 +259,11 @@ pub fn restore_output(opened: &mut Opened) {
     opened.cycle.restore(&output, age);
 }
 
-/// Puts the service of a machine together around its cycle, which `launch` starts. Its first record is written by
-/// [`Service::started`].
+/// Builds the service of a machine around its cycle, which `launch` starts. [`Service::started`] writes its first
+/// record.
 ///
 /// # Errors
-/// What `launch` refuses, or the operating system gives no thread.
+/// `launch` fails, or the operating system cannot create a thread.
 pub fn assemble(
     machine: &Machine,
     opened: Opened,
@@ -327,20 +327,20 @@ pub fn assemble(
     })
 }
 
-/// What the centre of the fleet said last about correcting at all.
+/// Whether the centre's last order forbids correcting.
 fn forbids_of_centre(config: &Config) -> Reasons {
     #[cfg(feature = "fleet")]
     let forbids = crate::fleet::forbids(config);
-    // Without the feature there is no plan of a configuration with a centre.
+    // In a build without the feature, planning rejects a configuration with a centre.
     #[cfg(not(feature = "fleet"))]
     let forbids = Reasons::NONE.when(config.fleet.is_some());
     forbids
 }
 
-/// The audit log, and what was found when it was opened.
+/// Opens the audit log and returns the state in which it was found.
 ///
 /// # Errors
-/// A folder or file that cannot be written.
+/// The folder or file cannot be written.
 pub fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     let (audit, found) = AuditLog::open(config.audit_dir())
         .map_err(|e| GatewayError::system(config.audit_dir().display().to_string(), e))?;
@@ -360,9 +360,9 @@ pub fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
     Ok((audit, found))
 }
 
-/// The last output that was stored (mm, rad), and how long ago; `None` where none was, it cannot be read, is of another
-/// boot of the computer, of other axes or of other controllers. Where the program did not come to its end it may have
-/// sent another one afterwards: then what was sent last is no number.
+/// The last stored output (mm, rad) and its age. `None` if none is stored, it is unreadable, or it belongs to another
+/// boot, other axes or other controllers. If the program was not shut down properly, it may have sent a later output:
+/// the values are then NaN.
 fn last_output(
     path: &Path,
     model: &Model,

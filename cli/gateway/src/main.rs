@@ -211,7 +211,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
     match arguments.command {
         None => {
             log(arguments.run.log);
-            // Without a configuration it simulates.
+            // Without a configuration it runs the built-in simulation.
             run::run(&arguments.run.options)
         }
         Some(Command::Check {
@@ -287,7 +287,7 @@ fn write_schemas(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// What a running gateway answers.
+/// The state of a running gateway.
 fn status(
     config: Option<PathBuf>,
     listen: Option<SocketAddr>,
@@ -307,7 +307,7 @@ fn status(
                 file: path.display().to_string(),
                 source: e,
             })?;
-            // A token alone, or a line of the gateway's own file.
+            // The file holds a single token, or lines in the format of the gateway's token file.
             text.lines()
                 .next()
                 .and_then(|line| line.split_whitespace().last())
@@ -323,7 +323,7 @@ fn status(
     }
 }
 
-/// To standard output; a reader that has gone away is no failure.
+/// Prints to standard output; a closed pipe is not an error.
 fn print(text: &str) -> Result<(), GatewayError> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -333,7 +333,7 @@ fn print(text: &str) -> Result<(), GatewayError> {
     }
 }
 
-/// How many columns standard output has: as the environment says, or its terminal; a file gets as many as it is made for.
+/// Width of standard output in columns: from `COLUMNS`, else from the terminal, else the width for files.
 fn columns() -> usize {
     let stated = std::env::var("COLUMNS").ok();
     let of_terminal = || rustix::termios::tcgetwinsize(std::io::stdout()).ok();
@@ -348,8 +348,8 @@ fn log(form: LogForm) {
     use tracing_subscriber::{
         Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
     };
-    // What the OPC UA library says for itself (that it found no certificate of its own, at every connection) is no news: what
-    // fails is an error of ours, with the URL.
+    // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures are
+    // reported as our own errors, with the URL.
     let told = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);

@@ -1,4 +1,4 @@
-//! The state as Prometheus text: the table of quantities, and the times of the cycle.
+//! The state in the Prometheus text format: the table of quantities and the cycle times.
 
 use std::fmt::Write;
 
@@ -7,7 +7,7 @@ use crate::{
     interop::quantities::{self, Kind, Part, Quantity, Unit, Value},
 };
 
-/// A metric: its name, its help, its type, and its lines of labels and value.
+/// A metric: name, help, type and sample lines of labels and value.
 struct Metric {
     name: String,
     help: &'static str,
@@ -15,7 +15,7 @@ struct Metric {
     lines: Vec<(String, f64)>,
 }
 
-/// All metrics of a state.
+/// Formats all metrics of a state.
 pub fn text(status: &Status, quantities: &[Quantity]) -> String {
     let mut metrics = vec![
         Metric {
@@ -93,7 +93,7 @@ fn labels_of(quantity: &Quantity) -> String {
     labels(label, &quantity.of)
 }
 
-/// The value of a quantity; `None`: it has no line.
+/// Sample value of a quantity; `None`: no sample.
 fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
     let reading = quantity.read(status);
     match (reading.current(), quantity.kind) {
@@ -101,14 +101,14 @@ fn value(quantity: &Quantity, status: &Status) -> Option<f64> {
         (Some(Value::Number(number)), _) => Some(*number),
         (Some(Value::Whole(number)), _) => Some(*number as f64),
         (Some(Value::Truth(yes)), _) => Some(f64::from(u8::from(*yes))),
-        // Never: an alarm on a time that is too long must be raised.
+        // Infinity for "never", so that an alarm on a maximum age is raised.
         (None, Kind::Number(Unit::Ms)) => Some(f64::INFINITY),
         (None, Kind::Truth | Kind::Whole) => Some(f64::NAN),
         (None | Some(Value::Text(_)), _) => None,
     }
 }
 
-/// The times of the parts of a cycle.
+/// Duration metrics of the parts of a cycle.
 fn times(status: &Status) -> [Metric; 4] {
     let cycle = &status.cycle;
     let whole = StretchTimes {
@@ -184,14 +184,14 @@ fn states(status: &Status) -> Vec<(String, f64)> {
 }
 
 fn reasons(status: &Status) -> Vec<(String, f64)> {
-    // Without the time of a silence: it would make a new series with every value.
+    // Without the duration of a silence, which would create a new series for every value.
     let reasons = quantities::reasons(status).into_iter();
     reasons
         .map(|reason| (labels("reason", reason), 1.0))
         .collect()
 }
 
-/// A label in braces, with what the text format reserves escaped.
+/// A label in braces, escaped for the text format.
 fn labels(name: &str, value: &str) -> String {
     let value = value
         .replace('\\', "\\\\")

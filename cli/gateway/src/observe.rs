@@ -1,4 +1,4 @@
-//! From the report of a cycle to the state that others see.
+//! Converts the report of a cycle to the published state.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -17,23 +17,23 @@ use crate::{
     times::{Stretch, Times},
 };
 
-/// The facts that stay the same while a gateway runs.
+/// Constants of a running gateway.
 pub(crate) struct Facts<'a> {
-    /// The model that corrects.
+    /// The active model.
     pub model: &'a Model,
     /// The controllers in order.
     pub controllers: &'a [Description],
-    /// The names of the temperatures.
+    /// Names of the temperatures.
     pub sensors: &'a [String],
-    /// The true errors of the machine, where it is simulated.
+    /// True errors of the machine if it is simulated.
     pub truth: Option<&'a Truth>,
-    /// Whether it arms itself.
+    /// Whether auto-arm is on.
     pub auto_arm: bool,
-    /// The time of a cycle.
+    /// Cycle time.
     pub cycle: Duration,
 }
 
-/// The state at a report.
+/// The published state for a report.
 pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Status {
     let model = facts.model;
     let mut axes = model.axes.clone();
@@ -50,7 +50,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
             structure: model.structure(),
             axes,
         },
-        // Whoever serves the state knows the tokens.
+        // Set by the dashboard, which knows the tokens.
         operable: false,
         controller: facts
             .controllers
@@ -84,7 +84,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         uptime_s: round(report.now.as_secs_f64()),
         age_ms: 0.0,
         cycle: cycle(facts, report, times),
-        // Whoever publishes the state knows the fleet.
+        // Set by the publisher, which knows the fleet.
         fleet: None,
     };
     let known = |index: usize| report.known >> index & 1 == 1;
@@ -104,7 +104,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     status
 }
 
-/// Why the state is what it is; where a position is not believed, with its axis.
+/// The reasons of the state; a rejected position is listed with its axis.
 fn reasons(model: &Model, report: &Report) -> Vec<String> {
     let with_places = |text: &str, axes: u16| {
         let of = (0..model.axes.len()).filter(|index| axes >> index & 1 == 1);
@@ -127,8 +127,7 @@ fn reasons(model: &Model, report: &Report) -> Vec<String> {
         .collect()
 }
 
-/// Takes back what a state says of the present, after `silence` without a cycle: where the machine is and what is
-/// applied is not known.
+/// Marks the present values as unknown after `silence` without a cycle: position and applied correction are not known.
 pub(crate) fn silence(status: &mut Status, silence: Duration) {
     status.state = StateName::Unknown;
     status.reasons = vec![format!(
@@ -171,7 +170,7 @@ pub(crate) fn silence(status: &mut Status, silence: Duration) {
     }
 }
 
-/// Lets the ages of a state grow by the time since its cycle.
+/// Adds the time since the cycle to all ages of a state.
 pub(crate) fn age(status: &mut Status, age: Duration) {
     let age_ms = age.as_secs_f64() * 1e3;
     status.age_ms = round(age_ms);
@@ -187,11 +186,10 @@ pub(crate) fn age(status: &mut Status, age: Duration) {
     }
 }
 
-/// What was confirmed longer ago is not known any more: the control may have let go of it by itself. Of a control that
-/// cannot be asked is known what its outputs were left with; the guard forgets that where it does not hold.
+/// Age after which a confirmed output counts as unknown, because the control may have released it. The outputs of a
+/// control without read-back remain known until the guard withdraws them.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
-/// How every path is.
 fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
     let ms = |age: Option<Duration>| age.map(|age| round(age.as_secs_f64() * 1e3));
     let pairs = facts.controllers.iter().zip(&report.paths).enumerate();
@@ -212,19 +210,19 @@ fn paths(facts: &Facts<'_>, report: &Report) -> Vec<PathState> {
         .collect()
 }
 
-/// What the test shift showed of the axes that are corrected.
+/// Results of the test shift for the corrected axes.
 fn proven(model: &Model, report: &Report) -> BTreeMap<AxisName, ProvenName> {
     let axes = model.axes.iter().zip(&report.proven);
     axes.filter_map(|(name, proven)| Some((*name, (*proven)?.into())))
         .collect()
 }
 
-/// Whether the path that corrects writes an axis of the machine: of the others nobody tells what they hold.
+/// Whether the active path writes an axis; the output of other axes is unknown.
 fn is_written(report: &Report, index: usize) -> bool {
     report.written >> index & 1 == 1
 }
 
-/// The correction that is applied, µm of linear and µrad of rotary axes.
+/// The applied correction: linear axes in µm, rotary axes in µrad.
 pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
     by_kind(
         model,
@@ -234,7 +232,7 @@ pub(crate) fn correction(model: &Model, report: &Report) -> [ByAxis; 2] {
     )
 }
 
-/// Values of linear axes, then those of rotary ones.
+/// Splits values into those of linear and those of rotary axes.
 fn by_kind(
     model: &Model,
     values: &PerAxis<f64>,
@@ -257,7 +255,7 @@ fn errors(status: &mut Status, facts: &Facts<'_>, report: &Report) {
     status.error_um = report.error.map(|error| um(error.position_mm));
     status.error_urad = report.error.map(|error| urad(error.rotation_rad));
     status.error_axis_urad = report.error.and_then(axis);
-    // What is left is known where the correction is.
+    // The residual is known only if the correction is.
     let residual = report.residual.filter(|_| report.correction_known);
     status.residual_um = residual.map(|error| um(error.position_mm));
     status.residual_axis_urad = residual.and_then(axis);

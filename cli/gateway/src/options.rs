@@ -1,4 +1,4 @@
-//! How the gateway is called, and the configuration that follows from it.
+//! Command-line options, and the configuration they result in.
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
@@ -38,10 +38,10 @@ fn cycle(text: &str) -> Result<Duration, String> {
 }
 
 impl Options {
-    /// The configuration, with what the call says instead of it.
+    /// Reads the configuration and applies the overrides of the command line.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// The configuration file is invalid.
     pub fn configuration(&self) -> Result<Config, GatewayError> {
         let mut config = match &self.config {
             Some(path) => Config::read(path)?,
@@ -55,7 +55,7 @@ impl Options {
         }
         if let Some(dir) = &self.audit_dir {
             config.audit.dir.clone_from(dir);
-            // The models that are in force stand beside the log.
+            // Activated models are stored beside the log, so this follows the override of its folder.
             config = config.with_machine_in_force();
         }
         if let (None, Some(cycle)) = (&self.config, self.simulated_cycle) {

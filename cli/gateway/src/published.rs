@@ -1,4 +1,4 @@
-//! The data that the service publishes and the dashboard reads.
+//! Data published by the service and read by the dashboard.
 
 use std::{
     collections::VecDeque,
@@ -14,38 +14,38 @@ use crate::{
     locked, observe,
 };
 
-/// The service publishes so often at least; a state that is older than this and the patience with the control thread
-/// says nothing of the present, whichever of the two threads is late.
+/// Maximum interval between two publications. A state older than this plus the patience with the control thread is
+/// stale, whichever of the two threads is late.
 const PUBLISHED_EVERY: Duration = Duration::from_millis(150);
-/// How long the history reaches back, s.
+/// Time span of the history, s.
 const SPAN_S: f64 = 120.0;
-/// A point is kept so often, s.
+/// Minimum interval between two history points, s.
 const STEP_S: f64 = 0.25;
 
-/// The side of the dashboard.
+/// Reading side, used by the dashboard.
 #[derive(Clone)]
 pub struct Published {
     shared: Arc<Shared>,
-    /// The sign of life of the control thread.
+    /// Heartbeat of the control thread.
     pulse: Pulse,
 }
 
-/// The side of the service.
+/// Writing side, used by the service.
 pub struct Publisher {
     shared: Arc<Shared>,
 }
 
 struct Shared {
-    /// The model, for the error map.
+    /// The active model, for the error map.
     model: Mutex<Arc<Model>>,
     trend: Mutex<Trend>,
     /// The latest state, and the time of its cycle.
     latest: Mutex<(Arc<Status>, Instant)>,
-    /// The fleet as this machine sees it; `None`: it is in none.
+    /// State of the fleet connection; `None`: not part of a fleet.
     fleet: Mutex<Option<FleetState>>,
 }
 
-/// Both sides, with a first state. `pulse` tells whether the control thread lives.
+/// Creates both sides with an initial state. `pulse` shows whether the control thread is alive.
 pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, Published) {
     let shared = Arc::new(Shared {
         model: Mutex::new(model),
@@ -61,13 +61,13 @@ pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, 
 }
 
 impl Publisher {
-    /// Publishes the state of a cycle, which becomes a point of the history.
+    /// Publishes the state of a cycle and adds it to the history.
     pub fn publish(&self, status: Status, cycle_at: Instant) {
         locked(&self.shared.trend).add(&status);
         *locked(&self.shared.latest) = (Arc::new(status), cycle_at);
     }
 
-    /// Publishes another model, for the error map.
+    /// Publishes a new model, for the error map.
     pub fn set_model(&self, model: Arc<Model>) {
         *locked(&self.shared.model) = model;
     }
@@ -79,7 +79,7 @@ impl Published {
         self.pulse.clock()
     }
 
-    /// The state of now, with its age: that of the last cycle, or `unknown` where there has been none for three
+    /// The current state with its age: that of the last cycle, or `unknown` if there has been no cycle for three
     /// periods ([`Pulse::patience`]).
     pub fn latest(&self) -> Status {
         let (status, cycle_at) = {
@@ -98,42 +98,42 @@ impl Published {
         status
     }
 
-    /// Publishes how it stands with the fleet.
+    /// Publishes the state of the fleet connection.
     pub fn set_fleet(&self, state: FleetState) {
         *locked(&self.shared.fleet) = Some(state);
     }
 
-    /// Publishes a change of how it stands with the fleet.
+    /// Changes the published state of the fleet connection.
     pub fn tell_fleet(&self, change: impl FnOnce(&mut FleetState)) {
         if let Some(state) = locked(&self.shared.fleet).as_mut() {
             change(state);
         }
     }
 
-    /// The model that corrects, without its temperatures.
+    /// The active model, without its temperatures.
     pub fn model(&self) -> Arc<Model> {
         Arc::clone(&locked(&self.shared.model))
     }
 
-    /// The trend of the last minutes.
+    /// The history of the last two minutes.
     pub fn history(&self) -> History {
         locked(&self.shared.trend).history()
     }
 }
 
-/// The points of the last minutes. State: the points, oldest first.
+/// The history. State: the points, oldest first.
 #[derive(Debug, Default)]
 struct Trend {
     points: VecDeque<HistoryPoint>,
 }
 
 impl Trend {
-    /// Keeps a state as a point, unless the last point is too young. Points that are too old are dropped.
+    /// Adds a state as a point unless the last point is too recent. Expired points are dropped.
     fn add(&mut self, status: &Status) {
         let now = status.uptime_s;
         if let Some(last) = self.points.back() {
             if now < last.at_s {
-                // The clock began again.
+                // The uptime has restarted.
                 self.points.clear();
             } else if now - last.at_s < STEP_S {
                 return;
@@ -157,7 +157,6 @@ impl Trend {
         });
     }
 
-    /// The points as a document.
     fn history(&self) -> History {
         History {
             span_s: SPAN_S,

@@ -1,4 +1,4 @@
-//! The requests of a person or a program to the service.
+//! Requests from operators and programs to the service.
 
 use std::{
     path::PathBuf,
@@ -18,83 +18,83 @@ use crate::{
     documents::{Answer, ModelSource, Refusal},
 };
 
-/// The largest number of requests that wait for the service, and of requests to disarm besides.
+/// Maximum number of queued requests; disarm requests have as many slots of their own.
 const WAITING: usize = 64;
 
-/// The action that somebody asks the service for.
+/// The requested action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ask {
-    /// Correct; with the hash of a model that a person confirms.
+    /// Start correcting; with the hash of a confirmed model.
     Arm(Option<String>),
     /// Ramp the correction to zero and stop correcting.
     Disarm,
-    /// The cause of a fault is mended.
+    /// The cause of a fault has been fixed.
     Acknowledge,
-    /// Read configuration and machine file again; with the hash of a model that a person confirms.
+    /// Reload configuration and machine file; with the hash of a confirmed model.
     Reload(Option<String>),
-    /// What the centre of the fleet has decided.
+    /// A decision of the fleet's centre.
     Centre(CentreAsk),
-    /// Correct by a model that a person has chosen.
+    /// Correct with a model selected by an operator.
     Model(Box<ModelAsk>),
 }
 
-/// A model that a person has chosen on the page *Model*.
+/// A model selected on the page *Model*.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelAsk {
-    /// The machine file, on disk.
+    /// Path of the machine file.
     pub machine: PathBuf,
-    /// The hash that it must have.
+    /// Expected hash.
     pub hash: String,
-    /// Where it comes from.
+    /// Origin of the model.
     pub from: ModelSource,
-    /// The same in words.
+    /// Description of the origin.
     pub file: String,
-    /// The hash that a person confirms.
+    /// The confirmed hash.
     pub confirm: Option<String>,
-    /// In which ways it may be of another machine.
+    /// Signs that it belongs to another machine.
     pub differences: Differences,
 }
 
-/// What the centre of a fleet asks of the service.
+/// A request of the centre of a fleet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CentreAsk {
-    /// Correct by this machine file from now on; with the hash of a model that a person has confirmed at the centre.
+    /// Correct with this machine file; with the hash of a model that was confirmed at the centre.
     Take {
-        /// The machine file, on disk and checked against its checksum.
+        /// Path of the machine file, verified against its checksum.
         machine: PathBuf,
-        /// The hash that was confirmed.
+        /// The confirmed hash.
         confirm: Option<String>,
     },
-    /// Ramp the correction to zero, and forbid arming from now on.
+    /// Ramp the correction to zero and forbid arming.
     Disable,
-    /// Allow arming again.
+    /// Permit arming again.
     Enable,
-    /// Write down that a manifest was refused, and why.
+    /// Record that a manifest was refused, and why.
     Refused(String),
-    /// Write down and show that what was accepted before cannot be used, and why.
+    /// Record and show that an accepted manifest is unusable, and why.
     Damaged(String),
 }
 
 impl Ask {
-    /// Whether it disarms, which is carried out when the request is made.
+    /// Whether the request disarms; disarming takes effect when the request is created.
     pub fn disarms(&self) -> bool {
         matches!(self, Self::Disarm | Self::Centre(CentreAsk::Disable))
     }
 }
 
-/// A request, and where its answer goes. Disarming is ordered already when a request for it has been made: the service
-/// only writes it down and answers.
+/// A request and the channel for its response. Creating a request to disarm already orders it; the service only records
+/// it and responds.
 pub struct Asked {
     pub(crate) ask: Ask,
     pub(crate) who: String,
     pub(crate) answer: Option<oneshot::Sender<Reply>>,
-    /// How often disarming had been ordered when the request was made.
+    /// Number of disarm orders at the time of the request.
     pub(crate) disarms: u64,
 }
 
 impl Asked {
-    /// A request of `who`: the name of a token, `signal`, `auto_arm` or `centre` with the beginning of a key. Without an `answer` it is answered into the log
-    /// of the program. A request to disarm is carried out here and now.
+    /// Creates a request of `who`: the name of a token, `signal`, `auto_arm`, or `centre` with the first digits of a
+    /// key. Without `answer`, the response is logged. A request to disarm takes effect immediately.
     pub fn new(
         ask: Ask,
         who: impl Into<String>,
@@ -113,22 +113,22 @@ impl Asked {
     }
 }
 
-/// Where requests to the service go. As many places again are for disarming alone, so that other requests never keep it
-/// from being written down.
+/// Sending side of the request queue. Slots are reserved for disarm requests, so that other requests never prevent them
+/// from being recorded.
 #[derive(Clone)]
 pub struct Asks {
     asked: SyncSender<Asked>,
-    /// The number of requests that wait, but for disarming.
+    /// Number of queued requests, without those to disarm.
     others: Arc<AtomicUsize>,
 }
 
-/// The requests that wait for the service, in their order.
+/// Receiving side of the request queue, in order of arrival.
 pub struct Queue {
     asked: Receiver<Asked>,
     others: Arc<AtomicUsize>,
 }
 
-/// Where requests go, and where they come out.
+/// Creates a request queue.
 #[must_use]
 pub fn queue() -> (Asks, Queue) {
     let (send, asked) = sync_channel(2 * WAITING);
@@ -141,10 +141,10 @@ pub fn queue() -> (Asks, Queue) {
 }
 
 impl Asks {
-    /// Hands a request to the service.
+    /// Queues a request.
     ///
     /// # Errors
-    /// Too many wait, or the service has ended: the request comes back.
+    /// The queue is full, or the service has ended: the request is returned.
     pub fn try_send(&self, asked: Asked) -> Result<(), TrySendError<Asked>> {
         if asked.ask.disarms() {
             return self.asked.try_send(asked);
@@ -165,10 +165,10 @@ impl Asks {
 }
 
 impl Queue {
-    /// The next request, waited for.
+    /// Waits for the next request.
     ///
     /// # Errors
-    /// None came in this time, or nobody can ask any more.
+    /// The timeout has passed, or all senders were dropped.
     pub fn recv_timeout(&self, wait: Duration) -> Result<Asked, RecvTimeoutError> {
         let asked = self.asked.recv_timeout(wait)?;
         if !asked.ask.disarms() {
@@ -178,17 +178,17 @@ impl Queue {
     }
 }
 
-/// A status of HTTP and the document that goes with it.
+/// An HTTP status with its document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reply {
-    /// 200 for a request that took effect, 409 for one that did not, 422 for a configuration that is wrong, 503 while
-    /// the control thread or the disk does not answer.
+    /// 200: the request took effect; 409: it did not; 422: the configuration is invalid; 503: the control thread or the
+    /// disk does not respond.
     pub status: u16,
-    /// The document of the answer.
+    /// The response document.
     pub answer: Answer,
 }
 
-/// A refusal in words.
+/// A refusal with its reason.
 pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
     Reply {
         status,

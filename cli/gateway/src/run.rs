@@ -1,5 +1,5 @@
-//! The daemon from its start to its end: what stops it, reloads it and is told to the service manager goes through here; nothing
-//! here waits for the machine.
+//! The main loop of the daemon: signals, reloads and notifications of the service manager. Nothing here waits for the
+//! machine.
 
 use std::{
     fs::File,
@@ -24,17 +24,17 @@ use crate::{
     slot::{Phase, Slot},
 };
 
-/// How often the machine is looked at.
+/// Polling interval of the machine.
 const LOOK: Duration = Duration::from_millis(50);
-/// The service manager hears that the process is ready after so long, though devices are still being opened.
+/// Time after which the service manager is notified that the process is ready, even if devices are still being opened.
 const READY_WITHIN: Duration = Duration::from_secs(10);
-/// Life is proven as often without a service manager that waits for it.
+/// Watchdog timeout if no service manager sets one.
 const NOBODY_WAITS: Duration = Duration::from_secs(4);
 
-/// Runs until it is told to stop.
+/// Runs until it is stopped.
 ///
 /// # Errors
-/// Why it does not start, or that it has ended by itself.
+/// The machine cannot be started, or has ended unexpectedly.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
     let machine = Machine {
         options: options.clone(),
@@ -61,7 +61,7 @@ fn supervise(slot: &Slot, signals: &Heard) -> Result<(), GatewayError> {
     let mut is_stopping = false;
     loop {
         match signals.next(LOOK) {
-            // The thread that heard it has ordered it.
+            // The signal thread has already ordered the stop.
             Some(Signal::Stop) => {
                 is_stopping = true;
                 manager.stopping();
@@ -83,15 +83,15 @@ fn supervise(slot: &Slot, signals: &Heard) -> Result<(), GatewayError> {
     }
 }
 
-/// Memory that stays locked and processors that stay awake, for the whole process and as long as this lives.
+/// Process-wide settings, active while this lives: memory is locked, and processors do not enter sleep states.
 struct Process {
     _awake: Option<File>,
-    /// The requests that the operating system refused, in words.
+    /// Descriptions of the settings that the operating system refused.
     lacking: Vec<String>,
 }
 
 impl Process {
-    /// Asks the operating system for both, and for as many descriptors as it may have.
+    /// Requests both settings, and the maximum number of file descriptors.
     fn prepare() -> Self {
         let mut lacking = Vec::new();
         let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
@@ -123,22 +123,22 @@ impl Process {
     }
 }
 
-/// The time within which the service manager must hear that the process lives.
+/// Watchdog timeout of the service manager.
 fn proven_within() -> Duration {
     sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
 }
 
-/// What the service manager was told last. Where there is none nobody hears it.
+/// State last reported to the service manager. Without a service manager the notifications are dropped.
 struct Manager {
     begun: Instant,
     is_ready: bool,
     is_stopping: bool,
-    /// The proofs of life so far.
+    /// Number of proofs of life at the last call.
     proofs: Option<u64>,
 }
 
 impl Manager {
-    /// Nothing was told yet.
+    /// Initial state: nothing has been reported.
     fn new() -> Self {
         Self {
             begun: Instant::now(),
@@ -148,7 +148,7 @@ impl Manager {
         }
     }
 
-    /// It is ready: once, and as soon as everything is on its way no more, or has been for `patience`.
+    /// Reports readiness, once: when the start is complete or has taken longer than `patience`.
     fn ready(&mut self, is_settled: bool, patience: Duration) {
         if !self.is_ready && (is_settled || self.begun.elapsed() > patience) {
             self.is_ready = true;
@@ -156,7 +156,7 @@ impl Manager {
         }
     }
 
-    /// It begins to stop: told once.
+    /// Reports, once, that the process is stopping.
     fn stopping(&mut self) {
         if !self.is_stopping {
             self.is_stopping = true;
@@ -164,7 +164,7 @@ impl Manager {
         }
     }
 
-    /// Feeds the watchdog where the machine has proven since the last call that it lives.
+    /// Feeds the watchdog if the machine has proven since the last call that it is alive.
     fn feed(&mut self, proofs: u64) {
         if self.lives(proofs) {
             tell(&NotifyState::Watchdog);
@@ -177,7 +177,7 @@ impl Manager {
     }
 }
 
-/// The socket to the service manager takes what is told without waiting.
+/// Notifies the service manager; its socket does not block.
 fn tell(state: &NotifyState<'_>) {
     let _ = sd_notify::notify(std::slice::from_ref(state));
 }

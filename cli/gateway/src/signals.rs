@@ -1,5 +1,4 @@
-//! The signals to the process, heard by a thread of their own: an order to stop acts at once, whatever the service is
-//! doing or waiting for.
+//! Process signals, received by a separate thread: a stop takes effect immediately, whatever the service is doing.
 
 use std::{
     sync::mpsc::{Receiver, RecvTimeoutError, channel},
@@ -14,26 +13,26 @@ use signal_hook::{
 
 use crate::error::GatewayError;
 
-/// What a signal asks for.
+/// The action requested by a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
-    /// SIGTERM or SIGINT: the correction is ramped out, and the program ends.
+    /// SIGTERM or SIGINT: ramp the correction out and exit.
     Stop,
-    /// SIGHUP: the configuration and the machine file are read again.
+    /// SIGHUP: reload the configuration and the machine file.
     Reload,
 }
 
-/// The signals that came, in their order.
+/// The received signals, in order.
 pub struct Heard {
     told: Receiver<Signal>,
     handle: Handle,
 }
 
 impl Heard {
-    /// Hears signals from now on. With every signal to stop `stop` is called at once, by the thread that hears it.
+    /// Starts receiving signals. Every stop signal calls `stop` immediately, on the receiving thread.
     ///
     /// # Errors
-    /// The operating system gives no signals, or no thread.
+    /// The operating system cannot deliver signals or create a thread.
     pub fn new(stop: impl Fn() + Send + 'static) -> Result<Self, GatewayError> {
         let failed = |e| GatewayError::system("signals", e);
         let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
@@ -59,12 +58,12 @@ impl Heard {
         Ok(Self { told, handle })
     }
 
-    /// The next signal that came and was not taken yet; waits for one for at most `wait`.
+    /// Waits at most `wait` for the next signal.
     pub fn next(&self, wait: Duration) -> Option<Signal> {
         match self.told.recv_timeout(wait) {
             Ok(signal) => Some(signal),
             Err(RecvTimeoutError::Timeout) => None,
-            // The thread that hears is gone, and no signal comes any more.
+            // The receiving thread has ended: there will be no more signals.
             Err(RecvTimeoutError::Disconnected) => {
                 thread::sleep(wait);
                 None

@@ -1,4 +1,5 @@
-//! The embedded default: a gantry that moves and warms up, its hidden truth, and what `volcomp demo` found of it.
+//! The built-in simulation: a gantry that moves and warms up, its true errors, and the model that `volcomp demo`
+//! identified for it.
 
 use std::{sync::Arc, time::Duration};
 
@@ -21,35 +22,35 @@ use crate::{
 const MODEL: &str = include_str!("../demo/machine.toml");
 const TRUTH: &str = include_str!("../demo/truth.toml");
 
-/// The smallest step of a correction of the simulated machine.
+/// Resolution of the corrections of the simulated machine.
 const RESOLUTION: Mm = Mm(0.001);
 
-/// The true errors of the tool position of the simulated machine, thermal errors included.
+/// True errors of the tool position of the simulated machine, including thermal errors.
 #[derive(Clone)]
 pub struct Truth {
     machine: Arc<Machine>,
-    /// How the workpiece is set up against the model's.
+    /// Best-fit rigid motion between truth and model at the reference temperature.
     datum: RigidMotion,
     sensors: Arc<[String]>,
 }
 
-/// The simulated machine and what belongs to it.
+/// The simulated machine and its parts.
 pub struct Simulation {
     /// The controller of the machine.
     pub controller: SimulatedController,
     /// The thermometer of the machine.
     pub thermometer: SimulatedThermometer,
-    /// The switches with which a test sets signals and failures of the machine while it runs.
+    /// Switches with which tests set signals and failures of the running machine.
     pub controls: Arc<Controls>,
-    /// The model that corrects it.
+    /// The model used for correction.
     pub model: Machine,
-    /// The true errors of the machine.
+    /// True errors of the machine.
     pub truth: Truth,
 }
 
 impl Truth {
-    /// A truth against a model: where the workpiece is clamped is no error of the machine, so what a rigid motion
-    /// explains at the reference temperature is taken away.
+    /// The truth relative to a model. The position of the workpiece is not an error of the machine, so the best-fit
+    /// rigid motion at the reference temperature is removed.
     fn against(machine: Machine, model: &Machine, sensors: &[String]) -> Self {
         let none = Temperatures::new();
         let mut sums = RigidSums::default();
@@ -65,8 +66,7 @@ impl Truth {
         }
     }
 
-    /// The true position error (mm, workpiece axes) at coordinates (mm) and temperatures of the machine's sensors
-    /// (°C).
+    /// The true position error (mm, workpiece axes) at axis coordinates (mm) and sensor temperatures (°C).
     pub fn error(&self, positions: &PerAxis<f64>, degc: &[f64]) -> Vector3<f64> {
         let temperatures: Temperatures = self
             .sensors
@@ -83,7 +83,7 @@ impl Truth {
         self.datum.left_mm(&place, &error.position_mm)
     }
 
-    /// The position error that remains (mm, workpiece axes) when corrections (mm) are applied.
+    /// The residual position error (mm, workpiece axes) with corrections (mm) applied.
     pub fn residual(
         &self,
         positions: &PerAxis<f64>,
@@ -95,7 +95,7 @@ impl Truth {
     }
 }
 
-/// Coordinates over the work space.
+/// Grid of coordinates over the working volume.
 fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
     const NODES: usize = 9;
     (0..NODES * NODES * NODES).map(|index| {
@@ -109,17 +109,17 @@ fn grid(machine: &Machine) -> impl Iterator<Item = State> + '_ {
     })
 }
 
-/// A machine that was started, and what a test may do to it.
+/// A running machine with the handles for tests.
 type Started = (SimulatedController, SimulatedThermometer, Arc<Controls>);
 
-/// The settings of the barrier in the control of the built-in machine: a scan takes 2 ms, rates and limits fit those of
+/// Settings of the barrier in the built-in machine's control: a scan takes 2 ms; rates and limits match those of
 /// [`guard`].
 pub fn protection() -> Protection {
     Protection::default()
 }
 
 impl Simulation {
-    /// A machine whose time is `clock`, and whose control has no barrier: corrections are plain values, as published.
+    /// A machine on the clock `clock`, whose control has no barrier: it applies corrections as plain values.
     ///
     /// # Errors
     /// None: the files are built in.
@@ -127,8 +127,7 @@ impl Simulation {
         Self::started(clock, |machine| Ok(machine.start()))
     }
 
-    /// A machine whose time is `clock`, and whose control runs the reference barrier with the settings of
-    /// [`protection`].
+    /// A machine on the clock `clock`, whose control runs the reference barrier with the settings of [`protection`].
     ///
     /// # Errors
     /// None: files and settings are built in.
@@ -201,7 +200,7 @@ fn warming() -> Vec<Warming> {
     ]
 }
 
-/// Through the whole volume: edges and diagonals, with a stop at each end.
+/// Moves through the whole volume, along edges and diagonals, with a stop at each end.
 fn program() -> Vec<Move> {
     let corners = [
         [0.0, 0.0, 0.0],
@@ -221,7 +220,7 @@ fn program() -> Vec<Move> {
         Move {
             to,
             feed_per_s: 1000.0,
-            // At first as long as arming takes, with its test shift.
+            // The first stop lasts as long as arming with the test shift.
             dwell: Duration::from_millis(if index == 0 { 4500 } else { 1500 }),
         }
     };
@@ -243,7 +242,7 @@ pub fn config() -> Config {
     }
 }
 
-/// The built-in limits. They also stand in where a configuration has none, and arming is forbidden.
+/// The built-in limits. A configuration without limits uses them, too, but cannot arm.
 pub fn guard() -> GuardSettings {
     limits().settings()
 }

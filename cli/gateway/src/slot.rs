@@ -1,4 +1,5 @@
-//! Between the process and its machine: what is ordered goes in, how it is comes out. State: the orders so far, and the phase. An order to stop waits for no lock.
+//! Exchange between the process and its machine: orders go in, the phase comes out. State: the counts of orders, and
+//! the phase. A stop order waits for no lock.
 
 use std::{
     net::SocketAddr,
@@ -12,48 +13,48 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{error::Failure, locked, published::Published, service::Life};
 
-/// Orders to a machine, and how it is.
+/// Orders to a machine, and its phase.
 #[derive(Default)]
 pub struct Slot {
-    /// How often stopping was ordered.
+    /// Number of stop orders.
     stops: AtomicU32,
-    /// How often reading everything again was ordered.
+    /// Number of reload orders.
     reloads: AtomicU32,
-    /// The order to disarm, as soon as there is a control thread.
+    /// Switch for disarming, set once there is a control thread.
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
 }
 
-/// How far a machine is.
+/// Phase of a machine.
 #[derive(Clone, Default)]
 pub enum Phase {
-    /// Files are read and devices opened; nothing can be written yet.
+    /// Files are being read and devices opened; nothing can be written yet.
     #[default]
     Starting,
     /// The control thread is being started.
     Launching,
-    /// It runs.
+    /// The machine runs.
     Running(Live),
-    /// It does not run.
+    /// The machine has failed.
     Failed(Failure),
-    /// It was told to stop, and has.
+    /// The machine was stopped.
     Ended,
 }
 
-/// What others reach of a machine that runs.
+/// Public handles of a running machine.
 #[derive(Clone)]
 pub struct Live {
-    /// Its state.
+    /// The published state.
     pub published: Published,
-    /// Where its dashboard listens.
+    /// Listening address of the dashboard.
     pub address: SocketAddr,
-    /// Whether its dashboard speaks TLS.
+    /// Whether the dashboard uses TLS.
     pub tls: bool,
 }
 
 impl Live {
-    /// The URL of its dashboard.
+    /// URL of the dashboard.
     pub fn url(&self) -> String {
         let scheme = if self.tls { "https" } else { "http" };
         format!("{scheme}://{}", self.address)
@@ -61,10 +62,10 @@ impl Live {
 }
 
 impl Slot {
-    /// Orders to stop: the correction goes out from the next cycle on. A second order ends the machine at once.
+    /// Orders a stop: the correction ramps out from the next cycle on. A second order ends the machine immediately.
     pub fn stop(&self) {
         self.stops.fetch_add(1, Ordering::SeqCst);
-        // Whoever holds the lock puts a switch in, and looks at the order afterwards.
+        // The lock is only held while the switch is being set, and the order is checked afterwards.
         if let Ok(switch) = self.switch.try_lock()
             && let Some(switch) = &*switch
         {
@@ -72,37 +73,37 @@ impl Slot {
         }
     }
 
-    /// How often stopping was ordered.
+    /// Number of stop orders.
     pub fn stops(&self) -> u32 {
         self.stops.load(Ordering::SeqCst)
     }
 
-    /// Orders to read configuration and machine file again.
+    /// Orders a reload of configuration and machine file.
     pub fn reload(&self) {
         self.reloads.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How often that was ordered.
+    /// Number of reload orders.
     pub fn reloads(&self) -> u32 {
         self.reloads.load(Ordering::Relaxed)
     }
 
-    /// How far it is.
+    /// The current phase.
     pub fn phase(&self) -> Phase {
         locked(&self.phase).clone()
     }
 
-    /// The proof that its cycles come on time.
+    /// Proof that cycles are on time.
     pub fn life(&self) -> &Life {
         &self.life
     }
 
-    /// It is on its way to another phase.
     pub(crate) fn set(&self, phase: Phase) {
         *locked(&self.phase) = phase;
     }
 
-    /// Asked before the control thread is started: `false` where it has been given up, and must not be.
+    /// Enters the launching phase before the control thread is started; `false` if the machine was stopped meanwhile
+    /// and must not start.
     pub(crate) fn launch(&self) -> bool {
         let mut phase = locked(&self.phase);
         let may = matches!(*phase, Phase::Starting) && self.stops() == 0;
@@ -110,7 +111,7 @@ impl Slot {
         may
     }
 
-    /// Gives up a machine whose devices are still being opened.
+    /// Abandons a machine whose devices are still being opened.
     pub(crate) fn give_up(&self) {
         let mut phase = locked(&self.phase);
         if matches!(*phase, Phase::Starting) {
@@ -118,7 +119,7 @@ impl Slot {
         }
     }
 
-    /// The control thread was started: an order to stop that came meanwhile acts now.
+    /// Sets the switch of the started control thread. A stop ordered meanwhile takes effect now.
     pub(crate) fn launched(&self, switch: &DisarmSwitch) {
         *locked(&self.switch) = Some(switch.clone());
         if self.stops() > 0 {
@@ -128,7 +129,7 @@ impl Slot {
 }
 
 impl Phase {
-    /// Whether it is still on its way.
+    /// Whether the start is not complete yet.
     pub(crate) fn is_starting(&self) -> bool {
         matches!(self, Self::Starting | Self::Launching)
     }

@@ -1,8 +1,8 @@
-//! The state of a gateway for a terminal of 80 columns.
+//! Formats the state of a gateway for a terminal of 80 columns.
 
 use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status};
 
-/// The state in lines.
+/// Formats a state as lines of text.
 pub fn text(status: &Status) -> String {
     let mut lines = Vec::new();
     let mut add = |title: &str, text: String| {
@@ -77,16 +77,16 @@ pub fn text(status: &Status) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Where to look when the control that corrects does not answer any more.
+/// What to check if the active control no longer responds.
 const GONE: &str = "the cable and the control, which lets go by itself if it has a barrier";
 
-/// Whether the active controller has not answered for so long that its correction is not known.
+/// Whether the active controller has been silent for so long that its correction is unknown.
 fn is_gone(status: &Status) -> bool {
     let mut active = status.controllers.iter().filter(|path| path.active);
     active.any(|path| path.holds_correction.is_none() && path.answered_ms.is_some())
 }
 
-/// How a controller is, in lines.
+/// The condition of a controller, as lines.
 fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let barrier = match path.scheme {
         SchemeName::Barrier => "barrier",
@@ -120,7 +120,7 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
     ]
 }
 
-/// "confirmed 12 ms ago".
+/// An age, such as "confirmed 12 ms ago".
 fn since(what: &str, ms: Option<f64>) -> String {
     ms.map_or(format!("{what} never"), |ms| match ms {
         ms if ms < 1e4 => format!("{what} {ms:.0} ms ago"),
@@ -136,7 +136,7 @@ fn by_axis(values: &ByAxis, digits: usize) -> String {
     words.join("  ")
 }
 
-/// The length of an error of the model, without and with correction.
+/// Magnitude of the model's error without and with correction.
 fn pair(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> String {
     let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     without.zip(with).map_or(String::new(), |(without, with)| {

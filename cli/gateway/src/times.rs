@@ -1,13 +1,13 @@
-//! How long cycles took: histograms of the last stretch of time, and counts.
+//! Cycle times: histograms over the last interval, and counts.
 
 use hdrhistogram::Histogram;
 
 use volcomp_runtime::Timing;
 
-/// Cycles of a stretch; the last whole one and the current one count.
+/// Number of cycles per interval; the last complete one and the current one are kept.
 const STRETCH: u64 = 4096;
 
-/// One quantity: the current stretch and the one before.
+/// Histogram of one quantity over the current and the previous interval.
 pub(crate) struct Stretch {
     current: Histogram<u64>,
     before: Histogram<u64>,
@@ -15,7 +15,7 @@ pub(crate) struct Stretch {
 
 impl Default for Stretch {
     fn default() -> Self {
-        // 100 ns to 100 s: bounds and digits are those that the histogram allows.
+        // 100 ns to 100 s with 2 significant digits, within the bounds of the histogram.
         let empty = || Histogram::new_with_bounds(100, 100_000_000_000, 2).expect("valid bounds");
         Self {
             current: empty(),
@@ -34,7 +34,7 @@ impl Stretch {
         self.current.reset();
     }
 
-    /// The last whole stretch, or what there is.
+    /// The last complete interval, or the current one if there is none.
     fn latest(&self) -> &Histogram<u64> {
         if self.before.is_empty() {
             &self.current
@@ -43,17 +43,16 @@ impl Stretch {
         }
     }
 
-    /// Whether nothing was counted.
     pub(crate) fn is_empty(&self) -> bool {
         self.latest().is_empty()
     }
 
-    /// A quantile of the last stretch, µs.
+    /// A quantile of the last interval, µs.
     pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
         self.latest().value_at_quantile(quantile) as f64 * 1e-3
     }
 
-    /// Counts in bins that double: upper edge (µs) and count.
+    /// Counts in bins that double in width: upper edge (µs) and count.
     pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
         let edges = (0..20).map(|power| 500_u64 << power);
         edges
@@ -67,27 +66,27 @@ impl Stretch {
     }
 }
 
-/// The times of whole cycles and of their parts.
+/// Times of complete cycles and of their parts.
 #[derive(Default)]
 pub(crate) struct Times {
-    /// The whole cycle, from waking to done.
+    /// The complete cycle, from wake-up to completion.
     pub whole: Stretch,
-    /// The gateway's own work by the CPU clock.
+    /// Compute time of the gateway, by the CPU clock.
     pub own: Stretch,
-    /// The reference computation by the same clock; empty where it is not made.
+    /// Time of the reference computation, by the same clock; empty if it is not made.
     pub reference: Stretch,
-    /// From the deadline to waking.
+    /// Wake-up latency after the deadline.
     pub wake: Stretch,
-    /// The exchanges with controllers.
+    /// Time of the exchanges with controllers.
     pub exchange: Stretch,
-    /// The number of cycles so far.
+    /// Number of cycles.
     pub count: u64,
-    /// The number of periods missed so far.
+    /// Number of missed periods.
     pub overruns: u64,
 }
 
 impl Times {
-    /// Counts the times of one cycle.
+    /// Adds the times of one cycle.
     pub(crate) fn add(&mut self, timing: &Timing) {
         self.whole.add(timing.whole_ns);
         self.own.add(timing.own_ns);

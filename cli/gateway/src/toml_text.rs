@@ -1,14 +1,14 @@
-//! Documents as TOML for people: values in a line each, small tables inline.
+//! Formats documents as readable TOML: one value per line, small tables inline.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// The column of the mark of a default.
+/// Column of the mark for defaults.
 const MARK_COLUMN: usize = 48;
-/// The most keys of a table that is written in one line.
+/// Maximum number of keys of an inline table.
 const MAX_INLINE: usize = 5;
 
-/// A document without these keys of its root.
+/// Formats a document without these root keys.
 pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
     let Ok(Value::Object(mut table)) = serde_json::to_value(document) else {
         return String::new();
@@ -18,14 +18,14 @@ pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
     marked(&table, &|_| false)
 }
 
-/// A table whose values are marked where `is_default` says so of their full key, such as `controller[0].url`.
+/// Formats a table and marks the values for whose full key, such as `controller[0].url`, `is_default` returns true.
 pub(crate) fn marked(table: &Map<String, Value>, is_default: &dyn Fn(&str) -> bool) -> String {
     let mut text = String::new();
     write(&mut text, table, ["", ""], is_default);
     text
 }
 
-/// Takes out keys without a value, and lists and tables without an entry.
+/// Removes keys without a value, and empty lists and tables.
 pub(crate) fn without_empty(table: &mut Map<String, Value>) {
     table.retain(|key, value| match value {
         Value::Null => false,
@@ -37,14 +37,14 @@ pub(crate) fn without_empty(table: &mut Map<String, Value>) {
             for inner in items.iter_mut().filter_map(Value::as_object_mut) {
                 without_empty(inner);
             }
-            // Whether a controller is only read, and which sensors a thermometer has, is said by no entry as well.
+            // Empty lists are meaningful here: a read-only controller has no axes, and a thermometer may have no names.
             !items.is_empty() || ["axes", "names"].contains(&key.as_str())
         }
         _ => true,
     });
 }
 
-/// Writes the values of a table, then the tables in it, by the name of the table in headers and its full key.
+/// Writes the values of a table, then its subtables. The table is given by its name in headers and by its full key.
 fn write(
     text: &mut String,
     table: &Map<String, Value>,
@@ -86,7 +86,7 @@ fn write(
     }
 }
 
-/// Whether a value is written under a header: every table of the root, and large ones in it.
+/// Whether a value is written under a header: every table of the root, and large tables below it.
 fn has_header(value: &Value, is_root: bool) -> bool {
     let is_large = |value: &Value| match value {
         Value::Object(table) => {

@@ -1,5 +1,5 @@
-//! The thread that writes: the audit log and the small files beside it. Nobody waits for it but who asks for a receipt,
-//! so that a disk that hangs holds up nothing else.
+//! The thread that writes the audit log and the small files beside it. Only callers that wait for a receipt are delayed
+//! by a disk that hangs.
 
 use std::{
     io,
@@ -17,12 +17,12 @@ use volcomp_port::Clock;
 
 use super::{AuditLog, Entry, replace_file, slots::Slots};
 
-/// The largest number of records and files that wait for the disk.
+/// Maximum number of queued records and files.
 const WAITING: usize = 256;
-/// A disk that is busy with one record or file for longer counts as one that does not answer.
+/// The disk counts as not responding when one record or file takes longer than this.
 const LATE: Duration = Duration::from_secs(1);
 
-/// How long until a log that could not be written is tried again.
+/// Interval at which a failed log is retried.
 pub(crate) const RETRY: Duration = Duration::from_millis(100);
 
 /// One piece of work for the disk.
@@ -33,33 +33,33 @@ enum Task {
     KeepStanding(String, SyncSender<bool>),
 }
 
-/// The side of whoever has something to be written. No call waits for the disk but [`settle`](Self::settle).
+/// Handle of the writer thread. Only [`settle`](Self::settle) blocks on the disk.
 pub struct Clerk {
     tasks: SyncSender<Task>,
     health: Arc<Health>,
-    /// When the log was tried again last, by the clock of its health.
+    /// Time of the last retry, by the clock of `health`.
     tried_again: Duration,
 }
 
-/// How writing goes.
+/// State of the writer, shared between both threads.
 struct Health {
-    /// The clock by which a task is late.
+    /// Clock for the deadline of a task.
     clock: Clock,
-    /// The log could not be written last time.
+    /// True if the last write to the log failed.
     fails: AtomicBool,
-    /// Records since the last whole one that could not be written.
+    /// Number of records lost since the last successful write.
     lost: AtomicU64,
-    /// Tasks that are not done.
+    /// Number of unfinished tasks.
     open: AtomicU64,
-    /// When the task at hand was begun, ns of the clock; 0: none is.
+    /// Start time of the current task, ns of the clock; 0 if there is none.
     begun_ns: AtomicU64,
 }
 
-/// Tells when something has been written.
+/// Reports whether a record or file was written.
 pub struct Receipt(Option<Receiver<bool>>);
 
 impl Receipt {
-    /// Whether it was written; `None` while it is not known.
+    /// Whether it was written; `None` while the write is pending.
     pub fn written(&self) -> Option<bool> {
         let Some(receiver) = &self.0 else {
             return Some(false);
@@ -76,7 +76,7 @@ impl Clerk {
     /// Starts the thread.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system cannot create a thread.
     pub fn start(log: AuditLog, clock: Clock) -> io::Result<Self> {
         let (tasks, work) = sync_channel(WAITING);
         let health = Arc::new(Health {
@@ -94,7 +94,7 @@ impl Clerk {
         thread::Builder::new()
             .name("volcomp-audit".to_owned())
             .spawn({
-                // What it logs is of the machine of whoever starts it.
+                // The thread logs under the span of the machine that starts it.
                 let span = tracing::Span::current();
                 move || span.in_scope(|| desk.run(&work))
             })?;
@@ -105,7 +105,7 @@ impl Clerk {
         })
     }
 
-    /// Hands a record over. One that finds no place is counted in the next record.
+    /// Queues a record. If the queue is full, the record is counted as lost in the next one.
     pub fn record(&self, entry: Entry) -> Receipt {
         let (tell, receipt) = sync_channel(1);
         let taken = self.hand_over(Task::Record(Box::new(entry), tell));
@@ -115,8 +115,8 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
-    /// Where records are missing, and nothing is on its way that would tell: tries now and then to write that the log can be
-    /// written again; the record counts those that are missing.
+    /// If records were lost and no task is pending, queues a record at most every `RETRY` to test whether the log is
+    /// writable again. That record states the number of lost records.
     pub fn try_again(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
         let missing =
@@ -129,7 +129,7 @@ impl Clerk {
         }
     }
 
-    /// Hands over a small file, which is written whole or not at all.
+    /// Queues a small file, which is replaced atomically.
     pub fn keep(&self, path: PathBuf, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
         let taken = self.hand_over(Task::Keep(path, text, tell));
@@ -152,7 +152,7 @@ impl Clerk {
         taken
     }
 
-    /// Why records may be missing, in words; `None` while everything is written at once.
+    /// Why records may be missing; `None` while the writer keeps up.
     pub fn trouble(&self) -> Option<&'static str> {
         let health = &self.health;
         if health.fails.load(Ordering::Relaxed) {
@@ -166,7 +166,7 @@ impl Clerk {
         }
     }
 
-    /// Waits until everything is written, for at most `patience`. Whether it is.
+    /// Waits at most `patience` until all tasks are done. Returns whether they are.
     pub fn settle(&self, patience: Duration) -> bool {
         let end = Instant::now() + patience;
         while self.health.open.load(Ordering::Relaxed) > 0 {
@@ -179,7 +179,7 @@ impl Clerk {
     }
 }
 
-/// The side of the thread.
+/// The state of the writer thread.
 struct Desk {
     log: AuditLog,
     standing: Slots,
@@ -197,12 +197,12 @@ impl Desk {
     }
 
     fn carry_out(&mut self, task: Task) {
-        // Whoever wanted the receipt may have gone.
+        // The receipt may have been dropped.
         match task {
             Task::Record(entry, tell) => {
                 let _ = tell.try_send(self.write(&entry, 1));
             }
-            // A record about a loss that cannot be written is no loss of its own.
+            // The retry record itself is not counted as lost if it fails.
             Task::Again(entry) => {
                 self.write(&entry, 0);
             }
@@ -223,7 +223,7 @@ impl Desk {
         }
     }
 
-    /// Writes a record; one that cannot be written is counted as `loss`.
+    /// Writes a record; on failure adds `loss` to the number of lost records.
     fn write(&mut self, entry: &Entry, loss: u64) -> bool {
         let lost = self.health.lost.swap(0, Ordering::Relaxed);
         let written = self.log.write(entry, lost);

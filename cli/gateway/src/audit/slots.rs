@@ -1,7 +1,7 @@
-//! A file that can be written on a full disk: it is allocated once and then written in place.
+//! A file that can be updated on a full disk: it is allocated once and then overwritten in place.
 //!
-//! Two slots of one size are written in turn, each with a checksum and a count. A power failure while one is written leaves
-//! the other, with the previous text.
+//! Two slots of equal size are written alternately, each with a checksum and a counter. A power failure during a write
+//! leaves the previous text in the other slot.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -14,17 +14,17 @@ use sha2::{Digest, Sha256};
 
 use super::replace_file;
 
-/// Size of a slot, bytes: above the largest text.
+/// Size of a slot, bytes; larger than the longest text.
 const SLOT: usize = 16 * 1024;
 const SLOTS: u64 = 2;
 
-/// A file with two slots. Nothing is written before the first [`keep`](Self::keep).
+/// A file with two slots. Nothing is created before the first [`keep`](Self::keep).
 pub(crate) struct Slots {
     path: PathBuf,
     open: Option<Open>,
 }
 
-/// The file with its room, and the count of the text in it that was written last.
+/// The allocated file and the counter of the last text written.
 struct Open {
     file: File,
     count: u64,
@@ -38,7 +38,7 @@ impl Slots {
     /// Writes a text and syncs it to disk. The first call allocates the file.
     ///
     /// # Errors
-    /// A text that is too long, a disk that fails, or one that is full before the file is allocated.
+    /// The text is too long, the disk fails, or the disk is full before the file is allocated.
     pub(crate) fn keep(&mut self, text: &str) -> io::Result<()> {
         let mut open = match self.open.take() {
             // The file may have been removed or replaced.
@@ -50,7 +50,7 @@ impl Slots {
         let written = (open.file)
             .write_all_at(slot.as_bytes(), (count % SLOTS) * SLOT as u64)
             .and_then(|()| open.file.sync_data());
-        // A slot that could not be written is the next to be written.
+        // After a failed write the same slot is written again: the other one holds the last intact text.
         if written.is_ok() {
             open.count = count;
         }
@@ -65,7 +65,8 @@ impl Slots {
         (ours.dev(), ours.ino()) == (there.dev(), there.ino()) && ours.len() == SLOTS * SLOT as u64
     }
 
-    /// Opens the file. A missing or foreign one is created complete under another name and then renamed.
+    /// Opens the file. A missing file or one of another size is created completely under a temporary name and then
+    /// renamed.
     fn take_room(&self, text: &str) -> io::Result<Open> {
         let kept = fs::read(&self.path).unwrap_or_default();
         let whole = kept.len() as u64 == SLOTS * SLOT as u64;
@@ -82,7 +83,7 @@ impl Slots {
     }
 }
 
-/// A slot: checksum, count and text on a line, filled up with blanks.
+/// Formats a slot: checksum, counter and text on one line, padded with blanks.
 fn slot(count: u64, text: &str) -> io::Result<String> {
     let content = format!("{count} {text}");
     let line = format!("{} {content}", checksum(&content));
@@ -99,7 +100,7 @@ fn checksum(content: &str) -> String {
     crate::hex(&Sha256::digest(content.as_bytes()))
 }
 
-/// The intact text with the largest count, and that count; `None` if no slot is intact.
+/// The intact text with the largest counter, and that counter; `None` if no slot is intact.
 pub(crate) fn latest(file: &str) -> Option<(u64, &str)> {
     let whole = file.lines().filter_map(|line| {
         let (sum, content) = line.trim_end().split_once(' ')?;

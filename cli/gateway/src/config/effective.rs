@@ -1,4 +1,4 @@
-//! The effective configuration: every key that has an effect, as its file would state it, with the defaults marked.
+//! The effective configuration: every key that has an effect, as a file would state it, with defaults marked.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::toml_text;
 impl Config {
     /// Every key that has an effect, with its value, in the order of the manual.
     pub fn effective(&self) -> Map<String, Value> {
-        // As the file states it: with paths relative to its folder.
+        // Decode the file again so that paths stay relative to its folder.
         let stated = self.source.document.clone();
         let stated = stated.and_then(|file| Self::decode(file, &self.file, Path::new("")).ok());
         let Ok(Value::Object(mut keys)) = serde_json::to_value(stated.as_ref().unwrap_or(self))
@@ -44,7 +44,7 @@ impl Config {
         keys
     }
 
-    /// The full keys of the effective configuration that the file does not state.
+    /// Full names of the effective keys that the file does not state.
     pub fn defaults(&self) -> Vec<String> {
         let mut defaults = Vec::new();
         self.collect(&self.effective(), "", &mut defaults);
@@ -69,7 +69,7 @@ impl Config {
         }
     }
 
-    /// The effective configuration as TOML; values that the file does not state are marked.
+    /// The effective configuration as TOML; defaults are marked.
     pub fn effective_toml(&self) -> String {
         toml_text::marked(&self.effective(), &|key| !self.source.states(key))
     }

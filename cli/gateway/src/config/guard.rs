@@ -1,4 +1,4 @@
-//! The table `[guard]`: what is allowed to every controller.
+//! The table `[guard]`: the limits that apply to every controller.
 
 use serde::{Deserialize, Serialize};
 use volcomp_document::Mistakes;
@@ -11,7 +11,7 @@ use volcomp_vocabulary::{Um, Urad};
 
 use volcomp_devices::config::{ms, of_ms};
 
-/// The table `[guard]`.
+/// The table `[guard]`: limits, rates and times of the correction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[expect(missing_docs, reason = "the keys, which the manual describes")]
@@ -86,7 +86,7 @@ impl Default for GuardTable {
     }
 }
 
-/// A test shift that is not stated is the default, or the limit if that is smaller.
+/// The default test shift is capped at the limit.
 fn axes(
     limit: f64,
     slew_per_s: f64,
@@ -104,7 +104,7 @@ fn axes(
 }
 
 impl GuardTable {
-    /// The settings of the guard.
+    /// Converts the table to the settings of the guard.
     pub fn settings(&self) -> GuardSettings {
         let linear = axes(
             self.limit_um,
@@ -160,7 +160,7 @@ impl GuardTable {
         }
     }
 
-    /// The table with the defaults that follow from other keys.
+    /// Fills in the defaults that follow from other keys.
     pub(crate) fn complete(&mut self) {
         let settings = self.settings();
         let linear = settings.linear;
@@ -178,7 +178,7 @@ impl GuardTable {
         for key in ["limit_um", "slew_um_per_s", "hold_ms", "zero_after_ms"] {
             found.require("guard", key);
         }
-        // A limit that is missing or could not be read bounds nothing.
+        // A missing or invalid limit must not restrict the other keys.
         let above = |limit: f64| if limit > 0.0 { limit } else { f64::INFINITY };
         let most_um = ceiling::LIMIT.0 * 1e3;
         let most_urad = ceiling::LIMIT_ROTARY.0 * 1e6;
@@ -218,7 +218,7 @@ impl GuardTable {
             ("temperature_stuck_s", 0.0..=1e7),
             ("temperature_neighbours_k", 0.1..=1000.0),
         ] {
-            // JSON has no number that is not finite.
+            // JSON cannot represent non-finite numbers: the document has null.
             let number = keys.get(key).and_then(serde_json::Value::as_f64);
             found.range(&format!("guard.{key}"), number.unwrap_or(f64::NAN), range);
         }

@@ -1,4 +1,4 @@
-//! The file of a map sender: which map goes into which control, and within which limits.
+//! The configuration of a map sender: the map, the target control and the limits.
 
 use std::path::Path;
 
@@ -12,25 +12,25 @@ use volcomp_tables::{
 
 use crate::error::GatewayError;
 
-/// The longest time without a sender until a control goes to zero, s.
+/// Maximum timeout after which a control without a sender ramps to zero, s.
 const LONGEST_SILENCE_S: f64 = 60.0;
 
-/// Everything that the file of a map sender says.
+/// The configuration of a map sender.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapSender {
-    /// The name of the file as messages have it.
+    /// File name used in messages.
     pub file: String,
-    /// Its keys; paths are relative to its folder.
+    /// The keys; relative paths are resolved against the folder of the file.
     pub keys: MapKeys,
-    /// The largest correction, its fastest change and the longest silence that the control may be set to.
+    /// Largest correction, maximum rate and longest silence to which the control may be set.
     pub allowed: Allowed,
 }
 
 impl MapSender {
-    /// Reads a file.
+    /// Reads the configuration file.
     ///
     /// # Errors
-    /// A file that cannot be read, or with file, line and key everything that is wrong in it.
+    /// The file cannot be read, or it is invalid: every error with file, line and key.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let document = Document::read(path)?;
@@ -41,10 +41,10 @@ impl MapSender {
         )?)
     }
 
-    /// Takes the text of a file; paths in it are relative to `folder`.
+    /// Parses the text of a configuration; relative paths are resolved against `folder`.
     ///
     /// # Errors
-    /// With file, line and key everything that is wrong.
+    /// Every error, with file, line and key.
     pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, InputErrors> {
         Self::decode(&Document::new(file, text), file, folder)
     }
@@ -68,7 +68,7 @@ impl MapSender {
     }
 }
 
-/// Reports every mistake.
+/// Reports every invalid key.
 fn validate(keys: &MapKeys, found: &mut Mistakes<'_>) {
     for key in [
         "map",
@@ -87,7 +87,7 @@ fn validate(keys: &MapKeys, found: &mut Mistakes<'_>) {
     }
     config::path("audit.dir", &keys.audit.dir, found);
     found.whole("number", keys.number, 0..=LARGEST_MACHINE);
-    // A head and one value at the least.
+    // Room for the header and at least one value.
     found.whole("capacity", keys.capacity, HEADER_WORDS + 1..=MOST_WORDS);
     let most_um = ceiling::LIMIT.0 * 1e3;
     let fastest_um = ceiling::SLEW_PER_S.0 * 1e3;

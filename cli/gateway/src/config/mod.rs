@@ -1,4 +1,4 @@
-//! The configuration of a gateway: TOML, read by serde. Every mistake is reported, with file, line and key.
+//! The configuration of a gateway: TOML, parsed with serde. All errors are reported, with file, line and key.
 
 use std::{
     ops::Range,
@@ -29,7 +29,7 @@ pub use volcomp_devices::{
     map::AuditConfig,
 };
 
-/// The keys of the root of a configuration.
+/// The keys of the root table.
 const ROOT_KEYS: [&str; 12] = [
     "machine",
     "cycle_ms",
@@ -45,7 +45,7 @@ const ROOT_KEYS: [&str; 12] = [
     "opc_ua",
 ];
 
-/// What replaced a key that old configurations have.
+/// The replacement of a key used by earlier versions.
 fn replaced(key: &str) -> Option<&'static str> {
     match key {
         "several" => Some(
@@ -61,46 +61,47 @@ fn replaced(key: &str) -> Option<&'static str> {
     }
 }
 
-/// Everything that a configuration says. Paths are relative to its folder. The fields are the keys of the file.
+/// The configuration of a gateway. Paths are resolved against the folder of the file; the fields are the keys of the
+/// file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The name of the configuration file as messages have it.
+    /// File name used in messages.
     #[serde(skip)]
     pub file: String,
-    /// Where the file states its keys.
+    /// Position of each key in the file.
     #[serde(skip)]
     pub source: Source,
-    /// The path of the machine file that is active: that of the centre or of the operator, else the configured one.
+    /// Path of the active machine file: from the centre, else activated by the operator, else the configured one.
     #[serde(skip)]
     pub machine: PathBuf,
-    /// The path of the machine file that the configuration names.
+    /// Path of the machine file named in the configuration.
     #[serde(rename = "machine")]
     pub configured_machine: PathBuf,
-    /// The time of a cycle.
+    /// Cycle time, ms.
     pub cycle_ms: f64,
-    /// Whether it arms itself as soon as nothing stands against it.
+    /// Whether the gateway arms automatically once no condition prevents it.
     pub auto_arm: bool,
-    /// The limits of the axes; without them the gateway does not arm.
+    /// Limits of the axes; without them the gateway does not arm.
     pub guard: Option<GuardTable>,
-    /// The controllers in the order of preference; none: the built-in simulation.
+    /// Controllers in order of preference; empty: the built-in simulation.
     #[serde(rename = "controller")]
     pub controllers: Vec<ControllerConfig>,
-    /// The thermometers, in order.
+    /// Thermometers in the order of the file.
     #[serde(rename = "thermometer")]
     pub thermometers: Vec<ThermometerConfig>,
-    /// The dashboard and its protection.
+    /// The dashboard and its access control.
     pub dashboard: DashboardConfig,
-    /// Where the audit log is kept.
+    /// Location of the audit log.
     pub audit: AuditConfig,
-    /// How the control thread is scheduled.
+    /// Scheduling of the control thread.
     #[serde(with = "RealtimeKeys")]
     pub realtime: Realtime,
-    /// The centre of the fleet; `None`: the gateway has none.
+    /// The centre of the fleet; `None`: not part of a fleet.
     pub fleet: Option<FleetConfig>,
-    /// The adapter of MTConnect; `None`: there is none.
+    /// The MTConnect adapter; `None`: disabled.
     pub shdr: Option<ShdrConfig>,
-    /// The OPC UA server; `None`: there is none.
+    /// The OPC UA server; `None`: disabled.
     pub opc_ua: Option<OpcUaConfig>,
 }
 
@@ -126,8 +127,8 @@ impl Default for Config {
     }
 }
 
-/// The text of a configuration, and where it states its keys. All are equal: comments and order are no part of what a
-/// configuration says.
+/// The text of a configuration and the position of each key. All values compare equal, so that comments and order do
+/// not affect the comparison of configurations.
 #[derive(Clone, Debug, Default)]
 pub struct Source {
     document: Option<Document>,
@@ -146,11 +147,11 @@ impl Source {
         self.places.contains_key(key)
     }
 
-    /// An error at a key; where the file does not state it, at the table above.
+    /// An error at a key; if the file does not state the key, at the table that contains it.
     pub fn error(&self, file: &str, key: &str, message: String) -> InputError {
         match &self.document {
             Some(document) => document.error_at(&self.places, key, message),
-            // The configuration was put together by a program.
+            // The configuration was built in code, without a file.
             None => InputError {
                 file: file.to_owned(),
                 line: 1,
@@ -162,7 +163,7 @@ impl Source {
         }
     }
 
-    /// The line of a key; `None`: the file does not state it.
+    /// Line of a key; `None` if the file does not state it.
     pub fn line(&self, key: &str) -> Option<usize> {
         let stated = self.states(key).then_some(self.document.as_ref()?);
         stated.map(|document| document.error_at(&self.places, key, "").line)
@@ -170,11 +171,11 @@ impl Source {
 }
 
 impl DashboardConfig {
-    /// Reads the table `[dashboard]` of a configuration file and nothing else of it: a running gateway can be asked for its
-    /// state while the rest of the file is being changed.
+    /// Reads only the table `[dashboard]` of a configuration file, so that the state of a running gateway can be
+    /// requested while the rest of the file is being edited.
     ///
     /// # Errors
-    /// A file that cannot be read, or with file, line and key what is wrong in the table.
+    /// The file cannot be read, or the table is invalid: every error with file, line and key.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         #[derive(Default, Deserialize)]
         #[serde(default)]
@@ -199,17 +200,17 @@ impl DashboardConfig {
     }
 }
 
-/// Whether a name has nothing in it that can be read, or something that cannot.
+/// True if a name has no visible character or contains a control character.
 pub(crate) fn is_blank(name: &str) -> bool {
     name.trim().is_empty() || name.contains(char::is_control)
 }
 
 impl Config {
-    /// Reads a configuration file. Where the operator or the centre has activated a model, that one takes the place of the
-    /// configured machine file.
+    /// Reads a configuration file. A model activated by the operator or the centre replaces the configured machine
+    /// file.
     ///
     /// # Errors
-    /// A file that cannot be read, or with file, line and key everything that is wrong in it.
+    /// The file cannot be read, or it is invalid: every error with file, line and key.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let document = Document::read(path)?;
@@ -217,10 +218,10 @@ impl Config {
         Ok(config.with_machine_in_force())
     }
 
-    /// Takes the text of a configuration; paths in it are relative to `folder`.
+    /// Parses the text of a configuration; relative paths are resolved against `folder`.
     ///
     /// # Errors
-    /// With file, line and key everything that is wrong.
+    /// Every error, with file, line and key.
     pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, InputErrors> {
         Self::decode(Document::new(file, text), file, folder)
     }
@@ -247,7 +248,7 @@ impl Config {
         Ok(config)
     }
 
-    /// Makes every path relative to the folder of the file.
+    /// Resolves every path against the folder of the file.
     fn join(&mut self, folder: &Path) {
         let paths = [&mut self.configured_machine, &mut self.audit.dir];
         let of_fleet = self.fleet.iter_mut();
@@ -262,7 +263,7 @@ impl Config {
         self.dashboard.join(folder);
     }
 
-    /// Fills in the defaults that follow from other keys, and what the drivers add to their own.
+    /// Fills in the defaults that follow from other keys and those of the drivers.
     fn complete(&mut self, folder: &Path) {
         if let Some(guard) = &mut self.guard {
             guard.complete();
@@ -274,35 +275,35 @@ impl Config {
         }
     }
 
-    /// The time of a cycle.
+    /// Cycle time.
     pub fn cycle(&self) -> Duration {
         of_ms(self.cycle_ms)
     }
 
-    /// The settings of the guard; `None` without `[guard]`.
+    /// Settings of the guard; `None` without `[guard]`.
     pub fn guard_settings(&self) -> Option<GuardSettings> {
         self.guard.as_ref().map(GuardTable::settings)
     }
 
-    /// The configuration of a device is invalid.
+    /// Wraps an invalid device configuration with the file name.
     pub(crate) fn device_error(&self, source: DeviceError) -> GatewayError {
         let file = self.file.clone();
         GatewayError::DeviceConfig { file, source }
     }
 
-    /// Controllers, machine and limits do not fit together.
+    /// Wraps a plan error (controllers, machine and limits do not match) with the file name.
     pub(crate) fn plan_error(&self, source: PlanError) -> GatewayError {
         let file = self.file.clone();
         GatewayError::Plan { file, source }
     }
 
-    /// The folder of the audit log.
+    /// Folder of the audit log.
     pub fn audit_dir(&self) -> &Path {
         &self.audit.dir
     }
 
-    /// The configuration with the machine file that is in force: that of the centre, else that of a person, else the configured
-    /// one. What is damaged is not used, and told.
+    /// Sets the active machine file: that of the centre, else the one activated by an operator, else the configured
+    /// one. A damaged file is skipped and logged.
     pub(crate) fn with_machine_in_force(mut self) -> Self {
         self.machine.clone_from(&self.configured_machine);
         // The built-in simulation has its own machine file.
@@ -321,7 +322,7 @@ impl Config {
         self
     }
 
-    /// Where the machine file comes from.
+    /// Origin of the active machine file.
     pub(crate) fn machine_from(&self) -> ModelSource {
         if self.is_machine_of_centre() {
             ModelSource::Centre
@@ -332,7 +333,7 @@ impl Config {
         }
     }
 
-    /// Whether the machine file is one that the centre has put in force.
+    /// Whether the active machine file was activated by the centre.
     pub(crate) fn is_machine_of_centre(&self) -> bool {
         let fleet = self.fleet.as_ref();
         let is_of_person = Store::new(self.audit_dir()).holds(&self.machine);

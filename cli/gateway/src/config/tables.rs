@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 use volcomp_fleet::{Identity, UnknownId, VerifyingKey, trusted_key};
 use volcomp_runtime::Realtime;
 
-/// The table `[dashboard]`: where it listens, and who may use it.
+/// The table `[dashboard]`: its address and access control.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DashboardConfig {
     pub listen: SocketAddr,
     pub token_file: Option<PathBuf>,
-    /// The certificate, PEM; `None`: without TLS.
+    /// TLS certificate, PEM; `None`: without TLS.
     pub tls_certificate: Option<PathBuf>,
     pub tls_key: Option<PathBuf>,
     pub hosts: Vec<String>,
@@ -40,7 +40,7 @@ pub(super) struct RealtimeKeys {
     reference: bool,
 }
 
-/// How the control thread is scheduled where nothing else is stated.
+/// Default scheduling of the control thread.
 pub(crate) fn realtime() -> Realtime {
     Realtime {
         priority: 60,
@@ -49,7 +49,7 @@ pub(crate) fn realtime() -> Realtime {
     }
 }
 
-/// The table `[fleet]`: the centre that sends the machine file and receives the condition of the machine.
+/// The table `[fleet]`: the centre that provides the machine file and receives the condition of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FleetConfig {
@@ -68,13 +68,13 @@ fn fleet_dir() -> PathBuf {
     PathBuf::from("fleet")
 }
 
-/// The table `[shdr]`: an adapter for agents of MTConnect.
+/// The table `[shdr]`: an adapter for MTConnect agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShdrConfig {
     pub listen: SocketAddr,
     pub anyone_may_read: bool,
-    /// The name of the device that an agent shows; `None`: that of the machine.
+    /// Device name shown by an agent; `None`: the name of the machine.
     pub device: Option<String>,
 }
 
@@ -88,7 +88,7 @@ impl Default for ShdrConfig {
     }
 }
 
-/// The table `[opc_ua]`: a server that clients read.
+/// The table `[opc_ua]`: a read-only OPC UA server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OpcUaConfig {
@@ -106,17 +106,17 @@ impl Default for OpcUaConfig {
 }
 
 impl DashboardConfig {
-    /// Whether reading needs a token: it is open to programs on this computer alone.
+    /// Whether reading requires a token; on the loopback interface it does not.
     pub(crate) fn reading_needs_token(&self) -> bool {
         !self.listen.ip().is_loopback()
     }
 }
 
 impl FleetConfig {
-    /// The site and the name of the machine in the fleet.
+    /// Site and machine name in the fleet.
     ///
     /// # Errors
-    /// A name that cannot stand in a subject; a configuration that was read has none.
+    /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
     pub fn identity(&self) -> Result<Identity, UnknownId> {
         Ok(Identity {
             site: self.site.parse()?,
@@ -124,7 +124,7 @@ impl FleetConfig {
         })
     }
 
-    /// The keys whose manifests count.
+    /// The public keys whose manifests are accepted.
     pub fn trusted(&self) -> Vec<VerifyingKey> {
         let keys = self.trusted_keys.iter();
         keys.filter_map(|key| trusted_key(key).ok()).collect()

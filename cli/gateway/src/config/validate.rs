@@ -1,4 +1,4 @@
-//! The rules of a configuration, each checked against the whole file, so that every mistake is reported at once.
+//! Validation rules of a configuration. Each checks the whole file, so that all errors are reported at once.
 
 use std::net::SocketAddr;
 
@@ -74,7 +74,7 @@ pub(super) fn dashboard(own: &DashboardConfig, found: &mut Mistakes<'_>) {
     );
 }
 
-/// The address of a server without passwords: on this computer, or stated as open to anyone.
+/// A server without authentication must listen on loopback or be declared open to anyone.
 fn open_address(key: &str, listen: SocketAddr, anyone: bool, found: &mut Mistakes<'_>) {
     if !anyone && !listen.ip().is_loopback() {
         found.add(
@@ -87,7 +87,7 @@ fn open_address(key: &str, listen: SocketAddr, anyone: bool, found: &mut Mistake
     }
 }
 
-/// The letters of axes, each once.
+/// Axis letters must not repeat.
 fn letters(key: &str, axes: &[AxisName], found: &mut Mistakes<'_>) {
     for (index, name) in axes.iter().enumerate() {
         if axes[..index].contains(name) {
@@ -160,7 +160,7 @@ fn controller(own: &ControllerConfig, cycle_ms: f64, rules: &Rules<'_>, found: &
     }
 }
 
-/// The axes that a controller writes, and those that it only reads.
+/// Checks the axes that a controller writes and those that it only reads.
 fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     found.require(at, "axes");
     let (axes, reads) = (format!("{at}.axes"), format!("{at}.reads"));
@@ -186,7 +186,7 @@ fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     }
 }
 
-/// The table `barrier` of a controller. The keys of the plain scheme have no place beside it.
+/// Checks the table `barrier` of a controller, which excludes the keys of the plain scheme.
 fn barrier(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
     let Some(barrier) = &own.barrier else {
         return;

@@ -1,4 +1,4 @@
-//! The answers of the gateway to the requests to arm, disarm, acknowledge and reload.
+//! Responses to the requests to arm, disarm, acknowledge and reload.
 
 use std::collections::BTreeMap;
 
@@ -87,7 +87,7 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// A refusal for this reason.
+    /// Creates a refusal with this reason.
     pub fn new(error: impl Into<String>) -> Self {
         Self {
             error: error.into(),

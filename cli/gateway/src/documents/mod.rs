@@ -1,8 +1,7 @@
-//! Every JSON document of the gateway, as plain structs: the state, the answers to requests, the records of the audit
-//! log, the plan that `check --json` prints, the history and the error map of the dashboard.
+//! The JSON documents of the gateway, as plain structs: the state, responses to requests, records of the audit log, the
+//! plan printed by `check --json`, and the history and error map of the dashboard.
 //!
-//! The structs are the only place where the shape of a document is decided. `volcomp-gateway schema FOLDER` writes their
-//! JSON Schemas.
+//! These structs alone define the shape of the documents. `volcomp-gateway schema FOLDER` writes their JSON Schemas.
 
 mod answer;
 mod model;

@@ -1,4 +1,4 @@
-//! The models of a machine: which one corrects, which ones there were, and the machine file that an engineer has sent.
+//! The models of a machine: the active one, earlier ones, and an uploaded machine file.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -58,7 +58,7 @@ pub struct ModelEntry {
 }
 
 impl ModelEntry {
-    /// A model that was refused now.
+    /// An entry for a model that is refused, with the current time.
     pub(crate) fn refused(
         who: &str,
         hash: String,

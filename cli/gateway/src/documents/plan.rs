@@ -1,4 +1,4 @@
-//! What a configuration means: the document of `check --json`.
+//! The plan that follows from a configuration: the document of `check --json`.
 
 use std::collections::BTreeMap;
 
@@ -164,7 +164,7 @@ pub struct AxisPlan {
 }
 
 impl AxisPlan {
-    /// The unit of corrections of this kind of axis.
+    /// Unit of the correction of an axis: µm or µrad.
     pub fn unit_of(kind: AxisKind) -> &'static str {
         match kind {
             AxisKind::Linear => "µm",

@@ -10,7 +10,7 @@ use volcomp_runtime::Model;
 
 use super::{ByAxis, StateName};
 
-/// Limits, rates and accelerations that change, by the key of the configuration: the old and the new value.
+/// Changed limits, rates and accelerations by configuration key: old and new value.
 pub type LimitChanges = BTreeMap<String, [Option<f64>; 2]>;
 
 /// One line of the audit log, behind its checksum.
@@ -168,7 +168,7 @@ pub struct LastOutput {
 }
 
 impl LastOutput {
-    /// The axes and controllers to which an output of this machine by these controllers belongs.
+    /// Names of the axes and controllers that identify an output of this machine.
     pub(crate) fn belongs_to(model: &Model, controllers: &[Description]) -> (String, Vec<String>) {
         let axes = model.axes.iter().map(|name| name.letter()).collect();
         let devices = controllers.iter().map(|one| one.device.clone());
@@ -188,6 +188,6 @@ pub struct Standing {
     pub jumped: Vec<String>,
 }
 
-/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations with which it was armed last,
-/// by the key of the configuration.
+/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations at the last arming, by
+/// configuration key.
 pub type ConfirmedLimits = BTreeMap<String, f64>;

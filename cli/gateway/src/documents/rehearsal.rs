@@ -150,7 +150,7 @@ pub struct RehearsedAxis {
 }
 
 impl RehearsedAxis {
-    /// What the axis did, in the unit of its kind.
+    /// The motion of the axis, in the unit of its kind.
     pub fn excursion(&self) -> Option<&Excursion> {
         self.um.as_ref().or(self.urad.as_ref())
     }

@@ -1,4 +1,4 @@
-//! The state of the gateway: what `GET /api/state` answers, what the metrics are made of, what `status` prints.
+//! The state of the gateway, as served by `GET /api/state`, exported as metrics and printed by `status`.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use volcomp_vocabulary::AxisName;
 
-/// A value for each axis, listed in the order X Y Z A B C U V W.
+/// One value per axis, in the order X Y Z A B C U V W.
 pub type ByAxis = BTreeMap<AxisName, f64>;
 
 /// The state of the guard, as one word.
@@ -30,7 +30,7 @@ pub enum StateName {
 }
 
 impl StateName {
-    /// Every name, in the order of the metrics.
+    /// All names, in the order of the metrics.
     pub const ALL: [Self; 7] = [
         Self::Disarmed,
         Self::Arming,
@@ -41,7 +41,7 @@ impl StateName {
         Self::Unknown,
     ];
 
-    /// The name as it stands in JSON.
+    /// The name used in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Disarmed => "disarmed",
@@ -350,7 +350,7 @@ pub struct StretchTimes {
     pub max_us: f64,
 }
 
-/// Rounds to three digits behind the point: what documents show.
+/// Rounds to three decimals, the precision of all documents.
 pub fn round(value: f64) -> f64 {
     let rounded = (value * 1e3).round() / 1e3;
     // Adding zero turns −0 into 0.

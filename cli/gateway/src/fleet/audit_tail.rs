@@ -1,5 +1,5 @@
-//! The records of the audit log that the centre has not been sent yet, read from the log itself: what is on disk is sent, in its
-//! order, and what is not is not.
+//! The audit-log records that have not been sent to the centre, read from the log files: only records on disk are sent,
+//! in log order.
 
 use std::{
     collections::VecDeque,
@@ -14,29 +14,29 @@ use volcomp_fleet::AuditLine;
 
 use crate::audit::{log_files, replace_file};
 
-/// So much is read at once, bytes.
+/// Maximum size of one read, bytes.
 const PIECE: u64 = 256 * 1024;
 
-/// How far the log has been sent: up to the record with this checksum.
+/// Checksum of the last record sent; empty if none was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Cursor {
     checksum: String,
 }
 
-/// A place in the log.
+/// A position in the log: inode of the file and offset, bytes.
 #[derive(Clone, Copy)]
 struct Place {
     inode: u64,
     offset: u64,
 }
 
-/// Reads a log behind whoever writes it. State: how far it has been read and sent.
+/// Follows the log while another thread writes it. State: how far the log has been read and sent.
 pub(super) struct AuditTail {
     folder: PathBuf,
     cursor_file: PathBuf,
     sent: Cursor,
     written: Cursor,
-    /// Where reading goes on; `None`: behind the record of the cursor, which has to be found.
+    /// Next read position; `None` before the first read: it follows the record of the cursor, which is searched for.
     place: Option<Place>,
     lines: VecDeque<AuditLine>,
 }
@@ -55,7 +55,7 @@ impl AuditTail {
         }
     }
 
-    /// The next record, the same until [`done`](Self::done).
+    /// The next record to send; unchanged until [`done`](Self::done).
     pub(super) fn first(&mut self) -> Option<&AuditLine> {
         if self.lines.is_empty() {
             self.read();
@@ -63,26 +63,26 @@ impl AuditTail {
         self.lines.front()
     }
 
-    /// The record that [`first`](Self::first) gave is stored at the server.
+    /// Marks the record returned by [`first`](Self::first) as stored at the server.
     pub(super) fn done(&mut self) {
         if let Some(line) = self.lines.pop_front() {
             self.sent.checksum = line.checksum;
         }
     }
 
-    /// Writes down how far it was sent. What is sent twice after a crash has the same id.
+    /// Saves the cursor. A record sent twice after a crash has the same checksum.
     pub(super) fn keep(&mut self) {
         if self.sent == self.written {
             return;
         }
         let text = serde_json::to_string(&self.sent).unwrap_or_default();
-        // Where that fails some records are sent again after a restart.
+        // If this fails, some records are sent again after a restart.
         if replace_file(&self.cursor_file, &text).is_ok() {
             self.written = self.sent.clone();
         }
     }
 
-    /// Reads on, from file to file.
+    /// Reads the next records, across file boundaries.
     fn read(&mut self) {
         let files: Vec<(PathBuf, u64)> = log_files(&self.folder)
             .into_iter()
@@ -91,7 +91,8 @@ impl AuditTail {
         let Some(mut place) = self.place.or_else(|| self.found(&files)) else {
             return;
         };
-        // A file that was rotated away is gone with what was in it: the centre sees that by the numbers.
+        // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence
+        // numbers.
         let mut index = (files.iter())
             .position(|(_, inode)| *inode == place.inode)
             .unwrap_or_else(|| {
@@ -117,8 +118,8 @@ impl AuditTail {
         self.place = Some(place);
     }
 
-    /// The place behind the last record that was sent. Where that is not found all there is has to be sent; where nothing was
-    /// ever sent, the current file.
+    /// The position after the last record sent. If that record is not found, the start of the oldest file; if nothing
+    /// was ever sent, the start of the current file.
     fn found(&self, files: &[(PathBuf, u64)]) -> Option<Place> {
         let (_, current) = files.last()?;
         if self.sent.checksum.is_empty() {
@@ -133,7 +134,7 @@ impl AuditTail {
                 let (lines, read) = lines_at(path, &mut at);
                 let mut end = at;
                 for line in &lines {
-                    // A checksum, a blank, the record and a line feed.
+                    // A checksum, a space, the record and a line feed.
                     end += (line.checksum.len() + line.record.len() + 2) as u64;
                     if line.checksum == self.sent.checksum {
                         return Some(Place {
@@ -156,8 +157,8 @@ impl AuditTail {
     }
 }
 
-/// The whole lines of a file from an offset on, as far as one piece goes, and how many bytes they take. An offset beyond the
-/// end, after a record that was cut off again, becomes the end.
+/// The complete lines of a file from an offset, up to [`PIECE`] bytes, and their length in bytes. An offset beyond the
+/// end, left by a record that was cut off, is set to the end.
 fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let mut piece = || -> std::io::Result<Vec<u8>> {
         let mut file = File::open(path)?;
@@ -171,7 +172,7 @@ fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
     let is_full = bytes.len() as u64 == PIECE;
     let end = match bytes.iter().rposition(|byte| *byte == b'\n') {
         Some(last) => last + 1,
-        // No record is as long as that: it is none.
+        // Longer than any record: skip these bytes.
         None if is_full => bytes.len(),
         None => 0,
     };

@@ -1,9 +1,9 @@
-//! What the centre wants: values of the machine's key are judged by their signature, their addressee and their version, by no
-//! clock; manifests are put in force one after the other: on disk first, then its machine file, then the request to the service,
-//! then on disk that it is in force.
+//! Applies the manifests of the centre. A value of the machine's key is judged by signature, addressee and version,
+//! never by time. Manifests are activated one at a time: manifest to disk, machine file to disk, request to the
+//! service, then the activation to disk.
 //!
-//! What forbids correcting is ordered before anything is written or fetched. What fails for want of a disk, a server or a cycle
-//! is tried again; what is refused is not.
+//! An order that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the
+//! server or the cycle are retried; refusals are not.
 
 use std::{
     sync::{Arc, mpsc::TrySendError},
@@ -34,14 +34,14 @@ use crate::{
     request::{Ask, Asked, Asks, CentreAsk, Reply},
 };
 
-/// What could not be done is tried again after so long.
+/// Retry interval after a failure.
 const AGAIN: Duration = Duration::from_secs(2);
-/// So many values that change nothing wait to be answered; further ones are not answered.
+/// Maximum number of queued values that change nothing; further ones are not answered.
 const OTHERS: usize = 4;
-/// The pause after a value that changes nothing, so that a flood of them costs little.
+/// Pause after a value that changes nothing, to limit the load of a flood of them.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Where requests to the service go.
+/// Access to the service.
 #[derive(Clone)]
 pub(super) struct Service {
     pub(super) asks: Asks,
@@ -60,21 +60,18 @@ impl Service {
     }
 }
 
-/// A value that was judged.
+/// A received value, judged.
 enum Heard {
-    /// A new manifest.
     New(Box<Judged>),
-    /// The manifest that was accepted last, again.
+    /// The last accepted manifest, received again.
     Again(Box<Judged>),
-    /// One that is not accepted.
+    /// A value that is not accepted.
     Refused {
-        /// The version that it has, as far as that can be read.
+        /// Its version, as far as it can be read.
         version: u64,
-        /// The checksum of the value.
         value_sha256: String,
-        /// Who signed it, for the audit log.
+        /// The signer, for the audit log.
         who: String,
-        /// Why, in words.
         why: String,
     },
 }
@@ -83,12 +80,12 @@ enum Heard {
 #[derive(Clone)]
 struct Judged {
     held: Held,
-    /// Its machine file, where it came with it; it fits the checksum.
+    /// Its machine file, if it was included; the checksum matches.
     model: Option<String>,
     value_sha256: String,
 }
 
-/// The side that hears.
+/// Receives and judges values.
 pub(super) struct Hearer {
     trust: Trust,
     newest: Option<Held>,
@@ -96,17 +93,17 @@ pub(super) struct Hearer {
     shared: Arc<Shared>,
 }
 
-/// Who sent what no trusted key has signed.
+/// Signer of a value that no trusted key has signed.
 const UNKNOWN: &str = "unknown";
-/// The longest reason that is told, characters: some say what they found, which may be anything.
+/// Maximum length of a reported reason, characters: some reasons quote received text of any length.
 const LONGEST: usize = 300;
 
-/// Who asks, in the audit log: the centre, by the beginning of its key.
+/// Requester for the audit log: the centre, with the first digits of its key.
 fn who(key: &str) -> String {
     format!("centre {}", key.get(..8).unwrap_or(UNKNOWN))
 }
 
-/// Who signed what is not accepted, as far as that is known.
+/// The signer of a rejected value, as far as it is known.
 fn signer(error: &NotAccepted, key: &str) -> String {
     match error {
         NotAccepted::Document(_) | NotAccepted::Signature | NotAccepted::Key { .. } => {
@@ -144,7 +141,7 @@ impl Hearer {
         }
     }
 
-    /// What a value is.
+    /// Classifies a value.
     fn judge(&mut self, value: &[u8]) -> Heard {
         let value_sha256 = crate::hex(&Sha256::digest(value));
         let parsed = Desired::parse(value);
@@ -178,7 +175,7 @@ impl Hearer {
                         .is_none_or(|newest| newest.desired.manifest == desired.manifest);
                 let version = manifest.as_ref().map_or(0, |manifest| manifest.version);
                 match manifest {
-                    // Its signature has been judged before its version.
+                    // The signature was checked before the version.
                     Some(manifest) if is_newest => {
                         let model = (desired.model.take())
                             .filter(|text| manifest.model.is(text.as_bytes()));
@@ -200,10 +197,10 @@ impl Hearer {
         }
     }
 
-    /// Has the correction ramped out and arming forbidden, before anything else is done by a manifest.
+    /// Ramps the correction out and forbids arming before the manifest has any other effect.
     async fn disable(&self, judged: &Judged) {
-        // Noted first: the actor, which may be putting an older version in force, runs on this thread, too, and asks for
-        // nothing any more that would lift it.
+        // Note it first: the actor runs on the same thread and may be activating an older version, which must not lift
+        // this order.
         self.shared.forbid(judged.held.manifest.version);
         let key = &judged.held.desired.key;
         let mut sent = self.service.ask(CentreAsk::Disable, who(key), None);
@@ -217,7 +214,7 @@ impl Hearer {
     }
 }
 
-/// What became of a manifest, in words.
+/// Describes the outcome of a manifest.
 pub(super) fn in_words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Activated => "in force".to_owned(),
@@ -233,10 +230,10 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
     }
 }
 
-/// Something that is tried again later, in words.
+/// A failure that is retried, with its reason.
 struct Later(String);
 
-/// The side that acts. State: what stands in the folder, and the manifest at hand.
+/// Activates manifests. State: the content of the folder, and the current manifest.
 pub(super) struct Actor {
     store: Store,
     service: Service,
@@ -244,15 +241,15 @@ pub(super) struct Actor {
     acknowledge: UnboundedSender<Acknowledgement>,
     standing: Standing,
     active: Option<Held>,
-    /// The manifest at hand, until its outcome is known and on disk.
+    /// The current manifest, until its outcome is known and on disk.
     at_hand: Option<Judged>,
-    /// Whether the manifest at hand is on disk.
+    /// Whether the current manifest is on disk.
     is_kept: bool,
-    /// When it is tried again.
+    /// Time of the next attempt.
     again: Instant,
-    /// What was damaged at the start, until it is told.
+    /// Damage found at start-up, until it is reported.
     damage: Option<String>,
-    /// The last refusal that was written down, so that a flood of the same is written once.
+    /// The last refusal recorded in the audit log, so that a flood of equal refusals is recorded once.
     refusal: String,
 }
 
@@ -268,7 +265,7 @@ impl Actor {
             let manifest = &newest.manifest;
             shared.set_pace(manifest.condition_s, manifest.telemetry_s);
         }
-        // Whoever ended between accepting and putting in force goes on here.
+        // A gateway that stopped between acceptance and activation continues here.
         let is_open = kept.standing.outcome.is_none();
         let at_hand = kept.newest.filter(|_| is_open).map(|held| Judged {
             held,
@@ -290,7 +287,7 @@ impl Actor {
         }
     }
 
-    /// Acts for ever.
+    /// Runs until it is dropped.
     async fn run(
         mut self,
         sender: MachineSender,
@@ -315,7 +312,7 @@ impl Actor {
         }
     }
 
-    /// A new manifest takes the place of the one at hand.
+    /// Replaces the current manifest with a new one.
     fn begin(&mut self, new: Judged) {
         let manifest = &new.held.manifest;
         tracing::info!(version = manifest.version, "fleet: manifest accepted");
@@ -330,7 +327,7 @@ impl Actor {
         self.show(None);
     }
 
-    /// A value that changes nothing is answered.
+    /// Answers a value that changes nothing.
     fn answer(&mut self, other: Heard) {
         match other {
             Heard::New(new) => self.begin(*new),
@@ -339,7 +336,7 @@ impl Actor {
                     let outcome = outcome.clone();
                     self.acknowledge(self.standing.highest, again.value_sha256, outcome);
                 }
-                // It was begun before the start, or its machine file is missing: now it may have come.
+                // The manifest dates from before the start, or its machine file was missing; this value may contain it.
                 (None, Some(at_hand)) => {
                     at_hand.value_sha256 = again.value_sha256;
                     at_hand.model = again.model.or(at_hand.model.take());
@@ -367,7 +364,7 @@ impl Actor {
         }
     }
 
-    /// One try to put the manifest at hand in force.
+    /// Tries once to activate the current manifest.
     async fn go_on(&mut self, sender: &MachineSender) {
         let Some(at_hand) = self.at_hand.clone() else {
             return;
@@ -437,12 +434,12 @@ impl Actor {
         Ok((at_hand.value_sha256, outcome))
     }
 
-    /// Whether a manifest that is put in force lifts what was forbidden: not where a newer one, which waits, forbids it.
+    /// Whether activating this manifest permits correcting: not if a newer queued manifest forbids it.
     fn enables(&self, held: &Held) -> bool {
         held.manifest.enable && !self.shared.is_forbidden_after(held.manifest.version)
     }
 
-    /// Has the machine file on disk, whole; `Some`: why there is none to be had.
+    /// Ensures that the machine file is complete on disk. `Some`: the reason why it is unobtainable.
     async fn bring_machine(
         &self,
         held: &Held,
@@ -473,7 +470,7 @@ impl Actor {
         Ok(None)
     }
 
-    /// Asks the service to correct by the machine file.
+    /// Requests the service to correct with the machine file.
     async fn take(&self, held: &Held) -> Result<Outcome, Later> {
         let ask = CentreAsk::Take {
             machine: self.store.machine(&held.manifest),
@@ -504,14 +501,14 @@ impl Actor {
             .map_err(|_| Later("the gateway is stopping".to_owned()))
     }
 
-    /// Something for the audit log, whose answer nobody waits for.
+    /// Sends a request for the audit log without waiting for the response.
     fn tell(&self, ask: CentreAsk, who: String) {
         if self.service.ask(ask, who, None).is_err() {
             tracing::warn!("fleet: too many requests wait");
         }
     }
 
-    /// Work that may wait for the disk.
+    /// Runs disk work on a blocking thread.
     async fn on_disk(
         &self,
         held: &Held,
@@ -530,7 +527,7 @@ impl Actor {
     }
 
     fn acknowledge(&self, version: u64, value_sha256: String, outcome: Outcome) {
-        // After a restart it is answered when the value comes again.
+        // After a restart the acknowledgement is sent when the value is received again.
         if value_sha256.is_empty() {
             return;
         }
@@ -539,11 +536,11 @@ impl Actor {
             value_sha256,
             outcome,
         };
-        // Whoever sends has ended only where the gateway ends.
+        // The receiver ends only when the gateway ends.
         let _ = self.acknowledge.send(acknowledgement);
     }
 
-    /// Shows where it is.
+    /// Publishes the current state.
     fn show(&self, trouble: Option<String>) {
         let standing = &self.standing;
         self.shared.published.tell_fleet(|state| {
@@ -552,7 +549,7 @@ impl Actor {
             state.enabled = !standing.disabled;
             state.outcome = standing.outcome.as_ref().map(in_words);
             state.trouble = trouble;
-            // A new manifest has been accepted, or put in force: what was refused before it is past.
+            // A new manifest was accepted or activated: an earlier refusal is obsolete.
             state.refused = None;
         });
     }
@@ -567,10 +564,11 @@ fn needs_confirmation(question: &Question) -> Outcome {
     }
 }
 
-/// Hears values for ever. The actor works beside it, so that nothing it waits for keeps the next value from being heard.
+/// Receives values forever. The actor runs concurrently, so that its waits do not delay the next value.
 pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Actor) {
     let sender: MachineSender = link.sender();
-    // What is accepted is signed by a trusted key, each with a higher version: these are few, and none is left out.
+    // Unbounded: accepted manifests are signed by a trusted key with increasing versions, so they are few, and none may
+    // be lost.
     let (accept, accepted) = mpsc::unbounded_channel();
     let (tell, others) = mpsc::channel(OTHERS);
     let hearing = async {
@@ -586,7 +584,7 @@ pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Act
                     }
                 }
                 other => {
-                    // Where too many wait it is not answered.
+                    // If the queue is full, the value is not answered.
                     let _ = tell.try_send(other);
                     tokio::time::sleep(PAUSE).await;
                 }

@@ -1,8 +1,9 @@
-//! The machine as a part of a fleet: what its centre wants, taken only from keys that it trusts, and what it tells its centre.
+//! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the
+//! centre.
 //!
-//! Two threads: one hears manifests and puts them in force, one tells and sends. Neither touches the cycle: they speak to
-//! the service by requests, as the dashboard does, and read the state that it publishes. A disk that hangs holds up neither
-//! the order to disarm nor the service. State: the folder of `store`, and what waits for the server.
+//! One thread receives and activates manifests, the other sends reports. Neither touches the cycle: like the dashboard,
+//! they send requests to the service and read its published state. A disk that hangs delays neither the order to disarm
+//! nor the service. State: the folder of `store` and the messages queued for the server.
 
 use std::{
     io,
@@ -36,39 +37,39 @@ use shared::Shared;
 use store::{Kept, Store};
 use tell::Teller;
 
-/// A connection that cannot even be begun is tried again after so long.
+/// Retry interval after a connection could not be set up.
 const AGAIN: Duration = Duration::from_secs(10);
-/// The end waits so long for the last messages.
+/// Timeout for the last messages at shutdown.
 const END: Duration = Duration::from_secs(2);
 
-/// The machine file that the centre has put in force; `None`: none, or it is damaged.
+/// Path of the machine file activated by the centre; `None`: there is none, or it is damaged.
 pub(crate) fn machine_in_force(config: &FleetConfig) -> Option<std::path::PathBuf> {
     let active = kept(config).active?;
     Some(Store::new(config).machine(&active.manifest))
 }
 
-/// What the folder holds of earlier runs.
+/// The content of the folder, left by earlier runs.
 pub(crate) fn kept(config: &FleetConfig) -> Kept {
     Store::new(config).read(config)
 }
 
-/// What the centre said last about correcting at all.
+/// Whether the centre's last order forbids correcting.
 pub(crate) fn forbids(config: &Config) -> Reasons {
     let disabled = |fleet| kept(fleet).standing.disabled;
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
 }
 
-/// The two threads. They end when this is dropped.
+/// The two threads; they end when this is dropped.
 pub struct Fleet {
     stop: watch::Sender<bool>,
     threads: Vec<JoinHandle<()>>,
     _lock: std::os::unix::net::UnixListener,
 }
 
-/// Begins to be a part of the fleet.
+/// Joins the fleet.
 ///
 /// # Errors
-/// The folder cannot be made or belongs to another gateway, or the operating system gives no thread.
+/// The folder cannot be created or is used by another gateway, or the operating system cannot create a thread.
 pub fn start(
     config: &Config,
     published: &Published,
@@ -157,10 +158,10 @@ pub fn start(
     }))
 }
 
-/// How the server is reached, with the seed from its file.
+/// Connection settings, with the seed from its file.
 ///
 /// # Errors
-/// A file that others may read, or that holds no seed.
+/// The file is readable by other users, or does not contain a seed.
 pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayError> {
     let file = &config.nkey_file;
     let seed = volcomp_document::private::read(file)?;
@@ -177,7 +178,7 @@ pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayErro
     Ok(settings)
 }
 
-/// A connection, begun again where that fails, and told to whoever sends over it.
+/// Connects, retrying after failures, and passes the connection to the sending thread.
 async fn connected(
     settings: &LinkSettings,
     identity: &volcomp_fleet::Identity,
@@ -188,13 +189,13 @@ async fn connected(
     loop {
         match MachineLink::connect(settings, identity).await {
             Ok(link) => {
-                // Only what was told here is past.
+                // Clear only an error that was set here.
                 shared.published.tell_fleet(|state| {
                     if last.is_some() && state.trouble == last {
                         state.trouble = None;
                     }
                 });
-                // Nobody may be listening any more.
+                // The receiver may have been dropped.
                 let _ = told.send(Some(link.sender()));
                 return link;
             }
@@ -209,7 +210,7 @@ async fn connected(
     }
 }
 
-/// A thread with a runtime of its own for one piece of work.
+/// Spawns a thread with a separate runtime for one task.
 fn spawn(
     name: &str,
     work: impl Future<Output = ()> + Send + 'static,
@@ -220,22 +221,22 @@ fn spawn(
         .build()?;
     thread::Builder::new().name(name.to_owned()).spawn(move || {
         runtime.block_on(work);
-        // What hangs on a disk is left to itself.
+        // Do not wait for blocking tasks that hang on a disk.
         runtime.shutdown_background();
     })
 }
 
-/// Works until the gateway ends.
+/// Runs until the gateway stops.
 async fn until_stopped(mut stopped: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
-        // Nobody can stop it any more: that is the end, too.
+        // A dropped sender also means the end.
         _ = stopped.wait_for(|stop| *stop) => {}
         () = work => {}
     }
 }
 
 impl Fleet {
-    /// Has what can be sent at once sent and the rest written to disk, and waits for that, not for ever.
+    /// Stops both threads. Waits at most [`END`] for them to send pending messages and write the rest to disk.
     fn stop_all(&mut self) {
         let _ = self.stop.send(true);
         let end = Instant::now() + END;
@@ -244,7 +245,7 @@ impl Fleet {
                 thread::sleep(Duration::from_millis(2));
             }
             if thread.is_finished() {
-                // A panic was printed when it happened.
+                // The panic was printed when it occurred.
                 let _ = thread.join();
             }
         }

@@ -1,6 +1,6 @@
-//! What the two threads of a fleet share, and which of them waits for the disk.
+//! State shared by the two threads of a fleet, including which of them is waiting for the disk.
 //!
-//! A disk that hangs answers nothing, not even that it fails: whoever waits for it says so first, and another thread tells it.
+//! A disk that hangs reports no error. A thread therefore registers its wait first, and a separate task reports it.
 
 use std::{
     sync::{
@@ -12,33 +12,32 @@ use std::{
 
 use crate::published::Published;
 
-/// The seconds between two conditions where the manifest does not say.
+/// Default interval between two conditions, s.
 const CONDITION_S: u64 = 1;
-/// The seconds between two whole states where the manifest does not say.
+/// Default interval between two complete states, s.
 const TELEMETRY_S: u64 = 10;
-/// A disk that has not answered for so long is said to hang.
+/// Waiting time after which the disk is reported as hanging.
 const HANGS_AFTER: Duration = Duration::from_secs(3);
-/// How often it is looked at.
+/// Polling interval.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// What both threads know.
+/// State shared by both threads.
 pub(super) struct Shared {
     pub(super) published: Published,
-    /// The version of the manifest in force.
+    /// Version of the active manifest; 0: none.
     pub(super) version: AtomicU64,
-    /// The highest version that was heard and forbids correcting; 0: none. An older one that is put in force meanwhile lifts
-    /// nothing.
+    /// Highest received version that forbids correcting; 0: none. Activating an older version does not lift the order.
     forbidding: AtomicU64,
     condition_s: AtomicU64,
     telemetry_s: AtomicU64,
-    /// What waits for the disk while something is put in force.
+    /// Disk wait of the activating thread.
     pub(super) acting: Arc<AtDisk>,
-    /// What waits for the disk while the centre is told something.
+    /// Disk wait of the sending thread.
     pub(super) telling: Arc<AtDisk>,
 }
 
 impl Shared {
-    /// Of a start, with the version of the manifest in force; 0: none.
+    /// Initial state, with the version of the active manifest; 0: none.
     pub(super) fn new(published: Published, version: u64) -> Self {
         Self {
             published,
@@ -55,7 +54,7 @@ impl Shared {
         self.version.load(Ordering::Relaxed)
     }
 
-    /// Notes that a version forbids correcting.
+    /// Records that a version forbids correcting.
     pub(super) fn forbid(&self, version: u64) {
         self.forbidding.fetch_max(version, Ordering::Relaxed);
     }
@@ -65,7 +64,7 @@ impl Shared {
         self.forbidding.load(Ordering::Relaxed) > version
     }
 
-    /// The times between two conditions and two whole states, at least a second each.
+    /// Intervals between two conditions and between two complete states, at least 1 s each.
     pub(super) fn pace(&self) -> [Duration; 2] {
         [&self.condition_s, &self.telemetry_s]
             .map(|s| Duration::from_secs(s.load(Ordering::Relaxed).max(1)))
@@ -80,15 +79,15 @@ impl Shared {
     }
 }
 
-/// Since when a thread waits for the disk.
+/// Start of the current wait for the disk.
 #[derive(Default)]
 pub(super) struct AtDisk(Mutex<Option<Instant>>);
 
-/// The wait is over when this is dropped.
+/// Ends the wait when it is dropped.
 pub(super) struct Waits(Arc<AtDisk>);
 
 impl AtDisk {
-    /// Begins to wait.
+    /// Starts a wait.
     pub(super) fn wait(self: &Arc<Self>) -> Waits {
         *self.since() = Some(Instant::now());
         Waits(Arc::clone(self))
@@ -100,7 +99,7 @@ impl AtDisk {
     }
 
     fn since(&self) -> MutexGuard<'_, Option<Instant>> {
-        // A time or none: whoever ended with it in its hands has left it whole.
+        // The value is a single `Option`, which a panicking thread cannot leave half changed.
         crate::locked(&self.0)
     }
 }
@@ -111,8 +110,8 @@ impl Drop for Waits {
     }
 }
 
-/// Tells it while a disk hangs, for ever. When it answers again what was told here is taken back here, whatever whoever waited
-/// says after that, and whenever.
+/// Reports a disk that hangs, forever. Once the disk responds, this task clears its own message, whatever the waiting
+/// thread reports afterwards.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
     let hangs = format!("{folder}: the disk does not answer");
     let acting = format!("{hangs}: what was accepted is not in force before it does");
@@ -127,7 +126,7 @@ pub(super) async fn watch(shared: &Shared, folder: &str) {
     }
 }
 
-/// Sets what is told while the disk hangs; where it does not, only that is taken back.
+/// Sets the message while the disk hangs; afterwards clears only that message.
 fn tell(told: &mut Option<String>, hangs: bool, what: &str) {
     if hangs {
         *told = Some(what.to_owned());

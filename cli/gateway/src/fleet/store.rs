@@ -1,8 +1,8 @@
-//! The folder in which a machine keeps what it has accepted: the newest manifest, the one in force, and their machine files.
+//! The folder of accepted manifests: the newest one, the active one, and their machine files.
 //!
-//! `standing.json` says which is which and is replaced whole. Manifests are kept as they were signed, so that nothing in the
-//! folder is believed that a trusted key has not signed; a machine file is known by its checksum. The manifest is on disk before
-//! its version counts, and its version before anything is done by it.
+//! `standing.json` records which is which and is replaced atomically. Manifests are stored as signed, so that only
+//! content signed by a trusted key is used; a machine file is identified by its checksum. A manifest is on disk before
+//! its version counts, and the version is on disk before it has any effect.
 
 use std::{
     collections::BTreeSet,
@@ -18,41 +18,41 @@ use crate::{audit::replace_file, config::FleetConfig};
 
 const STANDING: &str = "standing.json";
 
-/// What outlives a restart, besides the manifests.
+/// State that survives a restart, besides the manifests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Standing {
-    /// The version of the highest manifest that was accepted; 0: none was.
+    /// Version of the highest accepted manifest; 0: none.
     pub(crate) highest: u64,
-    /// The version of the manifest in force; `None`: the configured machine file corrects.
+    /// Version of the active manifest; `None`: the configured machine file is active.
     pub(crate) active: Option<u64>,
     /// Whether the centre forbids correcting.
     pub(crate) disabled: bool,
-    /// What became of the highest one; `None`: that is not known yet.
+    /// Outcome of the highest manifest; `None`: not known yet.
     pub(crate) outcome: Option<Outcome>,
 }
 
 /// A manifest that a trusted key signed for this machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Held {
-    /// The document, without its machine file.
+    /// The signed document, without its machine file.
     pub(crate) desired: Desired,
-    /// What it says.
+    /// The decoded content of the document.
     pub(crate) manifest: Manifest,
 }
 
-/// What the folder holds.
+/// The content of the folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Kept {
     pub(crate) standing: Standing,
-    /// The highest manifest that was accepted.
+    /// The highest accepted manifest.
     pub(crate) newest: Option<Held>,
-    /// The one in force, whose machine file is there and whole.
+    /// The active manifest; its machine file is present and intact.
     pub(crate) active: Option<Held>,
-    /// What is damaged, in words.
+    /// Description of the damage, if any.
     pub(crate) damage: Option<String>,
 }
 
-/// The folder.
+/// Access to the folder.
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     dir: PathBuf,
@@ -65,17 +65,17 @@ impl Store {
         }
     }
 
-    /// The folder of messages that wait for the server.
+    /// Folder of messages queued for the server.
     pub(crate) fn spool(&self) -> PathBuf {
         self.dir.join("waiting")
     }
 
-    /// The file that says how far the audit log has been sent.
+    /// File with the position up to which the audit log has been sent.
     pub(crate) fn audit_cursor(&self) -> PathBuf {
         self.dir.join("audit-sent.json")
     }
 
-    /// The machine file of a manifest.
+    /// Path of the machine file of a manifest.
     pub(crate) fn machine(&self, manifest: &Manifest) -> PathBuf {
         self.dir
             .join(format!("machine-{}.toml", manifest.model.sha256))
@@ -85,14 +85,14 @@ impl Store {
         self.dir.join(format!("manifest-{version}.json"))
     }
 
-    /// Makes the folder, for this user alone.
+    /// Creates the folder, accessible to this user only.
     pub(crate) fn make(&self) -> io::Result<()> {
         let mut builder = fs::DirBuilder::new();
         builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Reads the folder, and believes of it what a trusted key has signed for this machine. A folder that is not there holds
-    /// nothing.
+    /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder counts as
+    /// empty.
     pub(crate) fn read(&self, config: &FleetConfig) -> Kept {
         let mut kept = Kept::default();
         let mut damage = Vec::new();
@@ -100,7 +100,7 @@ impl Store {
             Ok(standing) => kept.standing = standing.unwrap_or_default(),
             Err(error) => {
                 damage.push(error);
-                // Whether the centre allows it is not known: what is unknown forbids.
+                // It is unknown whether the centre permits correcting, so it is forbidden.
                 kept.standing.disabled = true;
             }
         }
@@ -109,7 +109,7 @@ impl Store {
         if let Some(newest) = newest
             && (newest.manifest.version > kept.standing.highest || !damage.is_empty())
         {
-            // Its version was not written down any more, or it is all that is left.
+            // The version was not saved before a stop, or `standing.json` is damaged.
             kept.standing.highest = newest.manifest.version;
             kept.standing.disabled =
                 !newest.manifest.enable || (kept.standing.disabled && damage.is_empty());
@@ -134,7 +134,7 @@ impl Store {
             }
             if kept.active.is_none() {
                 kept.standing.active = None;
-                // Where it was the newest, it is fetched again.
+                // If it was the newest manifest, it is fetched again.
                 if version == kept.standing.highest {
                     kept.standing.outcome = None;
                 }
@@ -144,7 +144,7 @@ impl Store {
         kept
     }
 
-    /// The manifests that a trusted key has signed for this machine.
+    /// The stored manifests signed by a trusted key for this machine.
     fn manifests(&self, config: &FleetConfig) -> Vec<Held> {
         let Ok(entries) = fs::read_dir(&self.dir) else {
             return Vec::new();
@@ -158,12 +158,12 @@ impl Store {
         named.filter_map(|path| verified(&path, config)).collect()
     }
 
-    /// Whether the machine file of a manifest is there and whole.
+    /// Whether the machine file of a manifest is present and intact.
     pub(crate) fn has_machine(&self, manifest: &Manifest) -> bool {
         fs::read(self.machine(manifest)).is_ok_and(|text| manifest.model.is(&text))
     }
 
-    /// Keeps an accepted manifest and what stands from now on, in this order.
+    /// Saves an accepted manifest, then the new standing; the order matters.
     pub(crate) fn keep(&self, held: &Held, standing: &Standing) -> io::Result<()> {
         self.make()?;
         let text = serde_json::to_string(&held.desired)?;
@@ -171,17 +171,16 @@ impl Store {
         self.keep_standing(standing)
     }
 
-    /// Keeps the machine file of a manifest.
+    /// Saves the machine file of a manifest.
     pub(crate) fn keep_machine(&self, manifest: &Manifest, text: &str) -> io::Result<()> {
         replace_file(&self.machine(manifest), text)
     }
 
-    /// Writes down what stands from now on.
     pub(crate) fn keep_standing(&self, standing: &Standing) -> io::Result<()> {
         replace_file(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
     }
 
-    /// Removes what belongs to neither of these manifests.
+    /// Removes files that belong to none of these manifests.
     pub(crate) fn tidy(&self, held: &[&Held]) {
         let needed: BTreeSet<PathBuf> = held
             .iter()
@@ -200,7 +199,7 @@ impl Store {
             let is_ours = name
                 .is_some_and(|name| name.starts_with("manifest-") || name.starts_with("machine-"));
             if is_ours && !needed.contains(&path) {
-                // One that stays takes room and does nothing else.
+                // A file that remains only uses space.
                 let _ = fs::remove_file(path);
             }
         }
@@ -217,8 +216,8 @@ fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
     }
 }
 
-/// A manifest on disk that a trusted key has signed for this machine. Its axes are compared with the machine when it is put
-/// in force, and its machine file with its checksum.
+/// Reads a manifest that a trusted key signed for this machine. Its axes are compared with the machine at activation,
+/// its machine file with the checksum.
 fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
     let desired = Desired::parse(&fs::read(path).ok()?).ok()?;
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;
@@ -233,7 +232,7 @@ fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
     })
 }
 
-/// What a machine trusts, without its axes.
+/// Keys and identity that the machine trusts, without its axes.
 pub(crate) fn trust(config: &FleetConfig, machine: MachineId) -> Trust {
     Trust {
         keys: config.trusted(),

@@ -1,6 +1,6 @@
-//! Tells the centre: conditions, whole states, records of the audit log and acknowledgements, each until the server has stored
-//! it. While the server is away they wait, bounded, in memory and on disk; a disk that is full or hangs holds up nothing but
-//! this.
+//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, each until the server has
+//! stored it. While the server is unreachable, messages are queued in memory and on disk, within limits. A disk that is
+//! full or hangs delays only this thread.
 
 use std::{
     path::PathBuf,
@@ -22,18 +22,18 @@ use volcomp_fleet::{
 use super::{audit_tail::AuditTail, shared::Shared, store::Store};
 use crate::{documents::Status, interop::quantities::length};
 
-/// How often the log and the connection are looked at.
+/// Polling interval of the log and the connection.
 const LOOK: Duration = Duration::from_millis(200);
-/// After a message that did not get through the next try comes after so long.
+/// Pause after a failed message.
 const PAUSE: Duration = Duration::from_secs(1);
-/// A folder that cannot be opened is tried again after so long, and the cursor of the log is written so often.
+/// Interval at which the cursor of the log is saved and a folder that could not be opened is retried.
 const KEEP: Duration = Duration::from_secs(5);
-/// So many acknowledgements wait while the folder cannot be opened.
+/// Maximum number of acknowledgements queued while the folder cannot be opened.
 const WITHOUT_FOLDER: usize = 64;
-/// At the end messages are sent for so long.
+/// Timeout for the last messages at shutdown.
 const END: Duration = Duration::from_secs(1);
 
-/// Where a message on its way came from.
+/// Origin of the message being sent.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Source {
     Spool,
@@ -42,17 +42,17 @@ enum Source {
 
 type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
 
-/// The side that tells. State: the number of the last message, and what waits.
+/// Sends messages to the centre. State: the number of the last message, and the queued messages.
 pub(super) struct Teller {
     store: Store,
     shared: Arc<Shared>,
     link: watch::Receiver<Option<MachineSender>>,
     log: AuditTail,
     spool: Option<Spool>,
-    /// What waits while there is no folder.
+    /// Queue used while there is no folder.
     unspooled: Vec<Waiting>,
     dropped: u64,
-    /// The record on its way, with its envelope: sent again it is the same.
+    /// The record being sent, with its envelope: a retry sends the same message.
     record: Option<Waiting>,
     instance: String,
     number: u64,
@@ -90,7 +90,7 @@ impl Teller {
         }
     }
 
-    /// Tells until it is stopped.
+    /// Sends messages until it is stopped.
     pub(super) async fn run(
         mut self,
         mut acknowledged: UnboundedReceiver<Acknowledgement>,
@@ -118,7 +118,7 @@ impl Teller {
         self.end(sending, acknowledged).await;
     }
 
-    /// The last messages, and what is left goes to disk.
+    /// Sends the last messages and saves the rest to disk.
     async fn end(
         mut self,
         mut sending: Option<Sending>,
@@ -153,7 +153,7 @@ impl Teller {
         }
     }
 
-    /// Opens the folder of what waits.
+    /// Opens the folder of queued messages.
     fn open(&mut self) {
         match Spool::open(&self.store.spool(), SpoolLimits::default()) {
             Ok(spool) => {
@@ -180,7 +180,7 @@ impl Teller {
         }
     }
 
-    /// A message of this start of the gateway.
+    /// Builds a message, numbered within this run of the gateway.
     fn message<T: Serialize>(&mut self, kind: Kind, body: T) -> Option<Waiting> {
         let model = self.shared.published.model().hash.clone();
         self.number += 1;
@@ -207,7 +207,7 @@ impl Teller {
         }
     }
 
-    /// The condition and the whole state, where they are due.
+    /// Sends the condition and the complete state when they are due.
     fn look_at_state(&mut self) {
         let now = Instant::now();
         let pace = self.shared.pace();
@@ -225,15 +225,16 @@ impl Teller {
         }
         for ((next, pace), is_due) in self.next.iter_mut().zip(pace).zip(is_due) {
             if is_due {
-                // Those that were missed are not made up for.
+                // Missed reports are not made up for.
                 *next = (*next + pace).max(now);
             }
-            // The pace may have become a faster one.
+            // The interval may have been shortened.
             *next = (*next).min(now + pace);
         }
     }
 
-    /// Sends the next message, where there is one and a server: acknowledgements, then the log, then what passes.
+    /// Starts sending the next message if there is one and a connection: acknowledgements first, then the log, then
+    /// states.
     fn begin_sending(&mut self) -> Option<Sending> {
         let link = self.link.borrow().clone()?;
         if !link.is_connected() || Instant::now() < self.pause_until {
@@ -259,8 +260,8 @@ impl Teller {
         }))
     }
 
-    /// The next record of the log. One that is sent again after a crash has another number and so another id: the server stores it
-    /// again, so that no number is missing, and the centre knows it by its checksum.
+    /// The next log record. A record sent again after a crash has a new number and therefore a new id: the server
+    /// stores it again, so that no number is missing, and the centre recognises it by its checksum.
     fn next_record(&mut self) -> Option<Waiting> {
         if self.record.is_none() {
             let line = self.log.first()?.clone();
@@ -293,7 +294,7 @@ impl Teller {
         }
     }
 
-    /// From time to time: the folder, the cursor of the log, and what others see of it.
+    /// Periodic work: the folder, the cursor of the log, and the published state.
     fn keep(&mut self) {
         if self.kept_at.elapsed() > KEEP {
             self.kept_at = Instant::now();
@@ -319,7 +320,7 @@ impl Teller {
     }
 }
 
-/// The end of what is on its way; never, where nothing is.
+/// Waits for the message being sent; never returns if there is none.
 async fn on_its_way(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
     match sending {
         Some(sending) => sending.await,
@@ -327,12 +328,12 @@ async fn on_its_way(sending: &mut Option<Sending>) -> (Source, Result<(), LinkEr
     }
 }
 
-/// A number that no other start of a gateway has.
+/// Random identifier of this run.
 fn instance() -> String {
     let mut bytes = [0; 8];
     match rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()) {
         Ok(_) => crate::hex(&bytes),
-        // The kernel has no random numbers yet: those of the process and the time since the boot differ, too.
+        // The kernel has no entropy yet: use the process ID and the time since boot.
         Err(_) => format!(
             "{:08x}{:08x}",
             std::process::id(),
@@ -341,7 +342,7 @@ fn instance() -> String {
     }
 }
 
-/// The state in short.
+/// Summary of the state.
 fn condition(status: &Status) -> Condition {
     let temperatures = status.temperatures.iter();
     Condition {

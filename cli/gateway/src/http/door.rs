@@ -1,4 +1,4 @@
-//! Who is let in: host names, tokens, time, and the headers of every answer.
+//! Access control of the dashboard: host names, tokens, timeouts and response headers.
 
 use std::{
     net::{IpAddr, SocketAddr},
@@ -26,25 +26,25 @@ use crate::{
     request::Reply,
 };
 
-/// A request must be answered after so long, by the service too.
+/// Timeout of a request, including the response of the service.
 const AT_MOST: Duration = Duration::from_secs(10);
-/// The path of requests that bring a machine file, over a slow line perhaps.
+/// Path for uploads of machine files, which may be slow.
 pub(super) const UPLOAD: &str = "/api/model/upload";
-/// Timeout of receiving a machine file.
+/// Timeout of an upload.
 const UPLOAD_AT_MOST: Duration = Duration::from_secs(300);
 
-/// Who is let in.
+/// Access control of the dashboard.
 pub struct Door {
-    /// Who may do what.
+    /// Tokens and their roles.
     pub tokens: Tokens,
-    /// Host names, besides addresses, under which browsers may ask.
+    /// Host names, in addition to addresses, under which browsers may access the dashboard.
     pub hosts: Vec<String>,
-    /// Whether reading needs a token, since others can reach it.
+    /// Whether reading needs a token because other computers can reach the dashboard.
     pub reading_needs_token: bool,
 }
 
 impl Door {
-    /// The door of a configured dashboard, with its tokens.
+    /// Access control of a configured dashboard.
     pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
         Self {
             tokens,
@@ -53,7 +53,8 @@ impl Door {
         }
     }
 
-    /// Who disarms: whoever may operate, and without a token somebody at this computer, but no page of another origin in their browser.
+    /// Authorizes a disarm request and returns its origin for the audit log. Without a token, requests from this
+    /// computer are accepted unless a page of another origin sent them.
     pub(super) fn who_disarms(&self, from: IpAddr, headers: &HeaderMap) -> Result<String, Denied> {
         if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {
             if is_of_another_page(headers) {
@@ -66,7 +67,7 @@ impl Door {
     }
 }
 
-/// Host, time, and the headers of every answer.
+/// Middleware for every request: checks the host, applies the timeout, sets the response headers.
 pub(super) async fn every_request(
     State(door): State<Arc<Door>>,
     request: Request,
@@ -98,7 +99,7 @@ pub(super) async fn every_request(
     response
 }
 
-/// Where reading needs a token, it is asked for.
+/// Middleware: requires a token where reading needs one.
 pub(super) async fn may_view(
     State(door): State<Arc<Door>>,
     Extension(from): Extension<SocketAddr>,
@@ -115,7 +116,7 @@ pub(super) async fn may_view(
     next.run(request).await
 }
 
-/// Whose token this is and what it allows, so that a wrong one is found before it is needed.
+/// Returns name and role of the token, so that a wrong token is detected before it is needed.
 pub(super) async fn token(
     State(door): State<Arc<Door>>,
     Extension(from): Extension<SocketAddr>,
@@ -131,10 +132,10 @@ pub(super) async fn token(
     }
 }
 
-/// Who may operate, by the name of the token: others are refused.
+/// Extracts the name of a token that may operate; other requests are refused.
 pub(super) struct Operator(pub(super) String);
 
-/// Who may bring a new model, by the name of the token: others are refused.
+/// Extracts the name of a token that may upload and activate models; other requests are refused.
 pub(super) struct Engineer(pub(super) String);
 
 impl FromRequestParts<Shared> for Operator {
@@ -155,7 +156,7 @@ impl FromRequestParts<Shared> for Engineer {
 
 #[expect(clippy::result_large_err, reason = "an answer of HTTP")]
 fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Response> {
-    // The server knows from where every request comes.
+    // The server sets the address on every request; if it is missing, assume a remote one.
     let from = parts.extensions.get::<SocketAddr>();
     let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
     let checked = (shared.door.tokens).check(from, bearer(&parts.headers), needed);
@@ -164,13 +165,13 @@ fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Respon
         .map_err(IntoResponse::into_response)
 }
 
-/// The answer of the service, or of the models.
+/// Converts a reply of the service or of the models.
 pub(super) fn answer(reply: Reply) -> Response {
     let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     (status, Json(reply.answer)).into_response()
 }
 
-/// The token of a request.
+/// The bearer token of a request.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     let (scheme, token) = value.split_once(' ')?;
@@ -179,12 +180,12 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
         .then_some(token.trim())
 }
 
-/// A refusal in words.
+/// A refusal with its reason.
 pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(Refusal::new(why))).into_response()
 }
 
-/// A file of a page.
+/// A static file of the web interface.
 pub(super) fn page(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }

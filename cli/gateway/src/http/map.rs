@@ -6,10 +6,11 @@ use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
 use crate::documents::{ErrorMap, MapAxis, Status};
 
-/// Nodes along each of the two axes.
+/// Number of nodes along each of the two axes.
 const NODES: usize = 25;
 
-/// The length of the error over the travels of the first two linear axes, the others where they stand now.
+/// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current
+/// positions.
 pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
     let mut linear: Vec<(AxisName, usize)> = model
         .axes
@@ -34,7 +35,7 @@ pub(super) fn map(model: &Model, status: &Status) -> ErrorMap {
         } else {
             &status.positions_mm
         };
-        // Where an axis stands nobody knows, there is no map.
+        // Without the position of every axis there is no map.
         let Some(coordinate) = shown.get(name).copied() else {
             return ErrorMap::default();
         };

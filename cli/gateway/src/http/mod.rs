@@ -1,4 +1,4 @@
-//! The dashboard: pages, state, events, history, metrics, requests.
+//! The web server of the dashboard: pages, state, events, history, metrics and requests.
 
 use std::net::SocketAddr;
 
@@ -18,17 +18,17 @@ pub use routes::{Dashboard, router};
 pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};
 
-/// The socket of a dashboard.
+/// Opens the socket of a dashboard.
 ///
 /// # Errors
-/// An address at which this computer does not let it listen.
+/// The address cannot be bound.
 pub fn listen(address: SocketAddr) -> Result<std::net::TcpListener, GatewayError> {
     std::net::TcpListener::bind(address)
         .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
         .map_err(|e| GatewayError::system(format!("dashboard {address}"), e))
 }
 
-/// A runtime with one worker that serves a socket.
+/// Creates a runtime with one worker thread that serves a socket.
 pub(crate) fn runtime<F>(
     listener: std::net::TcpListener,
     serve: impl FnOnce(TcpListener) -> F,

@@ -1,4 +1,4 @@
-//! The requests about models: their state, a machine file that is received, and the way into force.
+//! Requests about models: their state, uploads and activation.
 
 use std::time::Duration;
 
@@ -23,12 +23,12 @@ use crate::{
     request::Reply,
 };
 
-/// The largest body of a request that brings no file, bytes.
+/// Maximum size of a request body without a file, bytes.
 const MAX_BODY: usize = 16 * 1024;
-/// The next part of a file must come within this.
+/// Timeout between two parts of a file.
 const PART_WITHIN: Duration = Duration::from_secs(30);
 
-/// The requests of an engineer.
+/// Routes for engineers.
 pub(super) fn router() -> Router<Shared> {
     Router::new()
         .route(UPLOAD, post(upload))
@@ -56,7 +56,7 @@ fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
     }
 }
 
-/// The body of a request; what is wrong with it is told.
+/// Decodes the body of a request; the error response states what is wrong.
 fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
     serde_json::from_slice(body).map_err(|e| {
         let what = format!("the body is wrong: {e}");
@@ -64,14 +64,14 @@ fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
     })
 }
 
-/// The query of an upload.
+/// Query parameters of an upload.
 #[derive(Deserialize)]
 struct Upload {
     kind: String,
     name: String,
 }
 
-/// Takes a machine file: the body is the file itself.
+/// Receives a machine file, which is the body of the request.
 async fn upload(
     State(dashboard): State<Shared>,
     Engineer(who): Engineer,
@@ -92,7 +92,7 @@ async fn upload(
         _ => return refuse(StatusCode::BAD_REQUEST, "expected kind=machine"),
     }
     let models = &dashboard.models;
-    // Given back when the file is received, or has failed.
+    // Released when the file is received or the upload fails.
     let _place: Place = match models.place() {
         Ok(place) => place,
         Err(reply) => return answer(reply),
@@ -103,7 +103,7 @@ async fn upload(
     }
 }
 
-/// The whole body.
+/// Reads the complete body.
 async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Response>> {
     let refused = |status, why: &str| Err(Box::new(refuse(status, why)));
     let large = || {
@@ -123,7 +123,7 @@ async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Respon
             Ok(Some(Ok(part))) if bytes.len() + part.len() > LARGEST_FILE => return large(),
             Ok(Some(Ok(part))) => bytes.extend_from_slice(&part),
             Ok(None) => return Ok(bytes),
-            // Cut, or silent: what has come is thrown away.
+            // Disconnected or timed out: discard the received part.
             Ok(Some(Err(_))) | Err(_) => {
                 let count = bytes.len();
                 let why = format!(

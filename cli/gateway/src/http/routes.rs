@@ -1,4 +1,4 @@
-//! The routes of the dashboard and their answers.
+//! The routes of the dashboard.
 
 use std::{
     convert::Infallible,
@@ -42,12 +42,12 @@ use crate::{
     request::{Ask, Asked, Asks},
 };
 
-/// The largest body of a request, bytes.
+/// Maximum size of a request body, bytes.
 const MAX_BODY: usize = 64 * 1024;
-/// The time between two events of a stream.
+/// Interval between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
-/// The largest number of event streams at one time.
+/// Maximum number of concurrent event streams.
 const MAX_STREAMS: usize = 16;
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -55,7 +55,7 @@ const JS: &str = "text/javascript; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-/// The files of the page: path, type and content.
+/// Static files of the web interface: path, content type and content.
 const PAGES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("../../web/index.html")),
     ("/app.js", JS, include_str!("../../web/app.js")),
@@ -68,28 +68,28 @@ const PAGES: [(&str, &str, &str); 9] = [
     ("/icon.svg", SVG, include_str!("../../web/icon.svg")),
 ];
 
-/// The state that the routes of the dashboard share.
+/// State shared by the routes.
 pub struct Dashboard {
-    /// The models: which there were, and the one that somebody is making.
+    /// The kept models and the candidate.
     pub models: Models,
-    /// The state, history and model that the service publishes.
+    /// State, history and model published by the service.
     pub published: Published,
-    /// The quantities of the gateway.
+    /// Quantities of the gateway.
     pub quantities: Vec<Quantity>,
-    /// Where requests to the service go.
+    /// Queue of requests to the service.
     pub asks: Asks,
-    /// The order to disarm, which waits for no service.
+    /// Disarms without waiting for the service.
     pub switch: DisarmSwitch,
-    /// Who is let in.
+    /// Access control.
     pub door: Arc<Door>,
-    /// The number of event streams that are open.
+    /// Number of open event streams.
     pub streams: AtomicUsize,
 }
 
-/// What every request finds.
+/// The state passed to every handler.
 pub(super) type Shared = Arc<Dashboard>;
 
-/// A place among the event streams, given back with it.
+/// A slot among the event streams, released on drop.
 struct StreamSlot(Arc<Dashboard>);
 
 impl StreamSlot {
@@ -108,7 +108,7 @@ impl Drop for StreamSlot {
     }
 }
 
-/// The routes of pages, reading and operating.
+/// Routes for pages, reading and operating.
 pub fn router(dashboard: Shared) -> Router {
     let read = Router::new()
         .route("/api/state", get(state))
@@ -151,7 +151,7 @@ async fn state(State(dashboard): State<Shared>) -> Response {
     Json(latest(&dashboard)).into_response()
 }
 
-/// The state of now, with what the dashboard knows of its tokens.
+/// The current state, with the token information of the dashboard.
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
     let mut holders = dashboard.door.tokens.holders();
@@ -174,7 +174,7 @@ async fn error_map(State(dashboard): State<Shared>) -> Response {
     Json(map::map(&published.model(), &published.latest())).into_response()
 }
 
-/// The state, again and again.
+/// Streams the state.
 async fn events(State(dashboard): State<Shared>) -> Response {
     let Some(slot) = StreamSlot::take(&dashboard) else {
         return refuse(
@@ -185,7 +185,7 @@ async fn events(State(dashboard): State<Shared>) -> Response {
     let mut ticks = tokio::time::interval(EVENT_EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let stream = IntervalStream::new(ticks).filter_map(move |_| {
-        // Held as long as the stream lives.
+        // Keeps the slot for the lifetime of the stream.
         let _ = &slot;
         let state = latest(&dashboard);
         let event = Event::default().event("state").json_data(state).ok()?;
@@ -219,7 +219,7 @@ async fn reload(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Re
     operate(dashboard, operator, &body, Ask::Reload).await
 }
 
-/// Whoever may operate asks the service; the body may confirm a model.
+/// Forwards a request of an operator to the service; the body may confirm a model.
 async fn operate(
     State(dashboard): State<Shared>,
     Operator(who): Operator,
@@ -238,10 +238,10 @@ async fn operate(
     request(&dashboard, who, ask(confirm)).await
 }
 
-/// Asks the service, and waits for what it answers.
+/// Sends a request to the service and waits for the response.
 async fn request(dashboard: &Dashboard, who: String, ask: Ask) -> Response {
     let (answer, wait) = oneshot::channel();
-    // Disarming is ordered here and now, whatever becomes of the request.
+    // Creating the request already orders the disarm, even if the queue is full.
     let asked = Asked::new(ask, who, Some(answer), &dashboard.switch);
     match dashboard.asks.try_send(asked) {
         Ok(()) => {}

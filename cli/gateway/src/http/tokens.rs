@@ -1,4 +1,4 @@
-//! Named tokens: who may look, who may operate, and who may bring a new model.
+//! Named tokens and their roles: viewing, operating, changing models.
 
 use std::{
     collections::HashMap,
@@ -18,26 +18,26 @@ use crate::{
     locked,
 };
 
-/// After so many wrong tokens from one address within [`WRONG_IN`] no further wrong one is looked at.
+/// Number of wrong tokens from one address within [`WRONG_IN`] after which further wrong ones are blocked.
 const WRONG: u32 = 5;
-/// How long wrong tokens are counted and an address stays blocked.
+/// Period over which wrong tokens are counted and an address stays blocked.
 const WRONG_IN: Duration = Duration::from_secs(60);
-/// The largest number of addresses whose wrong tokens are counted.
+/// Maximum number of addresses whose wrong tokens are counted.
 const ADDRESSES: usize = 1024;
 
-/// The role of a token: the requests that it allows.
+/// Role of a token: the set of requests it allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// Reading state, history, map and metrics.
+    /// Read state, history, map and metrics.
     View,
-    /// Reading, arming, disarming, acknowledging and reloading.
+    /// Also arm, disarm, acknowledge and reload.
     Operate,
-    /// All that, and uploading files and putting models in force.
+    /// Also upload files and activate models.
     Engineer,
 }
 
 impl Role {
-    /// The role as it stands in the token file.
+    /// The role as written in the token file.
     pub fn name(self) -> &'static str {
         match self {
             Self::View => "view",
@@ -47,22 +47,22 @@ impl Role {
     }
 }
 
-/// Whose a token is.
+/// The holder of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// The name that stands in the audit log.
+    /// Name recorded in the audit log.
     pub name: String,
-    /// The role, which says which requests the token allows.
+    /// Determines which requests the token allows.
     pub role: Role,
 }
 
-/// The tokens of a file: only their hashes are kept.
+/// The tokens of a file, stored as hashes.
 #[derive(Debug)]
 pub struct Tokens {
     holders: Vec<(Holder, [u8; 32])>,
-    /// The number of wrong tokens by address, and the time of the first of them.
+    /// Number of wrong tokens by address, and the time of the first one.
     wrong: Mutex<HashMap<IpAddr, (u32, Duration)>>,
-    /// The clock by which an address stays blocked.
+    /// Clock for blocking an address.
     clock: Clock,
 }
 
@@ -76,26 +76,26 @@ impl Default for Tokens {
     }
 }
 
-/// Why somebody is not let in.
+/// Why access is denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Denied {
-    /// No token is configured at all.
+    /// No tokens are configured.
     NoneConfigured,
-    /// No token was given, or a wrong one.
+    /// The token is missing or unknown.
     Unknown,
-    /// The token does not allow this.
+    /// The role of the token does not allow this request.
     Role,
-    /// Too many wrong tokens came from this address.
+    /// Too many wrong tokens from this address.
     TooMany,
-    /// No token was given, and a browser asks for a page of another origin.
+    /// The request has no token and comes from a page of another origin.
     AnotherPage,
 }
 
 impl Tokens {
-    /// The token file of the configuration, else the service's credential `tokens`, else none.
+    /// Loads the configured token file, else the service's credential `tokens`, else no tokens.
     ///
     /// # Errors
-    /// A file that others may read, or with wrong lines.
+    /// The file is readable by other users, or has invalid lines.
     pub fn load(configured: Option<&Path>) -> Result<Self, GatewayError> {
         if let Some(path) = configured {
             return Self::read(path);
@@ -116,10 +116,10 @@ impl Tokens {
         })
     }
 
-    /// Takes lines `NAME ROLE TOKEN`; `#` begins a comment.
+    /// Parses lines `NAME ROLE TOKEN`; `#` starts a comment.
     ///
     /// # Errors
-    /// The line and what is wrong with it; never the token.
+    /// The line number and the error; never the token.
     pub fn parse(text: &str) -> Result<Self, (usize, TokenError)> {
         let mut holders: Vec<(Holder, [u8; 32])> = Vec::new();
         for (index, line) in text.lines().enumerate() {
@@ -158,19 +158,19 @@ impl Tokens {
         })
     }
 
-    /// The same tokens by another clock.
+    /// Replaces the clock.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.clock = clock;
         self
     }
 
-    /// Whose the tokens are, in the order of the file.
+    /// The holders in the order of the file.
     pub fn holders(&self) -> impl Iterator<Item = &Holder> {
         self.holders.iter().map(|(holder, _)| holder)
     }
 
-    /// The tokens as a plan shows them.
+    /// The tokens as shown in a plan.
     pub fn plan(&self) -> Vec<TokenPlan> {
         let plan = |holder: &Holder| TokenPlan {
             name: holder.name.clone(),
@@ -179,15 +179,15 @@ impl Tokens {
         self.holders().map(plan).collect()
     }
 
-    /// Whether there is no token.
+    /// Whether there are no tokens.
     pub fn is_empty(&self) -> bool {
         self.holders.is_empty()
     }
 
-    /// Lets a request in: whoever holds the token, if it allows `needed`. All tokens are compared, in the same time.
+    /// Checks whether a token allows `needed`. All tokens are compared, in constant time.
     ///
     /// # Errors
-    /// Why the request is not let in.
+    /// Why access is denied.
     pub fn check(&self, from: IpAddr, token: Option<&str>, needed: Role) -> Result<Holder, Denied> {
         if self.holders.is_empty() {
             return Err(Denied::NoneConfigured);
@@ -203,7 +203,8 @@ impl Tokens {
         match found {
             Some(holder) if holder.role >= needed => Ok(holder.clone()),
             Some(_) => Err(Denied::Role),
-            // A right token is let in always: nobody may keep another one of the same address from disarming.
+            // A valid token is never blocked: wrong tokens from the same address must not prevent an operator from
+            // disarming.
             None if self.is_blocked(from) => Err(Denied::TooMany),
             None => {
                 self.count_wrong(from);

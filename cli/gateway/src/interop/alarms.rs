@@ -1,38 +1,38 @@
-//! What is wrong, for systems that keep alarms: by place, level and code.
+//! Active alarms, by place, level and code.
 
 use volcomp_guard::Reasons;
 
 use super::quantities::{Shape, key_of, reasons};
 use crate::documents::{StateName, Status};
 
-/// Where something can be wrong. Numbers are places in the order of the configuration, from 0.
+/// The source of an alarm. Numbers are indices into the configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// The guard: what may reach the axes.
+    /// The guard, which limits what reaches the axes.
     Guard,
-    /// A temperature.
+    /// A temperature sensor.
     Sensor(usize),
     /// A controller.
     Controller(usize),
 }
 
-/// How bad it is.
+/// Severity of an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// To be known.
+    /// For information.
     Warning,
-    /// A person has to look at it.
+    /// Requires action by an operator.
     Fault,
 }
 
-/// One thing that is wrong.
+/// An active alarm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// A name of small letters, digits and `_`, the same for the same thing.
+    /// Stable identifier of the condition: lower-case letters, digits and `_`.
     pub code: String,
-    /// What is wrong, in words.
+    /// Description of the condition.
     pub text: String,
 }
 
@@ -48,7 +48,7 @@ pub fn places(shape: &Shape) -> Vec<Place> {
 }
 
 impl Place {
-    /// What is wrong there now; `None` where that is not known.
+    /// Active alarms of this place; `None` if they are unknown.
     pub fn alarms(self, status: &Status) -> Option<Vec<Alarm>> {
         if status.state == StateName::Unknown {
             return None;

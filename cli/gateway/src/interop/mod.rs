@@ -1,5 +1,4 @@
-//! Other systems that read the gateway, each over its own way and on a thread of its own. Nothing that comes over these ways
-//! commands anything.
+//! Read-only interfaces for other systems, each on a separate thread. Nothing received over them is a command.
 #![cfg_attr(
     not(any(feature = "shdr", feature = "opc-ua-server")),
     allow(unused_variables, reason = "without any way there is nothing to do")
@@ -22,7 +21,7 @@ pub mod shdr;
 
 use quantities::Shape;
 
-/// The ways that are configured, with their sockets and files; nobody is served yet.
+/// The configured interfaces with their sockets and files; they do not serve clients yet.
 pub struct Interop {
     #[cfg(feature = "shdr")]
     shdr: Option<shdr::Bound>,
@@ -34,7 +33,7 @@ impl Interop {
     /// Opens sockets and reads files.
     ///
     /// # Errors
-    /// An address at which this computer does not let it listen, or a file that cannot be used.
+    /// An address cannot be bound, or a file is unusable.
     pub fn open(config: &Config) -> Result<Self, GatewayError> {
         Ok(Self {
             #[cfg(feature = "shdr")]
@@ -46,10 +45,10 @@ impl Interop {
         })
     }
 
-    /// Serves until what is returned is dropped.
+    /// Serves until the returned value is dropped.
     ///
     /// # Errors
-    /// A thread that cannot be started.
+    /// A thread cannot be started.
     pub fn serve(self, shape: &Shape, published: &Published) -> Result<Served, GatewayError> {
         Ok(Served {
             #[cfg(feature = "shdr")]
@@ -64,7 +63,7 @@ impl Interop {
     }
 }
 
-/// The threads of the ways. They end, and their sockets close, when this is dropped.
+/// The threads of the interfaces. They end, and their sockets close, when this is dropped.
 pub struct Served {
     #[cfg(feature = "shdr")]
     _shdr: Option<Serving>,
@@ -72,7 +71,7 @@ pub struct Served {
     _opc_ua: Option<Serving>,
 }
 
-/// A thread that serves another system. It ends, with its sockets, when this is dropped.
+/// A thread that serves one interface. It ends and closes its sockets when this is dropped.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 struct Serving {
     stop: Option<oneshot::Sender<()>>,
@@ -84,13 +83,14 @@ impl Drop for Serving {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A task never blocks, so this waits for its next look; where it panicked there is nothing to wait for.
+            // A task never blocks, so this waits only for its next poll; a panic needs no handling here.
             let _ = thread.join();
         }
     }
 }
 
-/// Runs a task, which is made on a thread of its own and stays there, until what is returned is dropped.
+/// Runs a task on a separate thread until the returned value is dropped. The task is created on that thread and stays
+/// there.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 fn start<F: Future<Output = ()>>(
     name: &'static str,
@@ -114,7 +114,7 @@ fn start<F: Future<Output = ()>>(
                     _ = stopped => {}
                 }
             });
-            // A name that nobody resolves would hold it up.
+            // A pending name resolution would block the shutdown.
             runtime.shutdown_background();
         })
         .map_err(failed)?;

@@ -1,5 +1,5 @@
-//! The quantities of a gateway: one table, from which Prometheus, MTConnect and OPC UA are served. A row in it is all that a
-//! further quantity needs.
+//! The quantities of a gateway in one table, which Prometheus, MTConnect and OPC UA are generated from. Adding a
+//! quantity takes one row.
 
 use std::collections::BTreeSet;
 
@@ -10,20 +10,20 @@ use crate::documents::{
     ByAxis, PathState, ProvenName, SchemeName, SensorState, StateName, Status, round,
 };
 
-/// The parts of a gateway that decide which quantities there are. They stay the same while it runs.
+/// The parts of a gateway that determine its quantities; constant while it runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// The name of the machine.
+    /// Machine name.
     pub machine: String,
-    /// The letters of its axes in the order X Y Z A B C U V W.
+    /// Axis letters in the order X Y Z A B C U V W.
     pub axes: Vec<AxisName>,
-    /// The names of its temperatures in the order of the configuration.
+    /// Temperature names in the order of the configuration.
     pub sensors: Vec<String>,
-    /// The number of its controllers.
+    /// Number of controllers.
     pub controllers: usize,
 }
 
-/// The part to which a quantity belongs. Numbers are places in the order of the configuration, from 0.
+/// The part that a quantity belongs to. Numbers are indices into the configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// The gateway itself.
@@ -38,7 +38,7 @@ pub enum Part {
     Controller(usize),
 }
 
-/// The unit of a quantity that is a number.
+/// Unit of a numeric quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// Millimetres.
@@ -56,7 +56,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// The unit as people read it.
+    /// Unit symbol for display.
     pub fn symbol(self) -> &'static str {
         match self {
             Self::Mm => "mm",
@@ -68,7 +68,7 @@ impl Unit {
         }
     }
 
-    /// The unit of the same quantity of an axis of this kind; the table has those of linear axes.
+    /// Converts the unit of a linear axis, as in the table, to that of an axis of this kind.
     fn on(self, kind: AxisKind) -> Self {
         match (kind, self) {
             (AxisKind::Rotary, Self::Mm) => Self::Deg,
@@ -78,16 +78,16 @@ impl Unit {
     }
 }
 
-/// The type of the value of a quantity.
+/// Data type of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A number in a unit.
     Number(Unit),
-    /// A whole number.
+    /// An unsigned integer.
     Whole,
-    /// A whole number that only grows while the gateway runs.
+    /// An unsigned integer that never decreases while the gateway runs.
     Count,
-    /// Yes or no.
+    /// A boolean.
     Truth,
     /// A text.
     Text,
@@ -96,59 +96,59 @@ pub enum Kind {
 /// The value of a quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A finite number in the unit of the quantity.
+    /// A finite number, in the unit of the quantity.
     Number(f64),
-    /// A whole number or a count.
+    /// An unsigned integer or a count.
     Whole(u64),
-    /// Yes or no.
+    /// A boolean.
     Truth(bool),
     /// A text.
     Text(String),
 }
 
-/// How far a value can be relied on.
+/// Reliability of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quality {
-    /// It holds now.
+    /// Valid now.
     Good,
-    /// It is used, with a warning.
+    /// In use, but with a warning.
     Doubtful,
-    /// It held before; the present value is not known.
+    /// An earlier value; the current one is unknown.
     Stale,
-    /// Nothing is known.
+    /// No value is known.
     Unknown,
 }
 
-/// One quantity at one moment.
+/// The value of a quantity at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// The value; `None` exactly where nothing is known.
+    /// The value; `None` exactly if the quality is [`Quality::Unknown`].
     pub value: Option<Value>,
-    /// How far it can be relied on.
+    /// Reliability of the value.
     pub quality: Quality,
-    /// Its age, ms.
+    /// Age of the value, ms.
     pub age_ms: f64,
 }
 
-/// A quantity: its names, its meaning and how it is read from a state.
+/// A quantity: its names, its description and how it is read from a state.
 pub struct Quantity {
-    /// The part to which it belongs.
+    /// The part it belongs to.
     pub part: Part,
-    /// Its name in its part: small letters and `_`.
+    /// Name within its part: lower-case letters and `_`.
     pub row: &'static str,
-    /// Its name in the gateway: small letters, digits and `_`, a letter first; no two quantities have the same.
+    /// Unique name within the gateway: lower-case letters, digits and `_`, starting with a letter.
     pub key: String,
-    /// The name of the axis, sensor or controller; empty for others.
+    /// Name of the axis, sensor or controller; empty for other parts.
     pub of: String,
-    /// The type of its values.
+    /// Data type.
     pub kind: Kind,
-    /// Its meaning in words.
+    /// Description.
     pub help: &'static str,
     read: Box<dyn Fn(&Status) -> Reading + Send + Sync>,
 }
 
-/// A row of the table, for each part of a kind: name in the part, type (of linear axes), help, and how it is read. `P` tells the
-/// parts of the kind apart.
+/// A row of the table for one kind of part: name within the part, type (for linear axes), help text and read function.
+/// `P` identifies the part within its kind.
 pub struct Row<P>(
     pub &'static str,
     pub Kind,
@@ -160,7 +160,7 @@ const UM: Kind = Kind::Number(Unit::Um);
 const URAD: Kind = Kind::Number(Unit::Urad);
 const MS: Kind = Kind::Number(Unit::Ms);
 
-// Texts and numbers that do not change while the gateway runs are known all the time, others only while it cycles.
+// Values that are constant while the gateway runs are always known; the others only while it cycles.
 #[rustfmt::skip]
 const OF_GATEWAY: &[Row<()>] = &[
     Row("state", Kind::Text, "State of the gateway in one word",
@@ -200,7 +200,7 @@ const OF_AXIS: &[Row<AxisName>] = &[
         |s, axis| good(s, s.proven.get(&axis).map(|proven| Value::Truth(*proven != ProvenName::NotProven)))),
 ];
 
-/// Those in µrad only where the machine has rotary axes.
+/// The quantities in µrad exist only for machines with rotary axes.
 #[rustfmt::skip]
 const OF_TOOL: &[Row<()>] = &[
     Row("error", UM, "Length of the model's position error of the tool tip without correction",
@@ -233,7 +233,7 @@ const OF_CONTROLLER: &[Row<usize>] = &[
         |s, place| of_path(s, place, |path| Some(Value::Truth(path.scheme == SchemeName::Barrier)))),
 ];
 
-/// The quantities of a gateway, in order.
+/// The quantities of a gateway, in table order.
 pub fn quantities(shape: &Shape) -> Vec<Quantity> {
     let mut list = Vec::new();
     for row in OF_GATEWAY {
@@ -263,7 +263,7 @@ pub fn quantities(shape: &Shape) -> Vec<Quantity> {
 }
 
 impl<P: Copy + Send + Sync + 'static> Row<P> {
-    /// The quantity of one part, with the name of its axis, sensor or controller.
+    /// Creates the quantity for one part; `of` is the name of its axis, sensor or controller.
     pub fn quantity(&self, part: Part, of: &str, id: P) -> Quantity {
         let Self(row, kind, help, read) = *self;
         let kind = match (kind, part) {
@@ -290,12 +290,12 @@ impl<P: Copy + Send + Sync + 'static> Row<P> {
 }
 
 impl Quantity {
-    /// The quantity in a state.
+    /// Reads the quantity from a state.
     pub fn read(&self, status: &Status) -> Reading {
         (self.read)(status)
     }
 
-    /// Where it stands for people: folders from the outermost on.
+    /// Display path: folder names, outermost first.
     pub fn folder(&self) -> Vec<&str> {
         match self.part {
             Part::Gateway => vec!["Gateway"],
@@ -306,7 +306,7 @@ impl Quantity {
         }
     }
 
-    /// Its name in its folder: `PositionsAge`.
+    /// Name within its folder in CamelCase, such as `PositionsAge`.
     pub fn name(&self) -> String {
         let words = self.row.split('_').map(|word| {
             let (first, rest) = word.split_at(1);
@@ -316,7 +316,7 @@ impl Quantity {
     }
 }
 
-/// The letters and digits of a name, others as `_`.
+/// Converts a name to a key: letters and digits in lower case, other characters as `_`.
 pub(super) fn key_of(name: &str) -> String {
     let key = |c: char| match c {
         c if c.is_ascii_alphanumeric() => c.to_ascii_lowercase(),
@@ -325,7 +325,7 @@ pub(super) fn key_of(name: &str) -> String {
     name.chars().map(key).collect()
 }
 
-/// Adds a number to the keys of sensors whose names differ in other signs only.
+/// Appends a number to sensor keys that would otherwise be equal, because the names differ only in other characters.
 fn number_twins(list: &mut [Quantity]) {
     let mut taken = BTreeSet::new();
     for quantity in list {
@@ -352,7 +352,7 @@ impl Reading {
         }
     }
 
-    /// The value, where it holds now.
+    /// The value if it is valid now.
     pub fn current(&self) -> Option<&Value> {
         let is_current = self.quality <= Quality::Doubtful;
         self.value.as_ref().filter(|_| is_current)
@@ -371,7 +371,7 @@ fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
     good(status, value.filter(|_| status.state != StateName::Unknown))
 }
 
-/// A number that is not finite is not known.
+/// Non-finite numbers count as unknown.
 fn number(value: Option<f64>) -> Option<Value> {
     value.filter(|value| value.is_finite()).map(Value::Number)
 }
@@ -388,12 +388,12 @@ fn of_path(status: &Status, place: usize, value: impl Fn(&PathState) -> Option<V
     good(status, status.controllers.get(place).and_then(value))
 }
 
-/// The path that corrects.
+/// The path that applies the correction.
 fn active(status: &Status) -> Option<&PathState> {
     status.controllers.iter().find(|path| path.active)
 }
 
-/// A value that was computed from the positions: as good and as old as they are.
+/// Reading of a value computed from the positions, with their quality and age.
 fn by_position(status: &Status, value: Option<f64>) -> Reading {
     let old = Reasons::POSITIONS_STALE | Reasons::POSITIONS_LOST;
     let is_old = (old.texts()).any(|old| status.reasons.iter().any(|reason| reason == old));
@@ -447,15 +447,15 @@ fn temperature(status: &Status, sensor: Option<&SensorState>) -> Reading {
     Reading::new(number(degc), quality, status.age_ms)
 }
 
-/// The length of an error.
+/// Euclidean length of an error vector, in the unit of its components.
 pub(crate) fn length(error: [f64; 3]) -> f64 {
     error.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The reasons of a state, without numbers that would make a new text each time.
+/// The reasons of a state without variable numbers, so that each reason keeps one text.
 pub(crate) fn reasons(status: &Status) -> Vec<&str> {
     let reasons = status.reasons.iter();
-    // The time of a silence, the position that is rejected.
+    // Numbers occur in the duration of a silence and in a rejected position.
     reasons
         .map(|reason| {
             let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());

@@ -1,7 +1,8 @@
-//! The machine file that an engineer has sent: received whole in memory, read and compared with the model in force on a quiet
-//! thread. One at a time; requests name it, so that one engineer does not put the file of another in force unseen.
+//! The uploaded machine file. It is received in memory, then parsed and compared with the active model on a
+//! low-priority thread. There is one candidate at a time; requests refer to it by id, so that an engineer does not
+//! activate another engineer's file unseen.
 //!
-//! Invariant: the candidate is written to disk only where it is put in force; it does not outlive the program.
+//! Invariant: the candidate is written to disk only when it is activated; it does not survive a restart.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -24,12 +25,12 @@ use crate::{
     request::{Reply, refused},
 };
 
-/// The largest machine file, bytes. Reading one takes some fifty times as much memory of the program that corrects.
+/// Maximum size of a machine file, bytes. Parsing needs about fifty times as much memory, in the process that corrects.
 pub(crate) const LARGEST_FILE: usize = 4 * 1024 * 1024;
-/// The largest number of files that are received at one time.
+/// Maximum number of concurrent uploads.
 const AT_ONE_TIME: usize = 4;
 
-/// A place among the files that are received, given back with it.
+/// An upload slot, released on drop.
 pub(crate) struct Place(Arc<Shared>);
 
 impl Drop for Place {
@@ -38,7 +39,7 @@ impl Drop for Place {
     }
 }
 
-/// A place for a file that is received.
+/// Reserves an upload slot.
 pub(super) fn place(shared: &Arc<Shared>) -> Result<Place, Reply> {
     if shared.is_built_in {
         return Err(refused(422, BUILT_IN));
@@ -54,7 +55,7 @@ pub(super) fn place(shared: &Arc<Shared>) -> Result<Place, Reply> {
     }
 }
 
-/// Takes a machine file of `who`, and begins to compare it.
+/// Stores a machine file uploaded by `who` and starts the comparison.
 pub(super) fn take(
     shared: &Arc<Shared>,
     who: &str,
@@ -85,7 +86,8 @@ pub(super) fn take(
         if let Some(held) = &*candidate {
             return Err(held.is_there());
         }
-        // A comparison cannot be stopped: without this, each discarded one would compute on beside the next.
+        // A comparison cannot be stopped: without this check, those of discarded candidates would run concurrently with
+        // the next.
         if shared.is_comparing.swap(true, Ordering::AcqRel) {
             let why = "the machine file that was discarded is still being compared: try again";
             return Err(refused(503, why));
@@ -99,7 +101,7 @@ pub(super) fn take(
     let running = shared.published.model();
     let (of, begun) = (id.clone(), Arc::clone(shared));
     let spawned = quiet::spawn("volcomp-models", shared.cycle_cpu, move || {
-        // A fault of the program in a comparison must not leave a candidate that cannot be discarded.
+        // A panic in a comparison must not leave a candidate that cannot be discarded.
         let work = || compared(bytes, &name, &running.text);
         let done = catch_unwind(AssertUnwindSafe(work));
         let fault = "a fault of the program, written on standard error";
@@ -108,7 +110,7 @@ pub(super) fn take(
     });
     if let Err(e) = spawned {
         shared.is_comparing.store(false, Ordering::Release);
-        // Nobody else has seen it yet, or it is gone.
+        // No other request has seen it, or it is already discarded.
         let _ = shared.discard(&id);
         return Err(refused(503, format!("no thread for it: {e}")));
     }
@@ -116,7 +118,7 @@ pub(super) fn take(
 }
 
 impl Shared {
-    /// Takes the outcome of a comparison; that of a candidate which was discarded meanwhile is dropped.
+    /// Stores the result of a comparison; the result of a discarded candidate is dropped.
     fn done(&self, id: &str, done: Result<(String, CandidateResult), String>) {
         let mut candidate = locked(&self.candidate);
         let Some(held) = candidate.as_mut().filter(|held| held.is(id)) else {
@@ -135,13 +137,12 @@ impl Shared {
         }
     }
 
-    /// Gives the candidate up.
     pub(crate) fn discard(&self, id: &str) -> Result<(), Reply> {
         let taken = locked(&self.candidate).take_if(|held| held.is(id));
         taken.map(drop).ok_or_else(gone)
     }
 
-    /// What can be put in force. `seen` is the hash of the result that the engineer has seen.
+    /// The candidate, ready for activation. `seen` is the hash of the result shown to the engineer.
     pub(crate) fn ready(&self, id: &str, seen: &str) -> Result<Activate, Reply> {
         let candidate = locked(&self.candidate);
         let held = candidate.as_ref().filter(|held| held.is(id));
@@ -154,7 +155,7 @@ impl Held {
         self.document.brief.id == id
     }
 
-    /// The answer to a second engineer.
+    /// The refusal for a second upload.
     fn is_there(&self) -> Reply {
         let CandidateBrief { who, since, .. } = &self.document.brief;
         refused(
@@ -188,7 +189,8 @@ impl Held {
     }
 }
 
-/// Reads a machine file and compares it with the model in force: the text as it is kept, and what the page shows.
+/// Parses a machine file and compares it with the active model. Returns the text to be stored and the result for the
+/// page.
 fn compared(
     bytes: Vec<u8>,
     name: &str,

@@ -1,8 +1,8 @@
-//! The thread that keeps the models on disk and asks the service to take one.
+//! The thread that stores models on disk and requests their activation.
 //!
-//! The order of an activation: the machine file onto the disk under its hash, then the request to the service (which compares,
-//! asks, writes its record and ramps, as for a reload), then onto the disk that it is in force. What could not be written is tried
-//! again, and told meanwhile. A restart in between goes on with the model before.
+//! Order of an activation: machine file to disk under its hash; request to the service, which compares, asks for
+//! confirmation, writes its record and ramps as for a reload; then the activation to disk. Failed writes are retried
+//! and reported. After a restart in between, the previous model is active.
 
 use std::{
     path::PathBuf,
@@ -30,26 +30,26 @@ use crate::{
     request::{Ask, Asked, ModelAsk, Reply, refused},
 };
 
-/// How often the configured machine file is looked at, and what could not be written is tried again.
+/// Interval at which the configured machine file is checked and failed writes are retried.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// A machine file that is in force and could not be kept, for the way back.
+/// An active machine file that could not be stored, so that it cannot be reactivated later.
 struct Unkept {
     hash: String,
     text: String,
     error: String,
 }
 
-/// The side of the thread.
+/// The state of the thread.
 pub(crate) struct Desk {
     shared: Arc<Shared>,
-    /// The machine file that the configuration names.
+    /// Machine file named in the configuration.
     configured: PathBuf,
     kept: ModelsKept,
-    /// Why the model that a person has put in force was not loaded; until another one is put in force.
+    /// Why the model activated by an operator was not loaded; cleared by the next activation.
     damage: Option<String>,
     unkept: Option<Unkept>,
-    /// Why what stands is not on disk.
+    /// Why the state of the models is not on disk.
     unwritten: Option<String>,
 }
 
@@ -65,7 +65,7 @@ impl Desk {
         }
     }
 
-    /// Works until nobody can ask any more.
+    /// Runs until all senders are dropped.
     pub(crate) fn run(mut self, work: &Receiver<Job>) {
         (self.kept, _) = self.shared.store.read();
         if !self.shared.is_built_in {
@@ -86,9 +86,9 @@ impl Desk {
                     patience,
                 }) => {
                     let reply = self.activate(&who, what, confirm, &patience, work);
-                    // Whoever reads the state after the answer finds what the answer says.
+                    // Publish first, so that a state read after the response is consistent with it.
                     self.look();
-                    // Whoever asked may have gone.
+                    // The receiver may have been dropped.
                     let _ = answer.send(reply);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -104,7 +104,7 @@ impl Desk {
         }
     }
 
-    /// Shows how it stands.
+    /// Publishes the current state.
     fn look(&self) {
         let path = &self.configured;
         let mut configured = ConfiguredModel {
@@ -131,7 +131,7 @@ impl Desk {
         told.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
     }
 
-    /// Keeps the machine file of the model in force.
+    /// Stores the machine file of the active model.
     fn keep(&mut self, hash: String, text: String) {
         self.unkept = match self.shared.store.keep(&hash, &text) {
             Ok(()) => None,
@@ -143,7 +143,7 @@ impl Desk {
         };
     }
 
-    /// Takes a line into the history.
+    /// Adds an entry to the history.
     fn note(&mut self, entry: ModelEntry, text: Option<String>) {
         if entry.outcome == ModelOutcome::InForce {
             locked(&self.shared.told).from = entry.from;
@@ -153,13 +153,13 @@ impl Desk {
         }
         let mut newest = self.kept.history.iter().rev();
         let is_again = match entry.outcome {
-            // After a restart the same one corrects.
+            // After a restart the same model is reported again.
             ModelOutcome::InForce if entry.who == GATEWAY => {
                 let last = newest.find(|known| known.outcome == ModelOutcome::InForce);
                 last.is_some_and(|last| (&last.hash, last.from) == (&entry.hash, entry.from))
             }
             ModelOutcome::InForce => false,
-            // Somebody who asks again and again gets one line.
+            // Repeated refusals of the same request get one entry.
             _ => newest.next().is_some_and(|last| {
                 let of = |of: &ModelEntry| (of.hash.clone(), of.outcome, of.who.clone());
                 of(last) == of(&entry)
@@ -181,7 +181,7 @@ impl Desk {
         self.write();
     }
 
-    /// Puts what stands onto the disk.
+    /// Saves the state of the models.
     fn write(&mut self) {
         match self.shared.store.keep_standing(&self.kept) {
             Ok(()) => self.unwritten = None,
@@ -204,7 +204,7 @@ impl Desk {
         patience: &Patience,
         work: &Receiver<Job>,
     ) -> Reply {
-        // A request that has waited behind another one that long does not even begin.
+        // The request timed out while it was queued: do not start it.
         if patience.left().is_zero() {
             tracing::warn!("models: {who}: {GIVEN_UP}");
             return refused(503, GIVEN_UP);
@@ -238,7 +238,7 @@ impl Desk {
         let Ok(mut reply) = answered.blocking_recv() else {
             return refused(503, "the gateway is stopping");
         };
-        // The service has told of it before it answered. Requests that came meanwhile are told to come again.
+        // The service sent its note before the response. Activations requested meanwhile are refused.
         while let Ok(job) = work.try_recv() {
             match job {
                 Job::Noted(entry, text) => self.note(*entry, text),
@@ -264,13 +264,14 @@ impl Desk {
             reloaded.note = Some(why.clone());
         }
         if let Some(id) = candidate {
-            // Somebody may have discarded it meanwhile.
+            // It may have been discarded meanwhile.
             let _ = self.shared.discard(&id);
         }
         reply
     }
 
-    /// What differs from the model in force; nothing of a file that is none: the service refuses that by its name.
+    /// Differences from the active model; none if the file is not a valid machine, because the service reports that
+    /// error.
     fn compared(&self, new: Option<&Machine>) -> Differences {
         let running = self.shared.published.model();
         let running = Machine::parse(&running.text, "the model in force");
@@ -280,7 +281,8 @@ impl Desk {
         }
     }
 
-    /// The machine file on disk, and the request to the service; with the candidate that it comes from.
+    /// Puts the machine file on disk and builds the request to the service; also returns the id of the candidate it
+    /// came from.
     fn prepared(
         &self,
         what: Activate,
@@ -335,5 +337,5 @@ impl Desk {
     }
 }
 
-/// Who tells what was found at the start.
+/// `who` of the entries recorded at start-up.
 const GATEWAY: &str = "gateway";

@@ -1,4 +1,4 @@
-//! The displacement error along the diagonals of the work space, by two models.
+//! The displacement error along the diagonals of the working volume, for two models.
 
 use volcomp_model::{Fading, Machine, ModelError};
 use volcomp_runtime::Model;
@@ -6,11 +6,12 @@ use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::documents::ModelDiagonal;
 
-/// A diagonal is told in so many equal steps.
+/// Number of equal steps per diagonal.
 const STEPS: usize = 40;
 
-/// The diagonals of the linear axes, rotary ones at zero or the nearest end of travel: four of three axes, two of two. The error is
-/// that of the displacement from the beginning of the diagonal (ISO 230-6), without correction and without temperatures.
+/// The errors along the diagonals of the linear axes: four diagonals of three axes, two of two. Rotary axes are at zero
+/// or the nearest end of travel. The error is that of the displacement from the start of the diagonal (ISO 230-6),
+/// without correction and at the reference temperature.
 pub(crate) fn diagonals(
     before: &Machine,
     after: &Machine,
@@ -30,7 +31,7 @@ pub(crate) fn diagonals(
     if linear.len() < 2 {
         return Ok(Vec::new());
     }
-    // As ISO 230-6 names them: one axis at the most goes backward, of two axes the first.
+    // As in ISO 230-6: at most one axis moves backward, and of two axes the first.
     let backward = (0..linear.len()).take(if linear.len() == 2 { 1 } else { 3 });
     core::iter::once(None)
         .chain(backward.map(Some))
@@ -38,7 +39,8 @@ pub(crate) fn diagonals(
         .collect()
 }
 
-/// `NPP` of X backward, Y and Z forward, `NP0` where Z is not moved; of axes by other letters their signs, `−U +V`.
+/// The name of a diagonal: `NPP` for X backward, Y and Z forward; `NP0` if Z does not move; signs such as `−U +V` for
+/// other axis letters.
 fn name(linear: &[AxisName], backward: Option<usize>) -> String {
     let of_cube = [AxisName::X, AxisName::Y, AxisName::Z];
     let goes_back = |place: usize| backward == Some(place);

@@ -1,9 +1,9 @@
-//! New models: machine files that engineers send, their comparison with the model in force, and the way into force, which is
-//! that of a reload.
+//! New models: uploaded machine files, their comparison with the active model, and their activation, which works like a
+//! reload.
 //!
-//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on quiet threads; one thread, the
-//! desk, keeps the models on disk and asks the service to take one. State: the folder of `store`, and the candidate, which does
-//! not outlive the program.
+//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on low-priority
+//! threads; one thread, the desk, stores models on disk and requests their activation. State: the folder of `store`,
+//! and the candidate, which does not survive a restart.
 
 use std::{
     path::PathBuf,
@@ -38,27 +38,27 @@ use desk::Desk;
 use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared};
 use store::Store;
 
-/// The models of a machine, as the dashboard has them.
+/// The models of a machine, as used by the dashboard.
 #[derive(Clone)]
 pub struct Models {
     shared: Arc<Shared>,
     jobs: Sender<Job>,
 }
 
-/// Where the service tells what became of a model. Without a desk nothing is told.
+/// Channel on which the service reports the outcomes of models; without a desk, reports are dropped.
 #[derive(Clone, Default)]
 pub struct ModelNotes(Option<Sender<Job>>);
 
 impl ModelNotes {
-    /// Tells what became of a model; with its machine file where it is in force.
+    /// Reports the outcome of a model; `text` is its machine file if it was activated.
     pub(crate) fn tell(&self, entry: ModelEntry, text: Option<String>) {
         if let Some(jobs) = &self.0 {
-            // The desk has ended only where the gateway ends.
+            // The desk ends only when the gateway ends.
             let _ = jobs.send(Job::Noted(Box::new(entry), text));
         }
     }
 
-    /// Tells that the configuration names another machine file.
+    /// Reports a new machine file in the configuration.
     pub(crate) fn configured(&self, machine: PathBuf) {
         if let Some(jobs) = &self.0 {
             let _ = jobs.send(Job::Configured(machine));
@@ -67,10 +67,11 @@ impl ModelNotes {
 }
 
 impl Models {
-    /// Begins to keep the models of a machine. `is_built_in`: the built-in simulation runs, whose machine file cannot change.
+    /// Starts managing the models of a machine. `is_built_in`: the built-in simulation runs, whose machine file cannot
+    /// change.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system cannot create a thread.
     pub fn start(
         config: &Config,
         is_built_in: bool,
@@ -99,12 +100,11 @@ impl Models {
         Ok(Self { shared, jobs })
     }
 
-    /// Where the service tells what became of a model.
+    /// Channel on which the service reports the outcomes of models.
     pub fn notes(&self) -> ModelNotes {
         ModelNotes(Some(self.jobs.clone()))
     }
 
-    /// How it stands.
     pub(crate) fn state(&self) -> ModelState {
         let shared = &self.shared;
         let model = shared.published.model();
@@ -132,29 +132,27 @@ impl Models {
         }
     }
 
-    /// A place for a file that is received.
+    /// Reserves an upload slot.
     pub(crate) fn place(&self) -> Result<Place, Reply> {
         candidate::place(&self.shared)
     }
 
-    /// Takes a machine file of `who`, and begins to compare it.
+    /// Stores a machine file uploaded by `who` and starts the comparison.
     pub(crate) fn take(&self, who: &str, name: &str, bytes: Vec<u8>) -> Result<Candidate, Reply> {
         candidate::take(&self.shared, who, name, bytes)
     }
 
-    /// The candidate, where there is one.
     pub(crate) fn candidate(&self) -> Option<Candidate> {
         let candidate = locked(&self.shared.candidate);
         candidate.as_ref().map(|held| held.document.clone())
     }
 
-    /// Gives the candidate up.
     pub(crate) fn discard(&self, id: &str) -> Result<ModelState, Reply> {
         self.shared.discard(id)?;
         Ok(self.state())
     }
 
-    /// Asks the desk to put the candidate in force. `hash`: that of the result which `who` has seen.
+    /// Requests activation of the candidate. `hash` is that of the result shown to `who`.
     pub(crate) fn activate(
         &self,
         who: &str,
@@ -166,7 +164,7 @@ impl Models {
         Ok(self.ask(who, what, confirm))
     }
 
-    /// Asks the desk to put a model that is kept in force, or the configured machine file.
+    /// Requests activation of a stored model or of the configured machine file.
     pub(crate) fn back(
         &self,
         who: &str,
@@ -183,7 +181,7 @@ impl Models {
     fn ask(&self, who: &str, what: Activate, confirm: Option<String>) -> Answering {
         let (answer, answered) = oneshot::channel();
         let patience = Patience::begin();
-        // Where the desk has ended the receiver tells so.
+        // If the desk has ended, the receiver returns an error.
         let _ = self.jobs.send(Job::Activate {
             who: who.to_owned(),
             what,
@@ -195,14 +193,14 @@ impl Models {
     }
 }
 
-/// The answer to a request that the desk has, waited for.
+/// A pending response of the desk.
 pub(crate) struct Answering {
     answered: oneshot::Receiver<Reply>,
     patience: Patience,
 }
 
 impl Answering {
-    /// The answer. A disk that hangs is waited for only so long, and the request is given up then.
+    /// Waits for the response. If the disk hangs, the request times out and is withdrawn.
     pub(crate) async fn answer(self) -> Reply {
         let Self {
             mut answered,
@@ -213,7 +211,7 @@ impl Answering {
                 tracing::warn!("models: {GIVEN_UP}");
                 return refused(503, GIVEN_UP);
             }
-            // The service has it, which answers in its time.
+            // The service already has the request and responds within its own timeout.
             Err(_) => answered.await,
             Ok(ended) => ended,
         };

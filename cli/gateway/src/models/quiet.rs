@@ -1,4 +1,4 @@
-//! Threads that must not disturb the cycle: on other processors than its own, at low priority.
+//! Threads that must not disturb the cycle: other processors, low priority.
 
 use std::{io, thread};
 
@@ -7,16 +7,16 @@ use rustix::{
     thread::{CpuSet, sched_getaffinity, sched_setaffinity},
 };
 
-/// The niceness of work that can wait.
+/// Nice value of background work.
 const NICE: i32 = 15;
 
-/// Begins work on a quiet thread. `cycle_cpu`: the processor on which the cycle stays, where it has one of its own.
+/// Spawns a low-priority thread. `cycle_cpu` is the processor reserved for the cycle, if any.
 pub(crate) fn spawn(
     name: &str,
     cycle_cpu: Option<usize>,
     work: impl FnOnce() + Send + 'static,
 ) -> io::Result<()> {
-    // What it logs is of the machine of whoever starts it.
+    // The thread logs under the span of the machine that starts it.
     let span = tracing::Span::current();
     thread::Builder::new()
         .name(name.to_owned())
@@ -29,8 +29,8 @@ pub(crate) fn spawn(
     Ok(())
 }
 
-/// Leaves the processor of the cycle, and takes what others leave of the rest. What the operating system refuses is no reason
-/// not to work: the cycle has real-time priority besides.
+/// Moves this thread off the processor of the cycle and lowers its priority. Failures are ignored: the cycle also has
+/// real-time priority.
 fn step_back(cycle_cpu: Option<usize>) {
     if let (Some(cpu), Ok(set)) = (cycle_cpu, sched_getaffinity(None))
         && let Some(others) = without(set, cpu)
@@ -38,13 +38,13 @@ fn step_back(cycle_cpu: Option<usize>) {
     {
         tracing::debug!("not off processor {cpu}: {e}");
     }
-    // Linux: of this thread alone.
+    // On Linux this affects the calling thread only.
     if let Err(e) = setpriority_process(None, NICE) {
         tracing::debug!("no lower priority: {e}");
     }
 }
 
-/// The other processors; `None`: there is no other.
+/// Removes a processor from a set; `None` if no other processor remains.
 fn without(mut set: CpuSet, cpu: usize) -> Option<CpuSet> {
     if cpu < CpuSet::MAX_CPU {
         set.unset(cpu);

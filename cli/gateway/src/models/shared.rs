@@ -1,4 +1,4 @@
-//! What the threads of the models share: what is shown, what waits, and how long.
+//! State shared by the threads of the models.
 
 use std::{
     path::PathBuf,
@@ -19,10 +19,10 @@ use crate::{
     request::{Asks, Reply, refused},
 };
 
-/// What the threads share. Nothing that holds one of its locks waits for a disk.
+/// State shared by the threads. No holder of its locks waits for a disk.
 pub(super) struct Shared {
     pub(super) store: Store,
-    /// The built-in simulation has its own machine file.
+    /// True for the built-in simulation, whose machine file cannot be replaced.
     pub(super) is_built_in: bool,
     pub(super) cycle_cpu: Option<usize>,
     pub(super) published: Published,
@@ -31,42 +31,41 @@ pub(super) struct Shared {
     pub(super) told: Mutex<Told>,
     pub(super) candidate: Mutex<Option<Held>>,
     pub(super) uploading: AtomicUsize,
-    /// Whether a machine file is being compared, also one that was discarded.
+    /// Whether a comparison is running, even if its candidate was discarded.
     pub(super) is_comparing: AtomicBool,
 }
 
-/// What the dashboard shows of the desk.
+/// State of the desk shown on the dashboard.
 #[derive(Default)]
 pub(super) struct Told {
     pub(super) kept: ModelsKept,
-    /// The models that are on disk.
+    /// Hashes of the models on disk.
     pub(super) there: Vec<String>,
-    /// Where the model in force comes from.
+    /// Origin of the active model.
     pub(super) from: ModelSource,
     pub(super) configured: ConfiguredModel,
     pub(super) trouble: Option<String>,
 }
 
-/// What is to be put in force.
+/// The model to activate.
 pub(super) enum Activate {
-    /// What somebody has made.
+    /// The uploaded candidate.
     Candidate {
         id: String,
         hash: String,
         text: String,
         file: String,
     },
-    /// A model that is kept, by its hash.
+    /// A stored model, by its hash.
     Kept(String),
-    /// The machine file that the configuration names, as it is on disk.
+    /// The machine file named in the configuration, as it is on disk.
     Configured,
 }
 
-/// A piece of work for the desk.
 pub(super) enum Job {
-    /// What became of a model, and the machine file where it is in force.
+    /// The outcome of a model, with its machine file if it was activated.
     Noted(Box<ModelEntry>, Option<String>),
-    /// The configuration names this machine file from now on.
+    /// The configuration now names this machine file.
     Configured(PathBuf),
     Activate {
         who: String,
@@ -77,18 +76,18 @@ pub(super) enum Job {
     },
 }
 
-/// The candidate, and the machine file that is put in force.
+/// The candidate and its machine file.
 pub(super) struct Held {
     pub(super) document: Candidate,
-    /// The machine file as it is kept; `None` until it was read.
+    /// The text to be stored; `None` until the file was parsed.
     pub(super) text: Option<String>,
 }
 
-/// The longest time until the service is asked. What waits for a disk that hangs is not done later, when nobody expects it any
-/// more: whoever asked hears that it is given up before the request is too old to be answered.
+/// Timeout until the request is passed to the service. A request delayed by a disk that hangs must not take effect
+/// later, unexpectedly: the client receives the timeout before the request becomes too old for a response.
 const WITHIN: Duration = Duration::from_secs(5);
 
-/// The patience for one request: either it goes to the service, or whoever asked gives it up. Never both.
+/// The deadline of one request. Invariant: the request is either passed to the service or given up, never both.
 #[derive(Clone, Debug)]
 pub(super) struct Patience {
     until: Instant,
@@ -96,7 +95,7 @@ pub(super) struct Patience {
 }
 
 impl Patience {
-    /// It begins now.
+    /// Starts the timeout.
     pub(super) fn begin() -> Self {
         Self {
             until: Instant::now() + WITHIN,
@@ -104,17 +103,16 @@ impl Patience {
         }
     }
 
-    /// How long it lasts from now on.
     pub(super) fn left(&self) -> Duration {
         self.until.saturating_duration_since(Instant::now())
     }
 
-    /// Whether the request may go to the service now; it goes there then.
+    /// Claims the request for the service; `false` if it has timed out or was given up.
     pub(super) fn lets_go_on(&self) -> bool {
         !self.left().is_zero() && !self.is_decided.swap(true, Ordering::AcqRel)
     }
 
-    /// Whether the request is given up now: it does not go to the service any more.
+    /// Gives the request up; `false` if it has already been passed to the service.
     pub(super) fn gives_up(&self) -> bool {
         !self.is_decided.swap(true, Ordering::AcqRel)
     }
@@ -122,10 +120,10 @@ impl Patience {
 
 pub(super) const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
 
-/// Why a model was not put in force where the disk has not answered in time.
+/// The refusal after a timeout of the disk.
 pub(super) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not put in force, and will not be later. Try again once it answers";
 
-/// The answer where a request names a candidate that is not there any more.
+/// The refusal of a request for a candidate that no longer exists.
 pub(super) fn gone() -> Reply {
     refused(
         409,

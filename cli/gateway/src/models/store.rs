@@ -1,7 +1,7 @@
-//! The folder in which the models of a machine are kept: `models` beside the audit log.
+//! The folder of stored models: `models` beside the audit log.
 //!
-//! `standing.json` says which model a person has put in force, and what became of each; it is replaced whole. Machine files
-//! are kept by their hash and checked by it when they are read. A machine file is on disk before anything is done by it.
+//! `standing.json` records the model activated by an operator and the history; it is replaced atomically. Machine files
+//! are named by their hash, which is verified on reading. A machine file is on disk before it has any effect.
 
 use std::{
     collections::BTreeSet,
@@ -19,13 +19,13 @@ use crate::{
 };
 
 const STANDING: &str = "standing.json";
-/// The largest number of lines of the history; the models of these lines are kept, no others.
+/// Maximum number of history entries; only the models of these entries are kept.
 pub(crate) const MOST: usize = 100;
 
-/// This much of the disk stays free, bytes: the audit log, without which nothing is armed, needs room.
+/// Disk space that must remain free, bytes: the audit log needs it, and without the log nothing is armed.
 const RESERVE: u64 = 64 * 1024 * 1024;
 
-/// The folder.
+/// Access to the folder.
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     dir: PathBuf,
@@ -39,20 +39,20 @@ impl Store {
         }
     }
 
-    /// The machine file of a model, by its hash.
+    /// Path of the machine file with this hash.
     pub(crate) fn machine(&self, hash: &str) -> PathBuf {
-        // A hash from outside is not a path.
+        // The hash comes from a client and must not act as a path.
         let hash = hash.strip_prefix("sha256:").unwrap_or(hash);
         let digits: String = hash.chars().filter(char::is_ascii_hexdigit).collect();
         self.dir.join(format!("machine-{digits}.toml"))
     }
 
-    /// Whether a file is one of the models that are kept here.
+    /// Whether a file is a stored model.
     pub(crate) fn holds(&self, machine: &Path) -> bool {
         machine.parent() == Some(&self.dir)
     }
 
-    /// What stands; and what is damaged, in words. A folder that is not there holds nothing.
+    /// The stored state, and a description of any damage. A missing folder counts as empty.
     pub(crate) fn read(&self) -> (ModelsKept, Option<String>) {
         let path = self.dir.join(STANDING);
         let damaged = |error: String| {
@@ -72,7 +72,7 @@ impl Store {
         }
     }
 
-    /// The machine file that a person has put in force, where it is there and whole; else what is damaged.
+    /// Path of the machine file activated by an operator, if it is present and intact; `Err` describes the damage.
     pub(crate) fn in_force(&self) -> Result<Option<PathBuf>, String> {
         let (kept, damage) = self.read();
         if let Some(damage) = damage {
@@ -85,7 +85,7 @@ impl Store {
         Ok(Some(self.machine(&in_force.hash)))
     }
 
-    /// The text of a model that is kept, checked against its hash.
+    /// Text of a stored model, verified against its hash.
     pub(crate) fn text(&self, hash: &str) -> Result<String, String> {
         let path = self.machine(hash);
         let wrong = |what: String| format!("{}: {what}", path.display());
@@ -101,13 +101,13 @@ impl Store {
         }
     }
 
-    /// Makes the folder, for this user alone.
+    /// Creates the folder, accessible to this user only.
     fn make(&self) -> io::Result<()> {
         let mut builder = fs::DirBuilder::new();
         builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Keeps a machine file, where [`RESERVE`] stays free beside it.
+    /// Stores a machine file if [`RESERVE`] remains free.
     pub(crate) fn keep(&self, hash: &str, text: &str) -> io::Result<()> {
         self.make()?;
         if self.text(hash).is_ok() {
@@ -117,7 +117,7 @@ impl Store {
         replace_file(&self.machine(hash), text)
     }
 
-    /// Writes down what stands from now on, and removes the machine files that belong to nothing any more.
+    /// Saves the state, and removes machine files that are no longer referenced.
     pub(crate) fn keep_standing(&self, kept: &ModelsKept) -> io::Result<()> {
         self.make()?;
         replace_file(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
@@ -134,13 +134,13 @@ impl Store {
             let name = path.file_name().and_then(|name| name.to_str());
             let is_ours = name.is_some_and(|name| name.starts_with("machine-"));
             if is_ours && !needed.contains(&path) {
-                // One that stays takes room and does nothing else.
+                // A file that remains only uses space.
                 let _ = fs::remove_file(path);
             }
         }
     }
 
-    /// The hashes of the models that are there, each once, the newest first.
+    /// Hashes of the models on disk, without duplicates, newest first.
     pub(crate) fn there(&self, kept: &ModelsKept) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));
@@ -151,7 +151,7 @@ impl Store {
     }
 }
 
-/// The models that can be needed: those that were in force, and that which is.
+/// Hashes of all models that were active, and of the active one.
 fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
     let was = |entry: &&ModelEntry| entry.outcome == ModelOutcome::InForce;
     let history = kept.history.iter().filter(was);
@@ -159,7 +159,7 @@ fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
     history.chain(kept.in_force.iter().map(|model| model.hash.as_str()))
 }
 
-/// Whether there is no such file, and can be none: what is wrong with the folder is said by whoever opens the log.
+/// Whether the file does not exist. Other errors of the folder are reported when the log is opened.
 fn is_missing(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -170,16 +170,16 @@ fn is_missing(error: &io::Error) -> bool {
     )
 }
 
-/// Puts a line at the end of the history, which keeps the newest.
+/// Appends a history entry; the oldest ones beyond [`MOST`] are dropped.
 pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
     kept.history.push(entry);
     let more = kept.history.len().saturating_sub(MOST);
     kept.history.drain(..more);
 }
 
-/// Refuses a file that would take room of the audit log.
+/// Rejects a file that would use the space reserved for the audit log.
 fn check_room(folder: &Path, bytes: u64) -> io::Result<()> {
-    // A file system that does not state its room is tried.
+    // If the file system does not report its free space, try to write.
     let Ok(disk) = statvfs(folder) else {
         return Ok(());
     };

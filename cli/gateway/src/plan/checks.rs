@@ -1,5 +1,5 @@
-//! What is refused before any device is opened: folders, names, bytes that are used twice, positions and states that no
-//! controller shows, tables that this build does not know.
+//! Checks before any device is opened: folders, names, overlapping bytes, positions and states that no controller
+//! shows, and tables that this build does not support.
 
 use std::{io, path::Path};
 
@@ -16,11 +16,11 @@ use crate::{
     error::GatewayError,
 };
 
-/// The type of the file system of `/sys`, as `statfs` answers it.
+/// File-system type of `/sys`, as returned by `statfs`.
 const SYSFS_MAGIC: FsWord = 0x6265_6572;
 
-/// Refuses a folder of the audit log that cannot be made or written by the user of this program: one that lies below a file,
-/// or is one; one whose name no file system takes; one in a folder that may not be written. Nothing is written.
+/// Rejects an audit-log folder that this user cannot create or write: it is a file or below one, its name is invalid,
+/// or its parent is not writable. Nothing is written.
 pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     let wrong = |found: &Path| {
         let what = if found.starts_with(dir) && found != dir {
@@ -41,13 +41,13 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
         ))
     };
     for above in dir.ancestors() {
-        // What is above a relative path is the folder in which the program was started.
+        // The parent of a relative path is the working directory.
         let above = if above == Path::new("") {
             Path::new(".")
         } else {
             above
         };
-        // A link that leads nowhere is there, and is no folder.
+        // A dangling link exists but is not a folder.
         match (above.symlink_metadata(), above.metadata()) {
             (_, Ok(found)) if found.is_dir() => {
                 can_write_in(above).map_err(|source| refused(above, source))?;
@@ -68,7 +68,7 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
     }
 }
 
-/// Whether nothing is there: missing, or below something that is no folder.
+/// Whether the path does not exist, or a parent is not a folder.
 fn is_missing(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -76,8 +76,8 @@ fn is_missing(error: &io::Error) -> bool {
     )
 }
 
-/// Whether files and folders may be made in a folder. The kernel's own file systems take none, not even from the
-/// superuser, whom `access` lets write everywhere.
+/// Whether files and folders can be created in a folder. The kernel's own file systems reject them even for root, for
+/// whom `access` permits everything.
 fn can_write_in(folder: &Path) -> io::Result<()> {
     access(folder, Access::WRITE_OK | Access::EXEC_OK)?;
     if [PROC_SUPER_MAGIC, SYSFS_MAGIC].contains(&statfs(folder)?.f_type) {
@@ -86,7 +86,7 @@ fn can_write_in(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Refuses a device that stands in two tables.
+/// Rejects a device that is listed in two tables.
 pub(super) fn device_twice(config: &Config, table: &str, url: &str) -> GatewayError {
     GatewayError::invalid_in(
         &config.file,
@@ -94,7 +94,7 @@ pub(super) fn device_twice(config: &Config, table: &str, url: &str) -> GatewayEr
     )
 }
 
-/// Refuses a name of a sensor that nobody can read, or that a sensor of a thermometer before has.
+/// Rejects a sensor name that is blank or already used by an earlier thermometer.
 pub(super) fn sensor_names(
     config: &Config,
     before: &[ThermometerDevice],
@@ -117,8 +117,8 @@ pub(super) fn sensor_names(
     Ok(())
 }
 
-/// Checks that the bytes of a controller, the next one after those `before`, lie apart from one another and from those of the
-/// controllers before.
+/// Checks that the bytes of a controller, which follows those in `before`, do not overlap each other or those of
+/// earlier controllers.
 pub(super) fn overlap(
     config: &Config,
     before: &[Box<dyn ControllerDevice>],
@@ -136,7 +136,7 @@ pub(super) fn overlap(
     Ok(())
 }
 
-/// The error at the key of one block, or at that of the other where the place of the first is the driver's own.
+/// The error at the key of one block, or at that of the other if the driver defines the place of the first.
 fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> GatewayError {
     let source = &config.source;
     let key = |(index, block): &(usize, Block)| format!("controller[{index}].{}", block.key);
@@ -168,7 +168,8 @@ fn overlapping(config: &Config, one: (usize, Block), other: (usize, Block)) -> G
     GatewayError::Place(source.error(&config.file, &place, message))
 }
 
-/// Refuses a controller that is only read before one that writes, or without one: it has no place in the order of preference.
+/// Rejects a read-only controller that precedes a writing one, or stands alone: it has no place in the order of
+/// preference.
 pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     let controllers = &config.controllers;
     let misplaced = controllers.iter().enumerate().find(|(index, own)| {
@@ -187,8 +188,8 @@ pub(super) fn readers_last(config: &Config) -> Result<(), GatewayError> {
     ))
 }
 
-/// Refuses a controller whose correction depends on a position that is never known: every controller that writes needs
-/// the position of every axis of the machine, which it shows itself, another controller shows, or `fixed` states.
+/// Rejects a controller whose correction depends on an unknown position. Every writing controller needs the position of
+/// every axis of the machine: from itself, from another controller, or from `fixed`.
 pub(super) fn positions_known(
     config: &Config,
     model: &Model,
@@ -215,7 +216,7 @@ pub(super) fn positions_known(
     Ok(())
 }
 
-/// The message about axes whose positions nobody tells: what to state for each kind.
+/// The message about axes with unknown positions: the keys to set for each kind.
 fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
     let list = |with: &str| {
         let words = axes.iter().map(|axis| format!("{with}{axis}{with}"));
@@ -245,7 +246,7 @@ fn unknown_positions(axes: &[AxisName], machine: &Path) -> String {
     )
 }
 
-/// The states of a control with their names in `unseen`.
+/// The states of a control by their names in `unseen`.
 pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     [
         ("referenced", states.referenced),
@@ -254,8 +255,8 @@ pub(super) fn by_name(states: ShownStates) -> [(&'static str, bool); 3] {
     ]
 }
 
-/// Refuses a controller that does not show a state of the control unless its `unseen` names it, an `unseen` that names a
-/// state which is shown, and a travel beyond the position word.
+/// Rejects a controller that does not show a state which is not listed in `unseen`, an `unseen` that lists a state
+/// which is shown, and a travel beyond the range of the position word.
 pub(super) fn shown<'a>(
     config: &Config,
     model: &Model,
@@ -288,7 +289,7 @@ pub(super) fn shown<'a>(
     Ok(())
 }
 
-/// Refuses a table that this program was built without.
+/// Rejects a table whose feature is not part of this build.
 pub(super) fn built(config: &Config) -> Result<(), GatewayError> {
     for (is_configured, is_built, table, feature) in [
         (
@@ -316,7 +317,7 @@ pub(super) fn built(config: &Config) -> Result<(), GatewayError> {
     Ok(())
 }
 
-/// Checks the files that `[fleet]` names, and reads what the centre has activated so far.
+/// Checks the files named in `[fleet]` and reads the last activation of the centre.
 #[cfg(feature = "fleet")]
 pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
     use tokio_rustls::rustls::pki_types::{CertificateDer, pem::PemObject};
@@ -333,7 +334,7 @@ pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
     }
     let kept = crate::fleet::kept(fleet);
     let document = crate::documents::FleetPlan {
-        // A seed without a public key was refused with the settings.
+        // A seed without a public key was rejected with the settings.
         nkey: settings.public_key().unwrap_or_default(),
         version: kept.standing.active.unwrap_or(0),
         accepted: kept.standing.highest,
@@ -345,7 +346,7 @@ pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
     }))
 }
 
-/// Refuses a fleet, which this build does not know.
+/// Rejects `[fleet]`, which this build does not support.
 #[cfg(not(feature = "fleet"))]
 pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
     match &config.fleet {

@@ -1,4 +1,4 @@
-//! What a configuration means, as a document: the effective configuration, and what follows from it.
+//! The plan as a document: the effective configuration and what follows from it.
 
 use std::collections::BTreeSet;
 
@@ -57,7 +57,7 @@ fn controllers(plan: &Plan, needs: &[Needs]) -> Vec<ControllerPlan> {
     all.enumerate().map(with_memory).collect()
 }
 
-/// A controller as its driver describes it.
+/// Describes a controller from its driver's description.
 fn of_driver(description: &Description) -> ControllerPlan {
     ControllerPlan {
         url: description.device.clone(),
@@ -74,7 +74,7 @@ fn of_driver(description: &Description) -> ControllerPlan {
     }
 }
 
-/// A controller that is only read.
+/// Describes a controller that is only read.
 fn of_reader(reader: &ReaderPlan) -> ControllerPlan {
     ControllerPlan {
         sees_other_gateways: false,
@@ -112,7 +112,7 @@ fn of_controller(plan: &Plan, path: &PathPlan, needs: &Needs) -> ControllerPlan 
     }
 }
 
-/// The barrier of a path, as it was configured.
+/// The configured barrier of a path.
 fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     let settings = path.barrier?;
     let names = path.description.axes.iter().map(|axis| axis.name);
@@ -125,7 +125,7 @@ fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     })
 }
 
-/// The sensors that the machine's terms name, and those that only a thermometer has.
+/// The sensors used by thermal terms, and those that only a thermometer provides.
 fn sensors(plan: &Plan) -> Vec<SensorPlan> {
     let measured_by = |name: &String| {
         if plan.devices.simulation.is_some() {
@@ -158,15 +158,15 @@ fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
     expansion.chain(drift).collect()
 }
 
-/// What the machine file asks of a path within the travels, µm and µrad.
+/// Correction that the machine file requires of a path within the travels, µm and µrad.
 struct Needs {
-    /// The largest correction of each axis that corrects, without what temperatures add.
+    /// Largest correction of each correcting axis, without thermal effects.
     up_to: ByAxis,
-    /// How much more temperatures may add to it with each kelvin of the sensors; empty without thermal terms.
+    /// Additional correction per kelvin of sensor temperature; empty without thermal terms.
     per_k: ByAxis,
 }
 
-/// What a machine file asks of each path.
+/// Required corrections of all paths.
 fn needs(plan: &Plan) -> Result<Vec<Needs>, ModelError> {
     let kelvin = plan.machine.each_kelvin()?;
     let largest = |path: &PathPlan, of: &dyn Fn(&State) -> PerAxis<f64>| -> ByAxis {

@@ -1,5 +1,5 @@
-//! The meaning of a configuration: everything that can be decided and checked without opening a device. The daemon
-//! opens a plan, `check` prints it, a reload compares it with the one that runs.
+//! A checked configuration: everything that can be determined without opening a device. The daemon opens a plan,
+//! `check` prints it, and a reload compares it with the running one.
 
 use std::{sync::Arc, time::Duration};
 
@@ -27,17 +27,17 @@ mod checks;
 mod describe;
 mod notes;
 
-/// A configuration with everything that it names, checked. No device has been opened.
+/// A checked configuration with everything it refers to. No device has been opened.
 pub struct Plan {
-    /// The configuration that it follows from.
+    /// The source configuration.
     pub config: Config,
     /// The machine with its thermal terms.
     pub model: Model,
-    /// The tokens of the dashboard.
+    /// Tokens of the dashboard.
     pub tokens: Tokens,
-    /// The certificate of the dashboard; `None`: without TLS.
+    /// TLS certificate of the dashboard; `None`: without TLS.
     pub tls: Option<Tls>,
-    /// The names of the temperatures, in order.
+    /// Names of the temperatures, in order.
     pub sensors: Vec<String>,
     fleet: Option<Fleet>,
     machine: Machine,
@@ -47,13 +47,13 @@ pub struct Plan {
     devices: Devices,
 }
 
-/// What the centre of the fleet has activated, and what in the folder of it is damaged, in words.
+/// The last activation of the centre, and a description of any damage in the fleet folder.
 struct Fleet {
     document: FleetPlan,
     damage: Option<String>,
 }
 
-/// The devices that will be opened: those of the configuration, or the built-in simulation.
+/// The devices to open: those of the configuration, or the built-in simulation.
 #[derive(Default)]
 struct Devices {
     controllers: Vec<Box<dyn ControllerDevice>>,
@@ -61,31 +61,31 @@ struct Devices {
     simulation: Option<Box<Simulation>>,
 }
 
-/// A plan whose devices are open.
+/// A plan with open devices.
 pub struct Opened {
-    /// The configuration that it follows from.
+    /// The source configuration.
     pub config: Config,
-    /// The cycle, before its first run.
+    /// The cycle before its first run.
     pub cycle: Cycle,
-    /// A copy of the model that the cycle has.
+    /// A copy of the cycle's model.
     pub model: Arc<Model>,
-    /// The descriptions of the controllers by their drivers, in order.
+    /// Controller descriptions from the drivers, in order.
     pub controllers: Vec<Description>,
-    /// The names of the temperatures, in order.
+    /// Names of the temperatures, in order.
     pub sensors: Vec<String>,
-    /// The true errors of the machine, where it is simulated.
+    /// True errors of the machine if it is simulated.
     pub truth: Option<Truth>,
-    /// The tokens of the dashboard.
+    /// Tokens of the dashboard.
     pub tokens: Tokens,
-    /// The certificate of the dashboard; `None`: without TLS.
+    /// TLS certificate of the dashboard; `None`: without TLS.
     pub tls: Option<Tls>,
 }
 
 impl Plan {
-    /// Checks a configuration and everything that it names.
+    /// Checks a configuration and everything it refers to.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first error found.
     pub fn new(config: Config) -> Result<Self, GatewayError> {
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
         let (devices, machine) = if config.controllers.is_empty() {
@@ -142,29 +142,29 @@ impl Plan {
         })
     }
 
-    /// The limits that the guard of each controller enforces (mm, rad), in order.
+    /// Limits enforced by the guard of each controller (mm, rad), in order.
     pub fn limits(&self) -> Vec<Limits> {
         self.paths.iter().map(|path| path.limits).collect()
     }
 
-    /// The planned controllers, in the order of preference.
+    /// The planned writing controllers, in order of preference.
     pub(crate) fn paths(&self) -> &[PathPlan] {
         &self.paths
     }
 
-    /// The controllers as their drivers describe them: those that write, then those that are only read.
+    /// Controller descriptions from the drivers: writing ones first, then read-only ones.
     pub(crate) fn descriptions(&self) -> impl Iterator<Item = &Description> {
         let readers = self.readers.iter().map(|reader| &reader.description);
         let paths = self.paths.iter().map(|path| &path.description);
         paths.chain(readers)
     }
 
-    /// The limits and times that hold for every controller.
+    /// Limits and times that apply to every controller.
     pub(crate) fn guard(&self) -> &GuardSettings {
         &self.guard
     }
 
-    /// The parts that decide which quantities other systems are told.
+    /// The parts that determine the quantities for other systems.
     pub fn shape(&self) -> Shape {
         let mut axes = self.model.axes.clone();
         axes.sort_unstable();
@@ -176,22 +176,22 @@ impl Plan {
         }
     }
 
-    /// The name of the device that an agent of MTConnect shows.
+    /// Device name shown by an MTConnect agent.
     pub fn shdr_device(&self) -> &str {
         let shdr = self.config.shdr.as_ref();
         let stated = shdr.and_then(|shdr| shdr.device.as_deref());
         stated.unwrap_or(&self.model.name)
     }
 
-    /// Opens the devices and puts the cycle together.
+    /// Opens the devices and builds the cycle.
     ///
     /// # Errors
-    /// A device that cannot be opened.
+    /// A device cannot be opened.
     pub fn open(mut self) -> Result<Opened, GatewayError> {
         let devices = std::mem::take(&mut self.devices);
         let plan = |source| self.config.plan_error(source);
         let (controllers, thermometers, truth) = devices.open().map_err(GatewayError::Device)?;
-        // Each start of each machine has a number of its own.
+        // Each start of each machine has a unique owner number.
         let owner = next_owner();
         let mut controllers = controllers.into_iter();
         let paths = controllers
@@ -219,7 +219,7 @@ impl Plan {
         Ok(Opened { truth, ..opened })
     }
 
-    /// The plan with a cycle that was put together from it.
+    /// Combines the plan with a cycle that was built from it.
     pub(crate) fn opened(self, cycle: Cycle) -> Opened {
         Opened {
             controllers: self.descriptions().cloned().collect(),
@@ -233,18 +233,18 @@ impl Plan {
         }
     }
 
-    /// The plan as `check --json` prints it.
+    /// The plan as printed by `check --json`.
     ///
     /// # Errors
-    /// What the machine needs with each kelvin cannot be computed.
+    /// The required correction per kelvin cannot be computed.
     pub fn document(&self) -> Result<PlanDocument, GatewayError> {
         Ok(describe::document(self)?)
     }
 
-    /// The plan with what the controls tell about themselves when they are asked. Nothing is written to them.
+    /// The plan with the settings reported by the controls. Nothing is written to them.
     ///
     /// # Errors
-    /// A control that cannot be reached, or that contradicts the configuration.
+    /// A control cannot be reached, or contradicts the configuration.
     pub fn online(&self) -> Result<PlanDocument, GatewayError> {
         let controllers = self.devices.controllers.iter();
         let limits = self.paths.iter().map(|path| Some(&path.limits));
@@ -269,7 +269,7 @@ impl Devices {
         names.cloned().collect()
     }
 
-    /// Checks what the configuration names of the controls' own files.
+    /// Checks the files of the controls that the configuration refers to.
     fn check_files(&self, config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
         let needs = paths.iter().map(|path| Some(needs(&path.limits)));
         let needs = needs.chain(std::iter::repeat_with(|| None));
@@ -338,7 +338,7 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
     })
 }
 
-/// How long a control takes from the largest correction to zero that goes there as fast as the guard may slew.
+/// Time a control needs to ramp from the largest correction to zero at the maximum slew rate of the guard.
 fn time_to_zero(guard: &GuardSettings) -> Duration {
     let linear = guard.linear.limit.0 / guard.linear.slew_per_s.0;
     let rotary = guard
@@ -359,7 +359,7 @@ fn paths(
         planned.map_err(|source| config.plan_error(source))
     };
     if let Some(simulation) = &devices.simulation {
-        // Nobody else can reach it.
+        // The simulated control is internal to this process: no other sender can reach it.
         let settings = PathSettings {
             watch: Duration::ZERO,
             barrier: Some(BarrierSettings {
@@ -391,7 +391,7 @@ fn paths(
         .collect()
 }
 
-/// The controllers that are only read, which stand last.
+/// The read-only controllers, which come last.
 fn readers(
     config: &Config,
     devices: &Devices,
@@ -409,7 +409,7 @@ fn readers(
         .collect()
 }
 
-/// Tokens and certificate. Where others can reach the dashboard it needs both.
+/// Reads tokens and certificate. A dashboard that other computers can reach needs both.
 pub(crate) fn dashboard(
     dashboard: &DashboardConfig,
 ) -> Result<(Tokens, Option<Tls>), GatewayError> {

@@ -1,4 +1,4 @@
-//! Notes of a plan: what a person should read before the first start.
+//! Notes of a plan that an operator should read before the first start.
 
 use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
 use volcomp_vocabulary::Displacement;
@@ -6,7 +6,7 @@ use volcomp_vocabulary::Displacement;
 use super::{Plan, checks};
 use crate::documents::{AxisPlan, ControllerPlan, SensorPlan, round};
 
-/// The notes of a plan, in whole sentences.
+/// All notes of a plan, in whole sentences.
 pub(super) fn notes(
     plan: &Plan,
     controllers: &[ControllerPlan],
@@ -101,7 +101,7 @@ fn of_fleet(plan: &Plan) -> Vec<String> {
     clear.into_iter().chain(damage).collect()
 }
 
-/// A rotary axis that may correct and does not.
+/// A rotary axis that could correct but does not.
 fn of_left_out(path: &PathPlan, LeftOut { axis, why }: LeftOut) -> String {
     let device = &path.description.device;
     match why {
@@ -116,7 +116,7 @@ fn of_left_out(path: &PathPlan, LeftOut { axis, why }: LeftOut) -> String {
     }
 }
 
-/// Linear axes that rotary axes turn nearly into one direction somewhere.
+/// Linear axes that rotary axes turn into nearly the same direction at some pose.
 fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
     let pose = plan.model.linear_near_singular(&path.correctors)?;
     let axes = plan.model.axes.iter().zip(&pose);
@@ -134,7 +134,7 @@ fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
     ))
 }
 
-/// A ramp that takes longer than it is asked to.
+/// A ramp that takes longer than configured.
 fn ramp(plan: &Plan) -> Option<String> {
     let asked = plan.guard.ramp;
     let taken = plan.paths.iter().map(|path| path.limits.ramp_taken());
@@ -147,7 +147,7 @@ fn ramp(plan: &Plan) -> Option<String> {
     ))
 }
 
-/// What is to be noted of the axes of a controller: once for all axes of which the same holds.
+/// Merges equal notes about the axes of a controller.
 fn by_axes(
     controller: &ControllerPlan,
     of_axis: impl Fn(&AxisPlan) -> Option<String>,
@@ -167,10 +167,10 @@ fn by_axes(
     })
 }
 
-/// A limit that is lowered since there is no barrier, or is no whole number of steps.
+/// A limit that is reduced because there is no barrier, or that is not a whole number of steps.
 fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
     let asked = round(plan.guard.of(axis.name)?.limit.um_or_urad());
-    // One at 0 does not correct, which another note says.
+    // An axis limited to 0 does not correct; another note covers it.
     if asked == axis.limit || axis.limit == 0.0 {
         return None;
     }
@@ -190,7 +190,7 @@ fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
     ))
 }
 
-/// A limit below what the machine file asks for somewhere.
+/// A limit below the largest correction of the machine file.
 fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
     let (needs, unit) = (*controller.needs.get(&axis.name)?, &axis.unit);
     (needs > axis.limit + axis.resolution).then(|| {
@@ -201,7 +201,7 @@ fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> 
     })
 }
 
-/// A test shift that is larger than it is asked to be, or is not made although it is asked for.
+/// A test shift that is larger than configured, or cannot be made.
 fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
     let device = plan.devices.controllers.get(index);
     let is_coarse = device.is_some_and(|device| device.settings().is_coarse);

@@ -1,62 +1,62 @@
-//! The catalogue of faults: what is done to the simulated machine, to the way to it, and to the gateway.
+//! Catalogue of faults of the simulated machine, the connection to it, and the gateway.
 
 use std::time::Duration;
 
 use volcomp_port::inject::{Faults, Injection, Lie};
 
-/// One fault of the catalogue.
+/// A fault of the catalogue.
 #[derive(Clone, Copy, Debug)]
 pub struct Fault {
-    /// The name, as `--fault` takes it.
+    /// Name, as given to `--fault`.
     pub name: &'static str,
-    /// What it stands for.
+    /// Description of the fault.
     pub meaning: &'static str,
-    /// What is done.
+    /// The action that causes the fault.
     pub(super) act: Act,
-    /// A step that nobody can notice without a barrier: it is bounded by the limit only.
+    /// The fault causes a step that cannot be detected without a barrier; only the limit bounds it.
     pub(super) is_unseen_without_barrier: bool,
-    /// It tells the gateway that the machine may move while it may not; only a barrier can hold then.
+    /// The fault reports to the gateway that the machine may be moved while it may not; only a barrier can hold then.
     pub(super) hides_interlock: bool,
 }
 
-/// What is done for the time of a fault.
+/// Action taken for the duration of a fault.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Act {
-    /// Nothing: the machine is corrected.
+    /// No action: normal correction.
     Nothing,
-    /// Faults by chance.
+    /// Random faults.
     Chance(Faults),
-    /// One fault, asked for again and again.
+    /// One fault, injected periodically.
     Directed(Injection),
-    /// Each so many cycles, so many readings tell the position of the first axis from the other end of its travel.
+    /// Every `every` cycles, `readings` readings show the position of the first axis mirrored between the ends of its
+    /// travel.
     OtherEnd {
         every: u64,
         readings: u32,
     },
-    /// Writes are held back, and all of them delivered at the end.
+    /// Writes are delayed and all delivered at the end.
     HeldBack,
     EmergencyStop,
     Alarm,
     Unreferenced,
-    /// The emergency stop is pressed while readings say that it is not.
+    /// The emergency stop is pressed, but readings do not show it.
     HiddenStop,
-    /// The same, by chance.
+    /// As `HiddenStop`, at random.
     HiddenStopByChance,
-    /// The control starts anew; its words keep their values.
+    /// The control restarts; its words keep their values.
     Reset,
-    /// The control is switched off and on; its words are cleared.
+    /// The control is power-cycled; its words are cleared.
     PowerUp,
-    /// The program in the control stops.
     ProgramStopped,
-    /// Somebody else writes random words.
+    /// Another sender writes random words.
     Garbage,
-    /// The gateway is ended without ramping out and started anew.
+    /// The gateway is killed without ramping out, then restarted.
     Restart,
-    /// The connection is gone for longer than positions may be missing.
+    /// The connection is lost for longer than positions may be missing.
     PositionsLost,
     /// A temperature jumps by 15 K.
     SensorJump,
-    /// A temperature is no number or wrong, by chance.
+    /// Temperatures are randomly NaN or wrong.
     SensorCorrupt,
 }
 
@@ -84,12 +84,12 @@ const NONE: Faults = Faults {
     lag: 0,
 };
 
-/// The chance of a call, where a fault comes by chance.
+/// Probability per call of a random fault.
 const CHANCE: f64 = 0.1;
-/// The chance of what lasts or stops everything.
+/// Probability per call of a random fault that lasts or stops everything.
 const SELDOM: f64 = 0.02;
 
-/// Those that come by chance, at once.
+/// All random faults combined.
 const ALL: Faults = Faults {
     drop: SELDOM,
     corrupt: SELDOM,
@@ -137,7 +137,7 @@ const fn lie(lie: Lie) -> Act {
     Act::Directed(Injection::Lie { lie, readings: 5 })
 }
 
-/// Of the first axis.
+/// A wrong position of the first axis: `factor` · position + `add`.
 const fn wrong_position(factor: f64, add: f64) -> Act {
     Act::Directed(Injection::WrongPosition {
         axis: 0,
@@ -147,11 +147,11 @@ const fn wrong_position(factor: f64, add: f64) -> Act {
     })
 }
 
-/// Every fault, in the order in which they are rehearsed.
+/// All faults, in the order of the rehearsal.
 #[rustfmt::skip]
 pub const CATALOGUE: &[Fault] = &[
     fault("none", "no fault: start, ramp, correction", Act::Nothing),
-    // By chance.
+    // Random faults.
     fault("delay", "a busy network", Act::Chance(Faults { delay: Duration::from_millis(1), jitter: true, ..NONE })),
     fault("drop", "answers that are lost", Act::Chance(Faults { drop: CHANCE, ..NONE })),
     fault("corrupt", "positions that are wrong or no number", Act::Chance(Faults { corrupt: CHANCE, ..NONE })),
@@ -171,7 +171,7 @@ pub const CATALOGUE: &[Fault] = &[
     fault("flicker", "a count that flickers", Act::Chance(Faults { flicker: CHANCE, ..NONE })),
     fault("lag", "positions five readings late", Act::Chance(Faults { lag: 5, ..NONE })),
     unseen("all", "all of these at once", Act::Chance(ALL)),
-    // Asked for.
+    // Injected faults.
     fault("lie_value", "five read-backs with a wrong value", lie(Lie::Value)),
     fault("lie_not_a_number", "five read-backs that are no number", lie(Lie::NotANumber)),
     unseen("lie_other_axis", "five read-backs of another axis", lie(Lie::OtherAxis)),
@@ -195,7 +195,7 @@ pub const CATALOGUE: &[Fault] = &[
     fault("flicker_one", "single counts that flicker", Act::Directed(Injection::Flicker { axis: 0 })),
     fault("lag_20", "positions 20 readings late", Act::Directed(Injection::Lag(20))),
     fault("disconnect_50", "50 calls without a connection", Act::Directed(Injection::Disconnect { calls: 50 })),
-    // Of the control, the gateway and the sensors.
+    // Faults of the control, the gateway and the sensors.
     fault("emergency_stop", "the emergency stop is pressed", Act::EmergencyStop),
     fault("alarm", "the control has an alarm", Act::Alarm),
     fault("unreferenced", "the axes lose their reference", Act::Unreferenced),

@@ -1,4 +1,4 @@
-//! What the axes did against the rules.
+//! Compares the motion of the axes with the rules.
 
 use std::time::Duration;
 
@@ -16,15 +16,15 @@ use super::{
 };
 use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
 
-/// A sum of steps is no exact number: this much of a step is forgiven.
+/// Tolerance for the rounding of summed steps, in steps.
 const ROUNDING: f64 = 1e-6;
 
-/// When a fault begins.
+/// Phase in which a fault starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     /// The correction follows the model.
     Compensating,
-    /// The correction is on its way in.
+    /// The correction is ramping in.
     Ramping,
 }
 
@@ -37,30 +37,30 @@ impl Phase {
     }
 }
 
-/// What became of the gateway.
+/// Behaviour of the gateway under a fault.
 pub(super) struct Findings {
-    /// It was armed before the fault.
+    /// Whether it was armed before the fault.
     pub(super) ready: bool,
-    /// How long after the fault it compensated again.
+    /// Time from the fault until it compensated again.
     pub(super) again: Option<Duration>,
-    /// What a person had to do for that.
+    /// Operator actions needed for that.
     pub(super) needed: Vec<&'static str>,
-    /// Why the last state was what it was.
+    /// Reasons of the last state.
     pub(super) reasons: Reasons,
     pub(super) worst: State,
-    /// A position was not believed.
+    /// Whether a position was rejected.
     pub(super) disbelieved: bool,
 }
 
-/// Whether only the limit bounds what a fault can do: it makes a step that nobody can notice.
+/// Whether only the limit bounds the effect of a fault, because it causes an undetectable step.
 fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
-    // Whoever cannot ask the control cannot know that somebody else changed it.
+    // Without read-back the gateway cannot detect that the words in the control have changed.
     let is_unknown =
         path.no_read_back && matches!(fault.act, Act::PowerUp | Act::ProgramStopped | Act::Garbage);
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 
-/// Whether the gateway can know that the machine must not be moved. With a barrier the control itself holds.
+/// Whether the gateway can detect that the machine must not be moved. With a barrier the control itself holds.
 fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
     let shown = path.description.shown;
     let is_shown = match fault.act {
@@ -87,7 +87,7 @@ pub(super) fn judge(
     for (place, axis) in path.description.axes.iter().enumerate() {
         let limits = &path.limits.axes[place];
         let overwritten = matches!(fault.act, Act::Garbage) && rig.barrier.is_none();
-        // What somebody else wrote was there already: it is led in from there.
+        // The values of the other sender were already applied; the correction ramps in from there.
         let most = if overwritten {
             limits.limit * GARBAGE
         } else {
@@ -175,7 +175,7 @@ pub(super) fn judge(
     }
 }
 
-/// How many µm are a mm, and how many µrad a rad.
+/// Factor from mm to µm, or from rad to µrad.
 pub(super) fn in_shown_unit(kind: AxisKind) -> f64 {
     match kind {
         AxisKind::Linear => 1e3,
@@ -183,7 +183,7 @@ pub(super) fn in_shown_unit(kind: AxisKind) -> f64 {
     }
 }
 
-/// The unit in which people read it.
+/// Unit for display.
 pub(super) fn unit(kind: AxisKind) -> &'static str {
     match kind {
         AxisKind::Linear => "µm",

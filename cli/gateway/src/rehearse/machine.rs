@@ -1,4 +1,4 @@
-//! The simulated machine that takes the place of a configured controller, and the way to it.
+//! The simulated machine that replaces a configured controller, and the connection to it.
 
 use std::{
     sync::{
@@ -30,42 +30,43 @@ use crate::{
     plan::{Opened, Plan},
 };
 
-/// The time of one move through the work space.
+/// Duration of one move through the working volume, s.
 const MOVE_S: f64 = 4.0;
-/// The time from standstill to feed.
+/// Duration of the acceleration from standstill to feed, s.
 const ACCELERATING_S: f64 = 0.4;
 
-/// The way to a simulated machine, shared by the runs of a gateway and the rehearsal.
+/// Connection to a simulated machine, shared by the runs of a gateway and the rehearsal.
 type Way = Arc<Mutex<Faulty<Wire>>>;
 
-/// A simulated machine in the place of a configured one, and everything by which it can be disturbed. Its time is counted.
+/// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced
+/// explicitly.
 pub struct Rig {
     pub(super) path: PathPlan,
     pub(super) clock: Clock,
     pub(super) way: Way,
     pub(super) thermometer: Option<Thermometers>,
-    /// The switches of the machine, and what its axes got.
+    /// Switches of the machine and the record of its axis motion.
     pub controls: Arc<Controls>,
-    /// The program of the control stands.
+    /// True while the control's program is stopped.
     pub(super) stopped: Arc<AtomicBool>,
-    /// The barrier in the control, where it has one.
+    /// The barrier in the control, if there is one.
     pub(super) barrier: Option<Settings>,
 }
 
-/// A simulated control in the shape of a configured one.
+/// A simulated control with the description of the configured one.
 pub(super) struct Wire {
     pub(super) control: SimulatedController,
     description: Description,
     stopped: Arc<AtomicBool>,
 }
 
-/// A controller that a cycle holds, while the rehearsal keeps the way.
+/// The controller used by a cycle; the rehearsal shares its connection.
 struct Held {
     description: Description,
     way: Way,
 }
 
-/// The program of a control, which may be stopped: then its report stays as it is, and the axes stand.
+/// A control program that can be stopped: its report then stays constant, and the outputs do not change.
 struct Stoppable {
     program: Program,
     stopped: Arc<AtomicBool>,
@@ -99,7 +100,7 @@ impl Controller for Wire {
         if !self.description.tells_applied {
             snapshot.applied = None;
         }
-        // What the configured device does not show is taken as the driver takes it.
+        // States that the configured device does not show get the driver's default values.
         let shown = self.description.shown;
         snapshot.state.referenced |= !shown.referenced;
         snapshot.state.alarm &= shown.alarm;
@@ -113,7 +114,7 @@ impl Controller for Wire {
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if self.stopped.load(Ordering::Relaxed) {
-            // The words arrive, and nobody copies them to the axes.
+            // The control receives the words, but its stopped program does not apply them.
             return Ok(());
         }
         self.control.apply(corrections, deadline)
@@ -148,21 +149,21 @@ impl Controller for Held {
 }
 
 impl Rig {
-    /// A machine at its start, in the place of the first controller of a plan.
+    /// Creates a machine in its initial state, in place of the first controller of a plan.
     ///
     /// # Errors
-    /// Limits to which no barrier can be set, or a plan without a controller.
+    /// No barrier can be set to the limits, or the plan has no controller.
     pub fn of(plan: &Plan) -> Result<Self, GatewayError> {
         let path = plan.paths().first();
         let path = path.ok_or_else(|| GatewayError::invalid("no controller, expected one"))?;
         Self::new(plan, path, 1, 1)
     }
 
-    /// A machine at its start, with its thermometer. The barrier in its control goes `rate` times as fast as it is said to:
-    /// 1, except for tests of the rehearsal itself.
+    /// Creates a machine in its initial state, with its thermometer. The barrier in its control is `rate` times as fast
+    /// as configured: 1, except for tests of the rehearsal itself.
     ///
     /// # Errors
-    /// Limits to which no barrier can be set.
+    /// No barrier can be set to the limits.
     pub(super) fn new(
         plan: &Plan,
         path: &PathPlan,
@@ -170,7 +171,7 @@ impl Rig {
         rate: i16,
     ) -> Result<Self, GatewayError> {
         let (model, mut path) = (&plan.model, path.clone());
-        // Axes that only another controller shows stand in the middle of their travel.
+        // Axes that only another controller shows are fixed at mid-travel.
         for (index, ends) in model.travel.iter().enumerate() {
             let shown = path.description.shows(model.axes[index]);
             if !shown && path.fixed[index].is_none() {
@@ -231,10 +232,10 @@ impl Rig {
         })
     }
 
-    /// The cycle of a gateway that corrects this machine, with its owner number.
+    /// Builds the cycle of a gateway for this machine, with its owner number.
     ///
     /// # Errors
-    /// What does not fit together.
+    /// Plan and machine do not match.
     pub(super) fn cycle(&self, plan: &Plan, owner: u16) -> Result<Cycle, GatewayError> {
         let wrong = |source| plan.config.plan_error(source);
         let held = Held::new(&self.way);
@@ -253,35 +254,36 @@ impl Rig {
         Ok(cycle.with_rapid(guard.rapid).with_clock(self.clock.clone()))
     }
 
-    /// A plan whose first controller and whose thermometers are this machine: for tests of a whole gateway in one process.
+    /// Opens a plan whose first controller and thermometers are replaced by this machine, for tests of a complete
+    /// gateway in one process.
     ///
     /// # Errors
-    /// What does not fit together.
+    /// Plan and machine do not match.
     pub fn open(&self, plan: Plan) -> Result<Opened, GatewayError> {
         let cycle = self.cycle(&plan, next_owner())?;
         Ok(plan.opened(cycle))
     }
 
-    /// The clock of the machine, which stands until it is advanced.
+    /// Clock of the machine; it stops until it is advanced.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
 
-    /// A fault on the way to the control.
+    /// Injects a fault into the connection to the control.
     pub fn inject(&self, injection: Injection) {
         locked(&self.way).inject(injection);
     }
 
-    /// Somebody else writes these values (mm, rad) into the words of the axes.
+    /// Simulates another sender that writes these values (mm, rad) to the axes.
     pub fn overwrite(&self, values: &PerChannel<f64>) {
-        // A machine that is out of reach is out of reach for everybody.
+        // An unreachable machine is unreachable for other senders as well.
         let _ = locked(&self.way)
             .device
             .control
             .apply(values, self.clock.now());
     }
 
-    /// A fault of the thermometer.
+    /// Injects a fault into the thermometer.
     pub fn inject_sensor(&self, injection: Injection) {
         if let Some(shared) = &self.thermometer {
             locked(shared).inject(injection);
@@ -289,10 +291,10 @@ impl Rig {
     }
 }
 
-/// The thermometer with its faults, shared by the runs of a gateway and the rehearsal: it outlives a restart.
+/// The thermometer with its faults, shared by the runs of a gateway and the rehearsal; it survives a restart.
 type Thermometers = Arc<Mutex<Faulty<SimulatedThermometer>>>;
 
-/// The thermometer as a cycle holds it.
+/// The thermometer used by a cycle.
 struct HeldThermometer {
     device: String,
     names: Vec<String>,
@@ -331,7 +333,7 @@ impl Thermometer for HeldThermometer {
     }
 }
 
-/// The axes of a simulated machine: those that are written, and those that are only read.
+/// The axes of a simulated machine: those that are written, then those that are only read.
 fn axes(description: &Description) -> Vec<Axis> {
     let only_read = |&name: &AxisName| Axis {
         name,
@@ -354,8 +356,8 @@ fn warming(name: &str) -> Warming {
     }
 }
 
-/// Through the work space, all axes at once, from the corner where the correction is largest against its limit to the
-/// corner opposite, and back; and the acceleration for it.
+/// Moves all axes simultaneously through the working volume, from the corner where the correction is largest relative
+/// to its limit to the opposite corner and back. Also returns the acceleration.
 fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
     let (axes, written) = (
         plan.description.shown_axes().count(),
@@ -400,7 +402,7 @@ fn moves(model: &Model, plan: &PathPlan) -> (Vec<Move>, f64) {
 /// The barrier in the control of a path; `None`: it has none.
 ///
 /// # Errors
-/// Limits to which no barrier can be set.
+/// No barrier can be set to the limits.
 pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError> {
     let wrong = |source| GatewayError::Barrier {
         device: plan.description.device.clone(),
@@ -412,8 +414,8 @@ pub(super) fn barrier(plan: &PathPlan) -> Result<Option<Settings>, GatewayError>
         .map_err(wrong)
 }
 
-/// The barrier as the machine builder sets it for these limits: the same limits, twice the slew, and times that the guard
-/// accepts.
+/// Settings as a machine builder would choose them for these limits: equal limits, twice the slew rate, and times that
+/// the guard accepts.
 fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, SettingsError> {
     let limits = &plan.limits;
     let names = plan.description.axes.iter().map(|axis| axis.name);
@@ -427,7 +429,7 @@ fn settings(plan: &PathPlan, machine: u16, scan: Duration) -> Result<Settings, S
     let (mut limit, mut rate) = (Counts::default(), Counts::default());
     for (place, axis) in axes() {
         limit[place] = count((axis.reachable() / axis.resolution).round());
-        // At least twice the slew: rounded up.
+        // Round up to at least twice the slew rate.
         rate[place] = count((in_a_scan(axis) * step_scans - 1e-9).ceil());
     }
     let scans = |time: Duration| time.as_secs_f64() / scan.as_secs_f64();

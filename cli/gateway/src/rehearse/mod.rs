@@ -1,9 +1,10 @@
-//! A commissioning test: the configured machine, limits, cycle and controllers on a simulated machine, under every fault
-//! of a catalogue. No device is opened, and nothing is sent. The time is counted, so minutes of the machine take seconds.
+//! A commissioning test: runs the configured machine, limits, cycle and controllers on a simulated machine, under every
+//! fault of a catalogue. No device is opened, and nothing is sent. Time is simulated, so that minutes of machine time
+//! take seconds.
 //!
-//! Each controller is rehearsed alone, on a machine of its own: with the reference barrier in its control where the
-//! configuration has one, set to the configured limits; with plain values, read back or not, where it has none. Each
-//! fault begins on a new machine, so that it can be repeated alone.
+//! Each controller is rehearsed alone on a separate machine: with the reference barrier, set to the configured limits,
+//! if the configuration has one, else with plain values, with or without read-back. Each fault starts on a new machine,
+//! so that it can be repeated alone.
 
 mod faults;
 mod judge;
@@ -28,20 +29,19 @@ use faults::Act;
 use judge::{Findings, Phase};
 use run::Run;
 
-/// The longest time in which it has to compensate after the start, and again after a fault.
+/// Timeout for reaching compensation after the start, and again after a fault.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// It compensates for so long before a fault, and is watched for so long after it.
+/// Duration of compensation before a fault, and of observation after it.
 const CALM: Duration = Duration::from_millis(400);
 
-/// What is to be rehearsed.
+/// Parameters of a rehearsal.
 #[derive(Clone, Debug)]
 pub struct Rehearsal {
-    /// The seed of all that happens by chance.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// The faults; empty: all of them.
+    /// The faults to rehearse; empty: all of them.
     pub faults: Vec<&'static Fault>,
-    /// The barrier of the simulated control goes so many times as fast as it is said to: 1, except where a test wants a
-    /// rehearsal that fails.
+    /// Speed factor of the simulated control's barrier: 1, except in tests that need a failing rehearsal.
     pub barrier_rate: i16,
 }
 
@@ -56,10 +56,10 @@ impl Default for Rehearsal {
 }
 
 impl Rehearsal {
-    /// The faults of these names, or all of them where none is named.
+    /// Selects faults by name; without names, all of them.
     ///
     /// # Errors
-    /// A name that is not in the catalogue.
+    /// A name is not in the catalogue.
     pub fn of(seed: u64, names: &[String]) -> Result<Self, GatewayError> {
         let find = |name: &String| {
             let found = CATALOGUE.iter().find(|fault| fault.name == name);
@@ -81,7 +81,8 @@ impl Rehearsal {
     /// Rehearses the plan. No device is opened.
     ///
     /// # Errors
-    /// A configuration without limits, or with limits to which no barrier can be set. A rule that is broken is no error: the document tells it.
+    /// The configuration has no limits, or no barrier can be set to them. A broken rule is not an error: the document
+    /// reports it.
     pub fn run(&self, plan: &Plan) -> Result<RehearsalDocument, GatewayError> {
         if plan.config.guard.is_none() {
             return Err(GatewayError::invalid_in(
@@ -130,7 +131,7 @@ impl Rehearsal {
         let all = CATALOGUE.iter().filter(|_| self.faults.is_empty());
         let (mut found, mut left_out) = (Vec::new(), Vec::new());
         for fault in asked.chain(all) {
-            // What needs a sensor is left out where there is none.
+            // Faults of a sensor are skipped if there is none.
             let needs_sensor = matches!(fault.act, Act::SensorJump | Act::SensorCorrupt);
             if needs_sensor && plan.sensors.is_empty() {
                 left_out.push(fault.name.to_owned());
@@ -168,7 +169,7 @@ impl Rehearsal {
         simulated: &mut Duration,
     ) -> Result<RehearsedFault, GatewayError> {
         let mut run = Run::new(plan, path, self.seed, self.barrier_rate)?;
-        // The axes move before they are armed: only then the test shift proves anything.
+        // Move the axes before arming: otherwise the test shift proves nothing.
         run.run(Duration::from_secs(1));
         let is_start = matches!(fault.act, Act::Nothing);
         if is_start {
@@ -204,7 +205,7 @@ impl Rehearsal {
     }
 }
 
-/// What a rehearsal of a plan cannot show, in words.
+/// The parts that a rehearsal of this plan cannot cover.
 fn not_rehearsed(plan: &Plan) -> Vec<String> {
     let mut texts = vec![
         "the devices themselves, their wiring and the network: a simulated machine took their place".to_owned(),
@@ -248,10 +249,10 @@ fn not_rehearsed(plan: &Plan) -> Vec<String> {
 }
 
 impl RehearsalDocument {
-    /// Fails where a rule was broken.
+    /// Fails if a rule was broken.
     ///
     /// # Errors
-    /// How many faults broke a rule, each phase counted.
+    /// The number of faults that broke a rule; each phase counts.
     pub fn verdict(&self) -> Result<(), GatewayError> {
         let faults = || self.controllers.iter().flat_map(|path| &path.faults);
         let broken = faults().filter(|fault| !fault.passed).count();

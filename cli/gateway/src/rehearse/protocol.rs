@@ -1,5 +1,4 @@
-//! What a rehearsal that is filed has to say besides its results: when and where it was run, with what, and within which
-//! limits.
+//! Data for the records, in addition to the results of a rehearsal: time, place, configuration and limits.
 
 use std::{env, fs, time::Duration};
 
@@ -15,7 +14,7 @@ use crate::{
     error::GatewayError,
 };
 
-/// When, where, by whom, and of which configuration.
+/// Time, place, user and configuration of a rehearsal.
 pub(super) struct Head {
     pub(super) time: String,
     pub(super) user: String,
@@ -24,10 +23,10 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Of a rehearsal that begins now.
+    /// Collects the data of a rehearsal that starts now.
     ///
     /// # Errors
-    /// A configuration that cannot be read any more.
+    /// The configuration cannot be read any more.
     pub(super) fn of(config: &str) -> Result<Self, GatewayError> {
         let text = fs::read(config).map_err(|source| GatewayError::Read {
             file: config.to_owned(),
@@ -49,7 +48,7 @@ pub(super) fn ms(time: Duration) -> f64 {
     round(time.as_secs_f64() * 1e3)
 }
 
-/// The barrier in the control.
+/// The barrier in the control, for the document.
 pub(super) fn barrier(path: &PathPlan, settings: Option<&Settings>) -> Option<RehearsedBarrier> {
     let (settings, scan) = (settings?, path.barrier?.scan);
     Some(RehearsedBarrier {
@@ -60,7 +59,7 @@ pub(super) fn barrier(path: &PathPlan, settings: Option<&Settings>) -> Option<Re
     })
 }
 
-/// The limits that hold, as people read them.
+/// The limits that apply, in display units.
 pub(super) fn limits(path: &PathPlan, barrier: Option<&Settings>) -> Vec<RehearsedLimits> {
     let step_s = |settings: &Settings| {
         let scan = path.barrier.map(|barrier| barrier.scan);

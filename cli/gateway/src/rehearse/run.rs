@@ -1,4 +1,4 @@
-//! A gateway on a simulated machine whose time the rehearsal counts: started, armed, disturbed, and looked at.
+//! A gateway on a simulated machine with simulated time: start, arming, faults and observation.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -21,18 +21,18 @@ use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 use super::{faults::Act, machine::Rig};
 use crate::{error::GatewayError, locked, plan::Plan};
 
-/// So many cycles pass from one fault that is asked for to the next.
+/// Number of cycles between two injections of a fault.
 const CYCLES_BETWEEN: u64 = 100;
-/// The longest time for which a machine is stopped for the test shift; then it moves on, so that it shows signs of life.
+/// Maximum time for which the machine is stopped for the test shift; then it moves to show that it is alive.
 const STANDING: Duration = Duration::from_secs(8);
-/// A correction that somebody else writes is so many times the limit.
+/// Correction written by another sender, as a multiple of the limit.
 pub(super) const GARBAGE: f64 = 1.5;
-/// So often a person acknowledges and arms, and then gives up.
+/// Maximum number of operator actions (acknowledging, arming) after a fault.
 pub(super) const MOST_ACTS: usize = 6;
-/// A sensor jumps by so much, K.
+/// Size of a temperature jump, K.
 const JUMP_K: f64 = 15.0;
 
-/// One gateway and its machine.
+/// A gateway and its machine.
 pub(super) struct Run<'a> {
     plan: &'a Plan,
     pub(super) rig: Rig,
@@ -41,13 +41,13 @@ pub(super) struct Run<'a> {
     foreign: Option<SimulatedController>,
     random: ChaCha8Rng,
     cycles: u64,
-    /// The state after each cycle is told to this: the worst so far.
+    /// Worst state so far, updated after each cycle.
     worst: State,
-    /// Whether a position was not believed so far.
+    /// Whether a position has been rejected so far.
     disbelieved: bool,
 }
 
-/// How bad a state is, for the worst of several.
+/// Severity of a state, to find the worst one.
 fn rank(state: State) -> u8 {
     match state {
         State::Compensating => 0,
@@ -97,22 +97,22 @@ impl<'a> Run<'a> {
         self.worst
     }
 
-    /// Whether a position was not believed so far.
+    /// Whether a position has been rejected so far.
     pub(super) fn disbelieved(&self) -> bool {
         self.disbelieved
     }
 
-    /// From now on it is looked at what the axes do.
+    /// Restarts the observation of the axis motion.
     pub(super) fn look(&self) {
         self.rig.controls.axes.forget();
     }
 
-    /// From now on it is looked at how bad the state gets.
+    /// Restarts the observation of the worst state.
     pub(super) fn look_at_state(&mut self) {
         self.worst = self.state();
     }
 
-    /// One cycle.
+    /// Runs one cycle.
     pub(super) fn step(&mut self, request: Option<Request>) {
         self.rig.clock.advance(self.plan.config.cycle());
         let asked = Asked {
@@ -136,7 +136,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Asks for a request until the state is left, or the time has passed.
+    /// Repeats a request until the state changes or the timeout has passed.
     fn ask(&mut self, request: Request, most: Duration) {
         let (before, end) = (self.state(), self.elapsed() + most);
         while self.state() == before && self.elapsed() < end {
@@ -149,7 +149,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Arms with the test shift where it is made, and waits until it compensates. Whether it does.
+    /// Arms, with the test shift if `proves`, and waits for compensation. Returns whether it was reached.
     pub(super) fn arm(&mut self, most: Duration, proves: bool) -> bool {
         let end = self.elapsed() + most;
         let request = if proves {
@@ -175,7 +175,7 @@ impl<'a> Run<'a> {
         self.state() == State::Compensating
     }
 
-    /// Arms, and stops in the middle of the ramp. Whether it got there.
+    /// Arms and stops in the middle of the ramp. Returns whether that point was reached.
     pub(super) fn arm_half(&mut self, most: Duration) -> bool {
         let end = self.elapsed() + most;
         let ramping = State::Arming(Phase::Ramping);
@@ -188,7 +188,8 @@ impl<'a> Run<'a> {
         self.state() == ramping
     }
 
-    /// Waits until it compensates again, and does what a person has to do for that, as often as a person does.
+    /// Waits for compensation and performs the necessary operator actions until there are more than [`MOST_ACTS`].
+    /// Returns the time taken and the actions.
     pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
         let (begun, mut needed) = (self.elapsed(), Vec::new());
         let unseen = Reasons::INTERLOCK_UNSEEN;
@@ -221,7 +222,7 @@ impl<'a> Run<'a> {
         (None, needed)
     }
 
-    /// Sets the switches of the machine, from this moment on.
+    /// Sets or clears the switches of the machine for a fault.
     fn switch(&self, act: Act, on: bool) {
         locked(&self.rig.way).device.control.plant().pass();
         let controls = &self.rig.controls;
@@ -240,7 +241,7 @@ impl<'a> Run<'a> {
         switch.store(on, Ordering::Relaxed);
     }
 
-    /// Lets a fault happen for a time, and takes it away.
+    /// Applies a fault for its duration, then removes it.
     pub(super) fn disturb(&mut self, act: Act) -> Result<(), GatewayError> {
         self.switch(act, true);
         let mut lasts = Duration::from_secs(2);
@@ -294,7 +295,7 @@ impl<'a> Run<'a> {
         self.mend(act)
     }
 
-    /// So many readings tell the position of the first axis as far from the other end of its travel as it is from this one.
+    /// Shows the position of the first axis mirrored between the ends of its travel, for this number of readings.
     fn tell_other_end(&self, readings: u32) {
         let model = &self.plan.model;
         let axes = self.rig.path.description.axes.first();
@@ -309,7 +310,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Takes a fault away.
+    /// Removes a fault.
     fn mend(&mut self, act: Act) -> Result<(), GatewayError> {
         self.switch(act, false);
         for injection in [
@@ -348,7 +349,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The gateway is gone for a time, without having ramped out, and starts with what it wrote down.
+    /// Simulates a gateway that is down for a time without having ramped out, then starts with its stored output.
     fn restart(&mut self, gone: Duration) -> Result<(), GatewayError> {
         let applied: PerAxis<f64> = self.cycle.report().correction;
         self.owner = self.owner.wrapping_add(1).max(1);
@@ -359,7 +360,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Another sender on a way of its own, with random words.
+    /// Simulates another sender that writes random words over a separate connection.
     fn post_garbage(&mut self) {
         let mut words = [0_u16; MOST_WORDS];
         let length = self.random.random_range(1..=MOST_WORDS);
@@ -368,12 +369,13 @@ impl<'a> Run<'a> {
             self.foreign = locked(&self.rig.way).device.control.another();
         }
         if let (Some(foreign), Some(words)) = (&mut self.foreign, Words::new(&words[..length])) {
-            // A machine that is out of reach is out of reach for everybody.
+            // An unreachable machine is unreachable for other senders as well.
             let _ = foreign.post(&words, self.rig.clock.now());
         }
     }
 
-    /// Somebody else overwrites the words of the axes. That step is his own: it is looked at from then on.
+    /// Simulates another sender that overwrites the words of the axes. That step is not the gateway's, so the
+    /// observation restarts after it.
     fn overwrite(&mut self) {
         let limits = &self.rig.path.limits;
         let signs: [bool; 2] = [self.random.random(), self.random.random()];

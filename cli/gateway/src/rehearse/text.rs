@@ -1,4 +1,4 @@
-//! A rehearsal as a protocol that fits a terminal of 60 columns, or of 40.
+//! Formats a rehearsal as a protocol for a terminal of 40 to 60 columns.
 
 use std::fmt::Write;
 
@@ -9,9 +9,9 @@ use crate::documents::{
     Excursion, RehearsalDocument, RehearsedFault, RehearsedLimits, RehearsedPath,
 };
 
-/// The columns of a rehearsal that is filed: no line is longer.
+/// Maximum line length of a filed protocol, columns.
 pub const COLUMNS: usize = 60;
-/// Narrower than this no line is made.
+/// Minimum line length, columns.
 const NARROWEST: usize = 40;
 
 const PREAMBLE: &str = "No device was opened and nothing was sent: a simulated machine took the place of the configured \
@@ -41,13 +41,13 @@ const HIDDEN: (&str, &str) = (
     "the gateway is not shown that the machine must stand; without a barrier the axes may move then",
 );
 
-/// What is printed, and how wide it may be.
+/// The text so far and its maximum width.
 struct Page {
     text: String,
     columns: usize,
 }
 
-/// The protocol of a rehearsal for so many columns, 40 to 60.
+/// Formats the protocol for a width of 40 to 60 columns.
 pub fn text(document: &RehearsalDocument, columns: usize) -> String {
     let mut page = Page {
         text: String::new(),
@@ -90,7 +90,7 @@ impl Page {
 
     fn head(&mut self, document: &RehearsalDocument) {
         let start = |hash: &str| hash.chars().take(23).collect::<String>() + "…";
-        // To the second.
+        // Cut off the fraction of a second.
         let time = document.time.get(..19).unwrap_or(&document.time);
         let faults = match document.selection.len() {
             0 => format!("all {}", document.catalogue),
@@ -113,7 +113,7 @@ impl Page {
         }
     }
 
-    /// Where it was rehearsed, with which limits, and what came of each fault.
+    /// The conditions and limits of a controller's rehearsal and the result of each fault.
     fn controller(&mut self, path: &RehearsedPath) {
         let scheme = match path.scheme.as_str() {
             "barrier" => "with the reference barrier in its control",
@@ -181,7 +181,7 @@ impl Page {
         self.wrapped(&format!("  {}: ", limits.axis), &words);
     }
 
-    /// One fault: how it went in each phase, and the larger ones of what the axes did.
+    /// The result of a fault in each phase, with the larger values of the axis motion.
     fn fault(&mut self, phases: &[RehearsedFault]) {
         let Some(first) = phases.first() else {
             return;
@@ -244,7 +244,7 @@ impl Page {
         self.columns_of(&label, numbers.map(|number| format!("{number:.2}")));
     }
 
-    /// A row of the table of axes.
+    /// A row of the axis table.
     fn columns_of(&mut self, label: &str, [a, b, c, d]: [impl AsRef<str>; 4]) {
         let [a, b, c, d] = [a.as_ref(), b.as_ref(), c.as_ref(), d.as_ref()];
         if self.is_narrow() {
@@ -259,7 +259,7 @@ impl Page {
         let _ = writeln!(self.text, "{line}");
     }
 
-    /// Words behind a head, over as many lines as they need; further lines begin below the first word.
+    /// Appends words after a head, wrapped; continuation lines are aligned with the first word.
     fn wrapped(&mut self, head: &str, words: &str) {
         let indent = head.trim_start_matches('\n').chars().count();
         let mut column = indent;

@@ -1,4 +1,4 @@
-//! The audit log of a sender: a thread of its own writes it, so that the map in use is kept whatever the disk does.
+//! The audit log of a map sender. A separate thread writes it, so that the map is kept valid even if the disk hangs.
 
 use std::{collections::BTreeMap, io, path::Path, time::Duration};
 
@@ -14,18 +14,18 @@ use crate::{
     signals::{Heard, Signal},
 };
 
-/// A map waits for its record for so long; later nobody would expect it any more.
+/// Timeout for the record of a new map, which is then not sent.
 pub(super) const RECORD: Duration = Duration::from_secs(5);
-/// How often it is looked whether a record is written, before anything is sent.
+/// Polling interval for the first record, before anything is sent.
 const LOOK: Duration = Duration::from_millis(10);
-/// The last records get onto the disk within this, or are lost.
+/// Timeout for the last records at shutdown; then they are lost.
 const END: Duration = Duration::from_secs(1);
 
-/// The log. No call waits for the disk but those before the first map is sent and after the last one.
+/// The log. Only calls before the first map is sent and after the last one wait for the disk.
 pub(super) struct Log {
     clerk: Clerk,
     clock: Clock,
-    /// Why records may be missing, as it was told.
+    /// The last reported reason why records may be missing.
     trouble: Option<&'static str>,
 }
 
@@ -33,7 +33,7 @@ impl Log {
     /// Opens the log in a folder.
     ///
     /// # Errors
-    /// A folder that cannot be written, or the operating system gives no thread.
+    /// The folder cannot be written, or the operating system cannot create a thread.
     pub(super) fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
         let (audit, _) = AuditLog::open(folder)?;
         Ok(Self {
@@ -43,15 +43,15 @@ impl Log {
         })
     }
 
-    /// Hands over a record about a map.
+    /// Queues a record about a map.
     pub(super) fn record(&self, checked: &Checked, what: &str) -> Receipt {
         self.clerk.record(entry(checked, what))
     }
 
-    /// Waits until the beginning is on record: nothing is sent before. Whether it is; a signal ends it.
+    /// Waits until the first record is written; nothing is sent before. Returns `false` if a signal ends the wait.
     ///
     /// # Errors
-    /// The record cannot be written, or the disk does not answer.
+    /// The record cannot be written, or the disk does not respond.
     pub(super) fn wait_for_first(&self, checked: &Checked, heard: &Heard) -> io::Result<bool> {
         let receipt = self.record(checked, "a map is going to be sent");
         let until = self.clock.now() + RECORD;
@@ -80,7 +80,7 @@ impl Log {
         }
     }
 
-    /// Whether the log is written as it should; where it was not, it is tried again. `checked` is the map that is sent.
+    /// Reports changes of the log's health and retries a failed log. `checked` is the map being sent.
     pub(super) fn look_after(&mut self, checked: &Checked) {
         let trouble = self.clerk.trouble();
         if trouble != self.trouble {
@@ -97,7 +97,7 @@ impl Log {
         self.clerk.try_again(again);
     }
 
-    /// Waits a little for the last records.
+    /// Waits at most [`END`] for the last records.
     pub(super) fn end(&self) {
         if !self.clerk.settle(END) {
             tracing::error!("the disk of the audit log does not answer: the last records are lost");
@@ -105,7 +105,7 @@ impl Log {
     }
 }
 
-/// A record about a map, of now.
+/// A record about a map, with the current time.
 fn entry(checked: &Checked, what: &str) -> Entry {
     let details = Details {
         model: format!("map {}", checked.hash),

@@ -1,4 +1,4 @@
-//! `volcomp-gateway send-map`: brings a map of corrections into a control that looks up by itself, and keeps it valid.
+//! `volcomp-gateway send-map`: loads a correction map into a control that does the look-up itself, and keeps it valid.
 
 use std::{
     fmt::Write as _,
@@ -18,26 +18,26 @@ mod sending;
 pub use replace::ask;
 pub use sending::run;
 
-/// A map that may be sent, and its hash.
+/// A checked map and its hash.
 #[derive(Clone, Debug)]
 pub struct Checked {
-    /// What the file of the sender says.
+    /// The configuration of the sender.
     pub config: MapSender,
     /// The map.
     pub map: Map,
-    /// The file of the sender.
+    /// Path of the sender's configuration file.
     pub path: PathBuf,
-    /// The first 16 digits of the SHA-256 of the map's file: by these it is confirmed.
+    /// First 16 digits of the SHA-256 of the map file, with which the map is confirmed.
     pub hash: String,
 }
 
-/// Reads the file of a sender and its map, and checks that the map is within the limits. No device is opened.
+/// Reads a sender's configuration and its map, and checks the map against the limits. No device is opened.
 ///
 /// # Errors
-/// A file that cannot be read or is wrong, a map that is damaged, of another machine, or beyond the limits.
+/// A file is unreadable or invalid, or the map is damaged, for another machine, or beyond the limits.
 pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let config = MapSender::read(path)?;
-    // A password that cannot be read is refused here, before anything is prepared.
+    // Reject an unreadable password before anything is prepared.
     map_device(&config.keys).map_err(GatewayError::Device)?;
     let shown = config.keys.map.display().to_string();
     let bytes = std::fs::read(&config.keys.map).map_err(|source| GatewayError::Read {
@@ -58,10 +58,10 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
 }
 
 impl Checked {
-    /// Refuses a map that nobody has confirmed.
+    /// Checks that the map was confirmed.
     ///
     /// # Errors
-    /// Another hash than the map's.
+    /// The hash is not that of the map.
     pub fn confirmed(&self, hash: &str) -> Result<(), GatewayError> {
         if hash == self.hash {
             return Ok(());
@@ -75,7 +75,7 @@ impl Checked {
         ))
     }
 
-    /// What would be sent, in some lines.
+    /// A summary of what would be sent.
     #[must_use]
     pub fn text(&self) -> String {
         let header = self.map.header();

@@ -1,7 +1,8 @@
-//! Another map for a sender that runs: confirmed as the first one was, and taken without the corrections going through zero.
+//! Replaces the map of a running sender: it is confirmed like the first one, and activated without ramping the
+//! corrections to zero.
 //!
-//! The confirmation stands in a file beside the audit log, from where the sender takes it. What waits for the disk is done on a
-//! thread of its own: the map in use must be kept meanwhile.
+//! The confirmation is a file beside the audit log, which the sender picks up. A separate thread does the disk work,
+//! because the map in use must be kept valid meanwhile.
 
 use std::{
     fs, io,
@@ -14,21 +15,21 @@ use std::{
 use super::{Checked, check};
 use crate::{audit::replace_file, config::MapSender, error::GatewayError, lock};
 
-/// How often it is looked whether another map was confirmed.
+/// Polling interval for a confirmation.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// The file of the confirmation.
+/// Path of the confirmation.
 fn confirmation(audit_dir: &Path) -> PathBuf {
     audit_dir.join("confirmed-map")
 }
 
-/// Has the sender that runs take this map.
+/// Requests the running sender to use this map.
 ///
 /// # Errors
-/// No sender of this file runs, or its folder cannot be written.
+/// No sender is running with this configuration, or its folder cannot be written.
 pub fn ask(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
-    // A sender holds the folder; a gateway that has the control has another one.
+    // A running sender locks its folder; a gateway on the same control uses another folder.
     if !lock::is_folder_locked(&config.keys.audit.dir)? {
         return Err(GatewayError::failed(format!(
             "{}: --replace: found no sender that runs, expected one of {}",
@@ -41,18 +42,18 @@ pub fn ask(checked: &Checked) -> Result<(), GatewayError> {
         .map_err(|e| GatewayError::system(file.display().to_string(), e))
 }
 
-/// What another map came to: it, or why it is not taken.
+/// A replacement map, or why it is refused.
 pub(super) type Another = Result<Box<Checked>, String>;
 
-/// Looks for confirmations as long as somebody takes what comes of them.
+/// Polls for confirmations until the receiver is dropped.
 ///
 /// # Errors
-/// The operating system gives no thread.
+/// The operating system cannot create a thread.
 pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
     let (told, heard) = channel();
     let (path, config) = (running.path.clone(), running.config.clone());
     let file = confirmation(&config.keys.audit.dir);
-    // One that was left of an earlier sender confirms nothing.
+    // A confirmation left by an earlier sender is invalid.
     let _ = fs::remove_file(&file);
     thread::Builder::new()
         .name("volcomp-files".to_owned())
@@ -68,7 +69,7 @@ pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
                     Ok(Some(hash)) => another(&path, &config, hash.trim()),
                     Err(e) => {
                         let what = format!("{}: {e}", file.display());
-                        // It stays so at every look, and is told once.
+                        // The error persists: report it once.
                         if what == trouble {
                             continue;
                         }
@@ -84,8 +85,8 @@ pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
     Ok(heard)
 }
 
-/// Takes the confirmation that is there. It has another name before it is read, so that one that comes meanwhile is a
-/// confirmation of its own and stays for the next look.
+/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept
+/// for the next poll.
 fn taken(file: &Path) -> io::Result<Option<String>> {
     let mine = file.with_extension("taken");
     match fs::rename(file, &mine) {
@@ -95,7 +96,7 @@ fn taken(file: &Path) -> io::Result<Option<String>> {
     }
 }
 
-/// The map that was confirmed, where nothing else in the file of the sender has changed.
+/// The confirmed map, provided that nothing else in the sender's configuration has changed.
 fn another(path: &Path, running: &MapSender, hash: &str) -> Another {
     let checked = check(path).map_err(|e| e.to_string())?;
     checked.confirmed(hash).map_err(|e| e.to_string())?;
@@ -110,7 +111,8 @@ fn another(path: &Path, running: &MapSender, hash: &str) -> Another {
     Ok(Box::new(checked))
 }
 
-/// Refuses a map that cannot take the place of the one in use: the control knows maps by their numbers, and its axes do not change.
+/// Rejects a map that cannot replace the one in use: its number must differ, because the control identifies maps by
+/// number, and its axes and steps must match.
 pub(super) fn fits(running: &Checked, another: &Checked) -> Result<(), String> {
     let (is, was) = (another.map.header(), running.map.header());
     let file = another.config.keys.map.display();

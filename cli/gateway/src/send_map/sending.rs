@@ -1,7 +1,7 @@
-//! Sends a map and keeps it valid until a signal ends it.
+//! Sends a map and keeps it valid until a signal.
 //!
-//! Nothing here waits for a disk while a map is in use: its validity would run out. Records go to the [`Log`], and one that
-//! does not answer keeps only another map from being taken.
+//! Nothing here waits for a disk while a map is in use, because its validity would expire. Records go to the [`Log`]; a
+//! disk that does not respond only prevents the map from being replaced.
 
 use std::{
     io::Write as _,
@@ -31,11 +31,11 @@ use crate::{
     signals::{Heard, Signal},
 };
 
-/// How long until the next try where a control cannot be reached.
+/// Retry interval if a control is unreachable.
 const AGAIN: Duration = Duration::from_secs(1);
-/// How long until the next look at a control that has not scanned.
+/// Polling interval if the control has not scanned yet.
 const SOON: Duration = Duration::from_millis(5);
-/// So much longer than the control's time-out something is waited for that its end should bring, s.
+/// Time added to the control's timeout when waiting for its effect, s.
 const PATIENCE_S: f64 = 2.0;
 
 /// An open session to a control.
@@ -57,13 +57,13 @@ impl Exchange for Words {
     }
 }
 
-/// What is known of another sender.
+/// The last observation of another sender.
 struct Other {
     sequence: u16,
     since: Instant,
 }
 
-/// Another map whose record is on its way to the disk. Nothing of it is sent before.
+/// A replacement map whose record is being written. Nothing of it is sent before that.
 struct Recording {
     checked: Checked,
     receipt: Receipt,
@@ -71,31 +71,31 @@ struct Recording {
 }
 
 struct Sending {
-    /// The clock by which records, other senders and a control that stands are given up.
+    /// Clock for the timeouts of records, other senders and a stopped control.
     clock: Clock,
     checked: Checked,
     place: MapDevice,
     sender: Sender,
-    /// Maps that were confirmed while it runs.
+    /// Replacement maps confirmed while this sender runs.
     others: Receiver<Another>,
     recording: Option<Recording>,
-    /// The map in use while another one is brought in its place.
+    /// The map in use while its replacement is being loaded.
     before: Option<Checked>,
     words: Option<Words>,
     log: Log,
-    /// The number of the map in use; that of the map before while another one is brought.
+    /// Number of the map in use; while a replacement is loaded, that of the previous map.
     in_use: Option<u16>,
     other: Option<Other>,
-    /// What went wrong last, which is told once.
+    /// The last warning, which is logged once.
     told: String,
 }
 
-/// Sends the map and keeps it valid until a signal ends it. After that the control goes to zero by itself, and it is
-/// waited for that; a second signal ends it at once.
+/// Sends the map and keeps it valid until a signal. Then waits until the control, after its timeout, has ramped to
+/// zero; a second signal ends the wait.
 ///
 /// # Errors
-/// Another gateway or sender has the control, the control allows more than the sender or refuses the map, the first record
-/// cannot be written, or nobody knows whether the corrections came to zero.
+/// Another gateway or sender uses the control, the control permits more than the sender or refuses the map, the first
+/// record cannot be written, or it is unknown whether the corrections reached zero.
 pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
     let place = map_device(&config.keys).map_err(GatewayError::Device)?;
@@ -133,7 +133,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let silent = sending.fall_silent(&heard);
     sending.log.end();
     match (outcome, silent) {
-        // The cause is what ends the program; what came of it is told beside it.
+        // Return the first error, which ended the program; log the second.
         (Err(cause), Err(error)) => {
             tracing::error!("{error}");
             Err(cause)
@@ -143,7 +143,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
 }
 
 impl Checked {
-    /// How long a control in which nothing changes is waited for.
+    /// Timeout for a control in which nothing changes.
     fn patience(&self) -> Duration {
         Duration::from_secs_f64(PATIENCE_S + self.config.allowed.zero_after_s)
     }
@@ -154,12 +154,12 @@ fn ended(checked: &Checked, what: &str) -> GatewayError {
 }
 
 impl Sending {
-    /// Hands over a record about the map that is sent.
+    /// Queues a record about the map being sent.
     fn record(&self, what: &str) {
         let _ = self.log.record(&self.checked, what);
     }
 
-    /// Until a signal comes, or something is wrong that does not pass.
+    /// Runs until a signal or a permanent error.
     fn keep(&mut self, heard: &Heard) -> Result<(), GatewayError> {
         loop {
             if let Ok(another) = self.others.try_recv() {
@@ -174,7 +174,7 @@ impl Sending {
         }
     }
 
-    /// Begins to write down that a map which was confirmed meanwhile is going to be sent.
+    /// Starts recording that a confirmed replacement map will be sent.
     fn take(&mut self, another: Another) {
         let made = another.and_then(|another| {
             if self.in_use.is_none() || self.before.is_some() || self.recording.is_some() {
@@ -203,8 +203,8 @@ impl Sending {
         self.record("another map was refused");
     }
 
-    /// Goes over to another map once that is on record. The one in use stays so until the control has all of the other; then
-    /// the control goes from value to value at its rate.
+    /// Starts loading the replacement map once its record is written. The map in use stays active until the control has
+    /// the complete replacement; then the control moves from value to value at its rate.
     fn go_over(&mut self) {
         let Some(recording) = self.recording.take() else {
             return;
@@ -219,7 +219,7 @@ impl Sending {
             },
             Some(false) => self.refuse("the audit log cannot be written"),
             None if self.clock.now() < recording.until => self.recording = Some(recording),
-            // The record may come onto the disk later: the one behind it tells what became of it.
+            // The record may still be written later: the refusal recorded after it states the outcome.
             None => self.refuse(&format!(
                 "the disk of the audit log has not answered for {} s: confirm it again once it does",
                 RECORD.as_secs()
@@ -227,12 +227,12 @@ impl Sending {
         }
     }
 
-    /// The map before stays where the control does not take the other: whether there was one.
+    /// Keeps the previous map if the control refuses its replacement. Returns `false` if there is no previous map.
     fn go_back(&mut self, why: &str) -> bool {
         let Some(checked) = self.before.take() else {
             return false;
         };
-        // It was in use: it is as allowed as it was.
+        // It was in use, so it is within the limits.
         if self.sender.replace(checked.map.clone()).is_err() {
             return false;
         }
@@ -242,7 +242,7 @@ impl Sending {
         true
     }
 
-    /// One exchange; how long to wait until the next.
+    /// Performs one exchange. Returns the wait until the next one.
     fn step(&mut self) -> Result<Duration, GatewayError> {
         let Some(words) = &mut self.words else {
             return Ok(self.connect());
@@ -272,7 +272,7 @@ impl Sending {
             }
             Err(SendError::Exchange(error)) => {
                 self.tell(error.to_string());
-                // Dropped: what is still under way is thrown away with the connection.
+                // Dropping the connection also discards responses in flight.
                 self.words = None;
                 Ok(SOON)
             }
@@ -290,7 +290,7 @@ impl Sending {
         }
     }
 
-    /// Whether the control still has the map that was in use, also while another one is brought.
+    /// Detects that the control has lost the map in use, also while a replacement is loaded.
     fn look_at_use(&mut self) {
         if is_lost(
             self.in_use,
@@ -316,8 +316,8 @@ impl Sending {
         }
     }
 
-    /// Whether another sender is waited for: one that is gone lets go of the control when its time is out; one that sends is
-    /// left alone.
+    /// Whether to wait for another sender: an inactive sender loses the control after its timeout, an active one is
+    /// left undisturbed.
     fn is_waited_for(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
         let other = (self.other).get_or_insert(Other {
@@ -327,7 +327,7 @@ impl Sending {
         other.sequence == sequence && now - other.since <= self.checked.patience()
     }
 
-    /// Warns of what is new.
+    /// Logs a warning if it differs from the last one.
     fn tell(&mut self, what: String) {
         if self.told != what {
             tracing::warn!("{}: {what}", self.checked.config.keys.url);
@@ -335,7 +335,7 @@ impl Sending {
         }
     }
 
-    /// Sends nothing any more, and waits until the control says that its corrections are zero.
+    /// Stops sending and waits until the control reports zero corrections.
     fn fall_silent(&mut self, heard: &Heard) -> Result<(), GatewayError> {
         let still = self.checked.patience();
         let (mut last, mut since) = (None, self.clock.now());
@@ -377,12 +377,12 @@ impl Sending {
     }
 }
 
-/// Whether a map that was in use is not any more; it may have given way to the one that is sent.
+/// Whether the map that was in use is no longer, without having been replaced by the map being sent.
 fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
     was.is_some() && is != was && is != Some(sent)
 }
 
-/// A line to standard output; a reader that has gone away is no failure.
+/// Prints a line to standard output; a closed pipe is not an error.
 fn say(text: &str) -> Result<(), GatewayError> {
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {

@@ -1,4 +1,5 @@
-//! Arming: what corrects is compared with what was armed last, then the record is written, then the order is given.
+//! Arming: the model and limits are compared with those armed last, then the record is written, then the order is
+//! given.
 
 use std::{
     collections::BTreeMap,
@@ -30,16 +31,16 @@ use crate::{
     request::{Reply, refused},
 };
 
-/// Arming waits for its record for so long.
+/// Timeout for the record of an arming.
 const RECORD: Duration = Duration::from_secs(2);
 impl Service {
-    /// Where the machine file and the limits stand that were armed last.
+    /// Paths of the machine file and the limits at the last arming.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
         let dir = self.parts.config.audit_dir();
         ["confirmed-machine.toml", "confirmed-limits.json"].map(|name| dir.join(name))
     }
 
-    /// The facts by which a change is judged; `None` without limits.
+    /// The facts needed to judge a change; `None` without limits.
     pub(super) fn judge(&mut self, confirmed: Option<String>) -> Option<Judge> {
         let report = *self.parts.handle.report();
         let guard = self.parts.config.guard_settings()?;
@@ -57,13 +58,13 @@ impl Service {
         })
     }
 
-    /// The limits that hold now, by the keys of the configuration.
+    /// The current limits by configuration key.
     pub(super) fn limits(&self) -> ConfirmedLimits {
         let guard = self.parts.config.guard.as_ref();
         guard.map(identity::limits).unwrap_or_default()
     }
 
-    /// Begins to compare the model and the limits of now with those that were armed last.
+    /// Starts comparing the current model and limits with those armed last.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<Compared>> {
         let judge = self.judge(confirm);
         let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
@@ -74,14 +75,14 @@ impl Service {
             .begin(move || against_last(&paths, &model, &limits, fading, judge.as_ref()))
     }
 
-    /// At the start: whether a person must confirm what would correct.
+    /// Starts the check, after a start or a change, whether the model or limits need confirmation.
     pub(super) fn ask_whether_confirmed(&mut self) {
         let told = self.comparison(None);
         let until = self.clock.now() + FILES;
         self.unconfirmed = told.map(|told| Comparing { told, until });
     }
 
-    /// Says that a person must confirm what would correct, as soon as it is known.
+    /// Shows that a confirmation is needed, as soon as the check is complete.
     pub(super) fn tell_whether_confirmed(&mut self) {
         let Some(comparing) = &self.unconfirmed else {
             return;
@@ -96,14 +97,14 @@ impl Service {
         }
     }
 
-    /// Shows, or does not show any more, that something must be confirmed.
+    /// Sets or clears the reason that a confirmation is needed.
     pub(super) fn must_confirm(&mut self, must: bool) {
         let others = self.tells.without(Reasons::MUST_CONFIRM);
         self.tells = others | Reasons::MUST_CONFIRM.when(must);
         self.tell_thread();
     }
 
-    /// Begins to arm.
+    /// Starts arming.
     pub(super) fn compare(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
         let report = *self.parts.handle.report();
         if self.is_faulted_from_before() || matches!(report.state, State::Faulted(_)) {
@@ -122,7 +123,7 @@ impl Service {
         }))
     }
 
-    /// Whether the comparison has come to an end; if it allows it, the record is begun.
+    /// Checks whether the comparison is complete; if it permits arming, starts writing the record.
     pub(super) fn compared(&mut self, step: Comparing, who: &str) -> Progress {
         let compared = match step.told.try_recv() {
             Ok(compared) => compared,
@@ -158,7 +159,7 @@ impl Service {
         }
     }
 
-    /// Writes down that the model and the limits of now are the confirmed ones.
+    /// Saves the current model and limits as confirmed.
     pub(super) fn keep_confirmed(&mut self) -> [Receipt; 2] {
         let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
         let texts = [self.parts.model.text.clone(), limits];
@@ -170,19 +171,19 @@ impl Service {
         ]
     }
 
-    /// Writes down that a model is the confirmed one. The limits are not: nobody has asked about them.
+    /// Saves a model as confirmed, but not the limits, which were not part of the question.
     pub(super) fn keep_confirmed_machine(&self, model: &Model) -> Receipt {
         let [machine, _] = self.confirmed_paths();
         self.clerk.keep(machine, model.text.clone())
     }
 
-    /// Whether the record is written; then the order is given, unless somebody disarmed meanwhile.
+    /// Checks whether the record is written; then gives the order, unless a disarm was ordered meanwhile.
     pub(super) fn recorded(&mut self, mut step: Recording, who: &str, disarms: u64) -> Progress {
         let state = self.parts.handle.report().state;
         for (receipt, written) in step.receipts.iter().zip(&mut step.written) {
             match receipt.written() {
                 Some(true) => *written = true,
-                // A receipt tells once.
+                // A receipt returns its result only once.
                 Some(false) if !*written => {
                     return Progress::Done(no_log(state, self.clerk.trouble()));
                 }
@@ -193,7 +194,7 @@ impl Service {
             if self.clock.now() < step.until {
                 return Progress::Waits(Step::Recording(step));
             }
-            // The record may come onto the disk later: this one behind it tells what became of it.
+            // The record may still be written later: this one after it states the outcome.
             let what = "not armed: its record was not written in time".to_owned();
             let _ = self.log(who, "arm refused", Event::Refused(what));
             return Progress::Done(no_log(state, self.clerk.trouble()));
@@ -212,7 +213,7 @@ impl Service {
     }
 }
 
-/// Compares the model and the limits of now with those that were armed last. Where none were there is no question.
+/// Compares the current model and limits with those armed last. If there are none, nothing needs confirmation.
 fn against_last(
     [machine, limits_file]: &[PathBuf; 2],
     model: &Model,
@@ -228,13 +229,13 @@ fn against_last(
     };
     let last = match Machine::read(machine).and_then(|machine| Model::new(&machine, fading)) {
         Ok(last) => Some(last),
-        // Where no model was armed before, there is nothing to compare with.
+        // No model was armed before: nothing to compare with.
         Err(ModelError::Read(ReadError::System { ref source, .. }))
             if source.kind() == ErrorKind::NotFound =>
         {
             None
         }
-        // A record that cannot be read is no proof that this model was confirmed.
+        // An unreadable file does not prove that this model was confirmed.
         Err(error) => return Err(unread(machine, error.to_string())),
     };
     let last_limits = match std::fs::read_to_string(limits_file) {

@@ -1,23 +1,24 @@
-//! The model that runs with its lags as they are in the cycle: what a change of model moves now depends on them. State: a
-//! copy of the model, which goes on with the temperatures that the cycle reports.
+//! Tracks the thermal lags of the running model, which determine the effect of changing the model now. State: a copy of
+//! the model, stepped with the temperatures reported by the cycle.
 
 use std::time::Duration;
 
 use volcomp_runtime::{Model, Report};
 
-/// Time between two looks that is longer is not counted as time for which a sensor was missing.
+/// Maximum time between two reports during which the sensors count as read; the remaining time counts as without
+/// temperatures.
 const LOOKS: Duration = Duration::from_secs(1);
 
-/// A copy of the model that follows that of the cycle.
+/// A copy of the cycle's model with the same lags.
 pub(super) struct Lags {
     model: Model,
-    /// For each sensor of the model its place among the temperatures.
+    /// Index of each sensor of the model among the temperatures; `None` if it is not measured.
     places: Vec<Option<usize>>,
     at: Duration,
 }
 
 impl Lags {
-    /// A copy of a model, with the names of all temperatures.
+    /// Copies a model; `names` are the names of all temperatures.
     pub(super) fn new(model: &Model, names: &[String]) -> Self {
         let place = |wanted: &String| names.iter().position(|name| name == wanted);
         Self {
@@ -27,7 +28,7 @@ impl Lags {
         }
     }
 
-    /// Goes on with another model, as the cycle does.
+    /// Changes to another model, carrying the lags over as the cycle does.
     pub(super) fn replace(&mut self, model: &Model, names: &[String]) {
         let mut next = Self::new(model, names);
         next.model.carry_over(&self.model);
@@ -35,7 +36,7 @@ impl Lags {
         *self = next;
     }
 
-    /// Goes on to a report of the cycle.
+    /// Advances the lags to a report of the cycle.
     pub(super) fn follow(&mut self, report: &Report) {
         let passed = report.now.saturating_sub(self.at);
         self.at = report.now;
@@ -46,7 +47,7 @@ impl Lags {
         self.model.step(seen.as_secs_f64(), &degc);
     }
 
-    /// The model with the lags of now.
+    /// The model with its current lags.
     pub(super) fn model(&self) -> &Model {
         &self.model
     }

@@ -1,6 +1,6 @@
-//! Everything around the control thread that has no deadline: requests, the audit log, reloads, what others see.
+//! The work around the control thread that has no deadline: requests, the audit log, reloads, and publishing the state.
 //!
-//! Nothing here waits for a disk: what is written goes to the [`Clerk`], what is read to the worker.
+//! Nothing here waits for a disk: writes go to the [`Clerk`], reads to the worker.
 
 use std::{
     collections::VecDeque,
@@ -49,73 +49,74 @@ pub use watchdog::Life;
 use watchdog::Watchdog;
 use worker::Worker;
 
-/// How often states are published and changes written down.
+/// Interval at which states are published and changes recorded.
 const TICK: Duration = Duration::from_millis(50);
-/// How often requests that are under way are looked at.
+/// Polling interval of pending requests.
 const STEP: Duration = Duration::from_millis(2);
-/// How often the last output is written to disk.
+/// Interval at which the last output is saved.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
-/// How long the end waits for a control thread that hangs, and as long again for the disk.
+/// Timeout at shutdown for a control thread that hangs, and again for the disk.
 const END: Duration = Duration::from_secs(1);
 
-/// The parts from which a service is built.
+/// The parts of a service.
 pub struct Parts {
-    /// The control thread, running.
+    /// The running control thread.
     pub handle: Handle,
-    /// How the gateway was called.
+    /// Command-line options.
     pub options: Options,
-    /// The configuration that holds now.
+    /// The active configuration.
     pub config: Config,
     /// The controllers, in order.
     pub controllers: Vec<Description>,
-    /// The names of the temperatures.
+    /// Names of the temperatures.
     pub sensors: Vec<String>,
-    /// A copy of the model that the cycle has.
+    /// A copy of the cycle's model.
     pub model: Arc<Model>,
-    /// The true errors of the machine, where it is simulated.
+    /// True errors of the machine if it is simulated.
     pub truth: Option<Truth>,
-    /// What stands since before the start.
+    /// State that survived the restart.
     pub standing: Standing,
-    /// The reasons that forbid arming from the start.
+    /// Reasons that forbid arming from the start.
     pub forbids: Reasons,
-    /// Where it is proven that cycles come on time, several times within `proven_within`.
+    /// Counter of the proofs that cycles are on time; incremented several times within `proven_within`.
     pub life: Life,
-    /// The time of the watchdog of the service manager.
+    /// Watchdog timeout of the service manager.
     pub proven_within: Duration,
-    /// Where it is told what became of a model.
+    /// Channel on which the outcomes of models are reported.
     pub notes: ModelNotes,
 }
 
-/// The service. State: what runs, which requests are under way, and whether its log can be written.
+/// The service. State: the active parts, the pending requests, and the health of its log.
 pub struct Service {
-    /// The clock of the cycle: whatever expires here does so by it.
+    /// Clock of the cycle, used for all timeouts here.
     clock: Clock,
     parts: Parts,
     clerk: Clerk,
     worker: Worker,
-    /// Whether what would correct must be confirmed, which is found out at the start.
+    /// The check at start-up whether the model or limits need confirmation.
     unconfirmed: Option<Comparing>,
     switch: DisarmSwitch,
     publisher: Publisher,
     asked: Queue,
-    /// Requests to arm and to reload, one after the other.
+    /// Queued requests to arm and to reload, which are executed one at a time.
     waiting: VecDeque<Asked>,
     underway: Vec<Underway>,
     times: Times,
     looked: Instant,
     last_state: State,
     standing: Standing,
-    /// Tells when what stands was written down last, whether that failed, and when it was tried again.
+    /// Receipt of the last write of the standing state; the fields below record its failure and the last retry.
     standing_kept: Option<Receipt>,
     standing_lost: bool,
     standing_tried: Instant,
-    /// Why records of the log may be missing.
+    /// Why audit records may be missing.
     trouble: Option<&'static str>,
-    /// Reasons of the service itself, shown beside those of the guards: the last reload was refused, it is ending.
+    /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
+    /// stopping.
     tells: Reasons,
-    /// Whether it was armed once, or a person took over.
+    /// Whether auto-arm is finished: it was armed once, or an operator took over.
     auto_arm_done: bool,
-    /// Whether a person has armed, disarmed or acknowledged: from then on nothing else arms.
+    /// Whether an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
     person_decides: bool,
     auto_arm_after: Instant,
     output: LatestOutput,
@@ -123,7 +124,7 @@ pub struct Service {
     watchdog: Watchdog,
 }
 
-/// The output that was handed over to be written last.
+/// The last output queued for writing.
 struct LatestOutput {
     at: Instant,
     correction: PerAxis<f64>,
@@ -131,10 +132,10 @@ struct LatestOutput {
 }
 
 impl Service {
-    /// Puts a service together around a control thread, with the log to which it writes.
+    /// Builds a service around a control thread and an audit log.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system cannot create a thread.
     pub fn new(
         parts: Parts,
         audit: AuditLog,
@@ -186,7 +187,7 @@ impl Service {
         Ok(service)
     }
 
-    /// Writes the first record: what was found, and which version runs.
+    /// Writes the first record: the state of the log and the version of the program.
     pub fn started(&mut self, found: &Found) {
         let start = Start {
             records: found.records,
@@ -195,9 +196,9 @@ impl Service {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
-        // This takes the room for all that may have to be kept later; without it nothing arms.
+        // Allocates the file for all later updates; without it nothing arms.
         self.write_standing();
-        // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
+        // Nothing is armed yet, so there is time to wait; a disk that hangs delays the start by this timeout.
         self.clerk.settle(END);
         self.ask_whether_confirmed();
         let entry = ModelEntry {
@@ -214,14 +215,14 @@ impl Service {
         };
         let text = self.parts.model.text.clone();
         self.parts.notes.tell(entry, Some(text));
-        // From now on what the run before has written down may no longer be so.
+        // From now on the output stored by the previous run may be outdated.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);
         self.look();
     }
 
-    /// One turn: takes a request, goes on with those under way, writes down what happened, publishes. Waits for a
-    /// request up to 50 ms.
+    /// One iteration: receives a request, advances the pending ones, records events and publishes the state. Waits at
+    /// most 50 ms for a request.
     pub fn turn(&mut self) {
         let rest = TICK.saturating_sub(self.since(self.looked));
         self.turn_within(if self.underway.is_empty() {
@@ -231,12 +232,12 @@ impl Service {
         });
     }
 
-    /// One turn that waits for a request up to `rest`: not at all where a test counts the time.
+    /// One iteration that waits at most `rest` for a request; tests with simulated time use zero.
     pub fn turn_within(&mut self, rest: Duration) {
         match self.asked.recv_timeout(rest) {
             Ok(asked) => self.take_on(asked),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
-            // Nobody can ask any more.
+            // All senders were dropped.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => std::thread::sleep(rest),
         }
         self.go_on();
@@ -246,7 +247,7 @@ impl Service {
         }
     }
 
-    /// Waits until the disk and the files that are read are done, for at most `patience` by the system's clock. Whether they
+    /// Waits, at most `patience` of system time, until disk writes and file reads are complete. Returns whether they
     /// are.
     pub fn settle(&self, patience: Duration) -> bool {
         self.clerk.settle(patience) && self.worker.settle(patience)
@@ -256,10 +257,10 @@ impl Service {
         self.clock.now().saturating_duration_since(then)
     }
 
-    /// Ramps to zero for at most the configured time, then ends the control thread; `false`: it hangs. `hurry` tells to end
-    /// it at once.
+    /// Ramps to zero within the configured time, then ends the control thread. Returns `false` if that thread hangs. If
+    /// `hurry` returns true, the ramp is cut short.
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
-        // Stopping waits for nothing: all else comes after the order.
+        // The stop order comes first; nothing may delay it.
         self.switch.end();
         self.tells |= Reasons::STOPPING;
         self.tell_thread();
@@ -274,8 +275,8 @@ impl Service {
         has_ended
     }
 
-    /// After a fault of the program in the service itself: ramps to zero, ends the control thread and writes that down. Nothing
-    /// of the service is trusted any more but the control thread and the log. `false`: the control thread hangs.
+    /// Stops after a panic in the service: ramps to zero, ends the control thread and records it. Of the service, only
+    /// the control thread and the log are still used. Returns `false` if the control thread hangs.
     pub fn abandon(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         self.switch.end();
         let has_ended = self.ramp_out(hurry, |_| {});
@@ -283,12 +284,12 @@ impl Service {
         has_ended
     }
 
-    /// Whether the control thread has ended, so that nothing corrects any more.
+    /// Whether the control thread has ended, so that nothing is corrected any more.
     pub fn is_without_control(&self) -> bool {
         self.parts.handle.has_ended()
     }
 
-    /// Waits until nothing is applied any more, for at most the configured time or until `hurry`, then ends the control thread.
+    /// Waits until the output is zero, at most the configured time or until `hurry`, then ends the control thread.
     fn ramp_out(
         &mut self,
         hurry: &mut dyn FnMut() -> bool,
@@ -300,9 +301,9 @@ impl Service {
         while self.clock.now() < end && !hurry() && !self.is_without_control() {
             meanwhile(self);
             let report = self.parts.handle.report();
-            // Two cycles: the order may have come in the middle of one.
+            // Two cycles, because the order may have arrived in the middle of one.
             let seen = report.cycle > before + 2;
-            // A correction beyond the limit waits for a person.
+            // A correction beyond the limit does not ramp out: an operator must act.
             let at_rest = match report.state {
                 State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
                 State::Faulted(_) => report.correction == PerAxis::ZERO,
@@ -320,7 +321,7 @@ impl Service {
         has_ended
     }
 
-    /// Writes down what is left at the end.
+    /// Records the final state.
     fn write_end(&mut self, who: &str, what: &str) {
         let report = *self.parts.handle.report();
         self.write_output(&report, true);
@@ -338,13 +339,13 @@ impl Service {
         tracing::info!(state = report.state.name(), "{what}");
     }
 
-    /// Hands over a record. A log that cannot be written forbids arming.
+    /// Queues an audit record. A log that cannot be written forbids arming.
     fn log(&mut self, who: &str, what: &str, event: Event) -> Receipt {
         let entry = self.entry(who, what, event);
         self.clerk.record(entry)
     }
 
-    /// The correction that is applied, µm and µrad; empty where it is not known.
+    /// The applied correction, µm and µrad; empty if it is unknown.
     fn applied(&self, report: &Report) -> [ByAxis; 2] {
         if report.cycle > 0 && report.correction_known {
             observe::correction(&self.parts.model, report)
@@ -377,7 +378,7 @@ impl Service {
         handle.note(audit | self.tells | standing);
     }
 
-    /// Whether the log is written as it should; where it was not, it is tried again.
+    /// Checks the health of the log and retries it after a failure.
     fn look_after_log(&mut self) {
         let lost = "what outlives a restart cannot be written down";
         let is_lost = self.look_after_standing();
@@ -393,13 +394,13 @@ impl Service {
         self.clerk.try_again(|| again);
     }
 
-    /// Changes since the last look go into the log, times into the histograms, and a state is published.
+    /// Records changes since the last call, adds cycle times to the histograms, and publishes the state.
     fn look(&mut self) {
         let now = self.clock.now();
         self.looked = now;
         self.parts.handle.free_retired();
         for refusal in self.parts.handle.refusals() {
-            // The plan of a reload has checked them, so this is a fault of the program.
+            // Planning the reload has checked the orders, so a refusal is a bug.
             tracing::error!("{refusal}");
         }
         for change in self.parts.handle.changes() {
@@ -443,7 +444,7 @@ impl Service {
         }
     }
 
-    /// The state at a report.
+    /// The published state for a report.
     fn status(&self, report: &Report) -> Status {
         let parts = &self.parts;
         let facts = Facts {
@@ -463,14 +464,14 @@ impl Service {
                     status.reasons.push(reason.clone());
                 }
             }
-            // Those of an older version that have another text now come last.
+            // Reasons stored by an older version may have unknown texts; these come last.
             (status.reasons)
                 .sort_by_key(|text| Reasons::with_text(text).map_or(u64::MAX, Reasons::bits));
         }
         status
     }
 
-    /// Writes down the last output, for controllers that cannot be asked after a restart. One at a time.
+    /// Saves the last output, for controllers without read-back after a restart. At most one write is pending.
     fn write_output(&mut self, report: &Report, ended: bool) {
         let waits = |receipt: &Receipt| receipt.written().is_none();
         if self.output.receipt.as_ref().is_some_and(waits) {
@@ -482,7 +483,7 @@ impl Service {
             axes,
             controllers,
             boot: boot_id(),
-            // What was not known at the end is not known at the next start.
+            // An output that is unknown at the end must be unknown at the next start.
             ended: ended && report.correction_known,
             monotonic_s: monotonic().as_secs_f64(),
             correction: report.correction.to_vec(),

@@ -1,6 +1,6 @@
-//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken. What the
-//! centre of the fleet decides, and a machine file that a person has chosen, go the same way, through the same question and the
-//! same ramp, and end nothing that a person has decided.
+//! Reloads configuration and machine file while the gateway runs: read and compare, record, apply. Decisions of the
+//! fleet's centre and models selected by an operator take the same path, with the same confirmation and ramp; they do
+//! not override what an operator has decided.
 
 use std::{
     path::PathBuf,
@@ -34,7 +34,7 @@ use crate::{
 };
 
 impl Service {
-    /// Begins to read everything again.
+    /// Starts reading all files again.
     pub(super) fn read_again(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
         let old = self.parts.config.clone();
@@ -50,7 +50,7 @@ impl Service {
         }))
     }
 
-    /// Whether the files are read; if what they say may be taken, its record is begun.
+    /// Checks whether the files have been read; if the result may be applied, starts writing its record.
     pub(super) fn planned(&mut self, step: Reading, who: &str) -> Progress {
         let whose = step.whose.clone();
         let planned = match step.told.try_recv() {
@@ -122,12 +122,12 @@ impl Service {
         })))
     }
 
-    /// Whether the record is written; then the plan is taken.
+    /// Checks whether the record is written; then applies the plan.
     pub(super) fn kept(&mut self, mut step: Keeping) -> Progress {
         let whose = step.whose.clone();
         while let Some(receipt) = step.receipts.last() {
             match receipt.written() {
-                // A receipt tells once.
+                // A receipt returns its result only once.
                 Some(true) => drop(step.receipts.pop()),
                 None if self.clock.now() < step.until => {
                     return Progress::Waits(Step::Keeping(Box::new(step)));
@@ -138,7 +138,7 @@ impl Service {
                 }
             }
         }
-        // Limits and model are taken together or not at all, and not by a thread that hangs.
+        // Limits and model must be applied together or not at all, and a thread that hangs would apply neither.
         let handle = &self.parts.handle;
         let is_silent = handle.pulse().silence().is_some();
         if is_silent || handle.room() <= step.plan.limits().len() {
@@ -193,7 +193,7 @@ impl Service {
         })
     }
 
-    /// The answer where a person must confirm a machine file first.
+    /// The response if an operator must confirm a machine file first.
     fn must_be_confirmed(&mut self, whose: &Whose, who: &str, question: Question) -> Reply {
         let (model, answer) = (question.model.clone(), Answer::Question(Box::new(question)));
         match whose {
@@ -202,7 +202,7 @@ impl Service {
                 tracing::warn!("{who}: {words}");
                 let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
             }
-            // Nothing on disk differs from what is in force.
+            // The files on disk do not differ from the active ones, so no reason is shown.
             Whose::Person(_) => {
                 let what = Event::Refused(format!("{model} must be confirmed"));
                 let _ = self.log(who, "model must be confirmed", what);
@@ -216,7 +216,7 @@ impl Service {
         self.not_taken(whose, Reply { status, answer })
     }
 
-    /// Tells what became of a model, for its history.
+    /// Reports the outcome of a model for its history.
     fn note(
         &self,
         whose: &Whose,
@@ -242,7 +242,7 @@ impl Service {
         self.parts.notes.tell(entry, Some(text));
     }
 
-    /// The answer where files are wrong, which is written down.
+    /// The response for invalid files; it is recorded.
     fn refused_files(&mut self, whose: &Whose, who: &str, what: String) -> Reply {
         let title = match whose {
             Whose::Person(ask) => {
@@ -258,7 +258,7 @@ impl Service {
         self.not_taken(whose, refused(422, what))
     }
 
-    /// The answer where nothing was taken; of a reload that is told beside it.
+    /// The response if nothing was applied; for a reload, this is also shown as a reason.
     fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
         // The built-in configuration has no files that could differ from it.
         if *whose == Whose::Configured && self.parts.options.config.is_some() {
@@ -268,13 +268,13 @@ impl Service {
         reply
     }
 
-    /// A request of the centre that waits for nothing.
+    /// Executes a request of the centre that does not wait.
     pub(super) fn centre_asks(&mut self, asked: Asked) {
         match &asked.ask {
             Ask::Centre(CentreAsk::Disable) => {
                 self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
                 self.tell_thread();
-                // Again: between the order and its reason it may have armed itself.
+                // Disarm again: auto-arm may have armed between the order and this reason.
                 self.switch.disarm();
                 let effect = self.ordered(Request::Disarm);
                 self.write_down(&asked.who, "disable");
@@ -293,7 +293,7 @@ impl Service {
                 self.tells |= Reasons::CENTRE_FILE;
                 self.tell_thread();
             }
-            // They are carried out elsewhere.
+            // Other requests are handled elsewhere.
             _ => {}
         }
         let report = *self.parts.handle.report();
@@ -301,7 +301,7 @@ impl Service {
         finish(&asked.who, asked.answer, reply);
     }
 
-    /// Allows arming again. Where nothing but the centre stood against it, it arms itself as after the start.
+    /// Permits arming again. If only the centre prevented it, auto-arm resumes as after the start.
     fn enable(&mut self, who: &str) {
         if !self.parts.forbids.contains(Reasons::DISABLED_BY_CENTRE) {
             return;
@@ -312,7 +312,7 @@ impl Service {
         self.auto_arm_done &= self.person_decides;
     }
 
-    /// Begins to read a machine file of the centre.
+    /// Starts reading a machine file of the centre.
     pub(super) fn read_of_centre(
         &mut self,
         machine: PathBuf,
@@ -321,8 +321,8 @@ impl Service {
         self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
     }
 
-    /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
-    /// a machine that corrects by another one than its centre believes is a surprise to everybody.
+    /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
+    /// machine must not use another model than the centre assumes.
     pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
         if self.parts.config.is_machine_of_centre() {
             return Err(refused(
@@ -339,8 +339,8 @@ impl Service {
         )
     }
 
-    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk. `differences`: what must
-    /// be confirmed besides a large move.
+    /// Starts reading a machine file without any other change of the configuration, whatever is on disk. `differences`
+    /// must be confirmed in addition to a large change of the correction.
     fn read_other(
         &mut self,
         machine: PathBuf,
@@ -368,22 +368,23 @@ impl Service {
         }))
     }
 
-    /// Another machine file than the configured one is in force.
+    /// Completes the activation of another machine file than the configured one.
     pub(super) fn took_other(&mut self) {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // What was armed last may be another one: arming will ask, and a confirmation that came with it has answered.
+            // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this
+            // model answers.
             self.ask_whether_confirmed();
             self.auto_arm_done &= self.person_decides;
             self.tell_thread();
         }
     }
 
-    /// Limits and model of a plan from now on.
+    /// Applies limits and model of a plan.
     fn take(&mut self, plan: Plan) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
-            // There is room for all of them: only this thread sends.
+            // The queue has room for all of them: this is the only sending thread.
             let _ = self
                 .parts
                 .handle
@@ -402,14 +403,14 @@ impl Service {
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
         self.parts.config = config;
         if self.last_state.is_armed() {
-            // What was confirmed last is now this.
+            // The model and limits just applied are now the confirmed ones.
             let _ = self.keep_confirmed();
         }
         self.tell_thread();
     }
 }
 
-/// Reads everything again. What cannot change while the gateway runs is named and refused.
+/// Plans from the reread files. Changes that need a restart are rejected with the key.
 fn plan_again(
     options: &Options,
     old: &Config,
@@ -426,7 +427,7 @@ fn plan_again(
     if config.guard.is_some() {
         can_change(old, &config)?;
     }
-    // What the centre or a person has put in force is theirs to change.
+    // A model activated by the centre or an operator stays active: only they can change it.
     let holds = old.machine_from() != ModelSource::File;
     let machine = if holds {
         &old.machine
@@ -437,7 +438,7 @@ fn plan_again(
     plan_with(config, opened, model, limits, judge)
 }
 
-/// Plans another configuration for the devices that are open.
+/// Plans a new configuration for the open devices.
 fn plan_with(
     config: Config,
     opened: &[Description],
@@ -456,7 +457,7 @@ fn plan_with(
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
     let other = plan.descriptions().zip(opened).find(is_other);
     if let Some(device) = other.map(|(now, _)| now.device.clone()) {
-        // A file that describes it, such as a DBC file, has changed.
+        // A file that describes the device, such as a DBC file, has changed.
         return Err(GatewayError::invalid_in(
             plan.config.file,
             format_args!(
@@ -470,7 +471,7 @@ fn plan_with(
             "other axes than before: restart the gateway for that",
         ));
     }
-    // Where there were no limits before, nothing was armed.
+    // Without earlier limits nothing was armed.
     let changes = if limits.is_empty() {
         LimitChanges::new()
     } else {
@@ -483,7 +484,7 @@ fn plan_with(
     Ok((Box::new(plan), judged.unwrap_or_default()))
 }
 
-/// Whether everything that stays as it is while the gateway runs is as it was.
+/// Rejects changes of keys that are fixed while the gateway runs.
 fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
         // Without limits the cycle runs with those of the simulation.

@@ -1,5 +1,5 @@
-//! Requests on their way: each goes on by itself, and none holds up another. Arming and reloading, which wait for the
-//! disk, come one after the other and have files of their own.
+//! Pending requests, which advance independently. Arming and reloading, which wait for the disk, are executed one at a
+//! time in separate modules.
 
 use std::time::Duration;
 
@@ -18,13 +18,13 @@ use crate::{
     request::{Ask, Asked, CentreAsk, Reply, refused},
 };
 
-/// A request has taken effect after so long, or it has none.
+/// Time within which a request must take effect.
 const EFFECT: Duration = Duration::from_millis(300);
 
 impl Service {
-    /// Takes a request on. Disarming was ordered when it was made.
+    /// Receives a request. A disarm was already ordered when the request was created.
     pub(super) fn take_on(&mut self, asked: Asked) {
-        // From here on a person decides.
+        // An operator's request ends auto-arm.
         let decides = !matches!(asked.ask, Ask::Reload(_) | Ask::Centre(_) | Ask::Model(_));
         self.person_decides |= decides;
         self.auto_arm_done |= decides;
@@ -42,14 +42,14 @@ impl Service {
         }
     }
 
-    /// Who disarmed is written down, and outlives a restart.
+    /// Records who disarmed; this survives a restart.
     fn write_disarming(&mut self, asked: &Asked) {
         self.write_down(&asked.who, "disarm");
         let who = asked.who.clone();
         self.change_standing(|standing| standing.disarmed_by = Some(who));
     }
 
-    /// Requests that come while the gateway stops: disarming is written down, all else is refused.
+    /// Handles requests that arrive while the gateway stops: disarming is recorded, all others are refused.
     pub(super) fn answer_last(&mut self) {
         while let Ok(asked) = self.asked.recv_timeout(Duration::ZERO) {
             let reply = if asked.ask == Ask::Disarm {
@@ -63,7 +63,7 @@ impl Service {
         }
     }
 
-    /// The cause of a fault is mended. Where nothing waits for it this is said, and nothing is done.
+    /// Acknowledges a fault. If there is nothing to acknowledge, the request is refused.
     fn acknowledge(&mut self, asked: Asked) {
         let report = *self.parts.handle.report();
         let from_before = self.is_faulted_from_before();
@@ -90,7 +90,7 @@ impl Service {
         }
     }
 
-    /// Writes a request down with the state that it finds. Nobody waits for it.
+    /// Records a request with the state at that time, without waiting.
     pub(super) fn write_down(&mut self, who: &str, what: &str) {
         let state = self.parts.handle.report().state.into();
         let _ = self.log(who, what, Event::Request { state });
@@ -105,7 +105,7 @@ impl Service {
         });
     }
 
-    /// An order of now, whose effect shows from the next cycles on.
+    /// An order given now, whose effect shows within the next cycles.
     pub(super) fn ordered(&mut self, request: Request) -> Effect {
         Effect {
             request,
@@ -124,7 +124,7 @@ impl Service {
         self.parts.handle.send_by(order, until, disarms)
     }
 
-    /// Goes on with everything that is under way, and begins with the next request that waits.
+    /// Advances all pending requests and starts the next queued one.
     pub(super) fn go_on(&mut self) {
         for mut underway in std::mem::take(&mut self.underway) {
             let mut step = underway.step;
@@ -146,7 +146,7 @@ impl Service {
                     }
                     Progress::Done(reply) => {
                         self.told(&underway.who, &reply);
-                        // Whoever reads the state after the answer reads what the answer says.
+                        // Publish first, so that a state read after the response is consistent with it.
                         self.look();
                         finish(&underway.who, underway.answer, reply);
                         break;
@@ -167,7 +167,7 @@ impl Service {
                     self.read_of_centre(std::mem::take(machine), confirm.take())
                 }
                 Ask::Model(ask) => self.read_of_person(ask.clone()),
-                // They do not wait.
+                // These are never queued.
                 Ask::Disarm | Ask::Acknowledge | Ask::Centre(_) => return,
             };
             match step {
@@ -177,28 +177,28 @@ impl Service {
         }
     }
 
-    /// The answer of a request: what follows for the service.
+    /// Effects of a response on the service.
     fn told(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
             tracing::warn!("auto_arm: {}", in_words(&reply.answer));
-            // A model that must be confirmed is for a person.
+            // Auto-arm must not repeat a question that an operator has to confirm.
             self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
         }
     }
 
-    /// Whether a request has taken effect.
+    /// Checks whether a request has taken effect.
     fn took_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
         let report = *self.parts.handle.report();
-        // Two cycles: the order may have come in the middle of one.
+        // Two cycles, because the order may have arrived in the middle of one.
         let seen = report.cycle > effect.cycle + 2;
         if seen && has_taken(effect.request, report.state) {
-            // The report may be of a cycle that began before somebody disarmed it again.
+            // The report may predate a disarm ordered meanwhile.
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
                 self.change_standing(|standing| standing.disarmed_by = None);
             }
             if effect.request == Request::Acknowledge {
-                // The guards know nothing of a fault from before the start: it ends here.
+                // The guards do not know a fault from before the start: it is cleared here.
                 self.change_standing(|standing| standing.faulted = None);
             }
             let reasons = self.all_reasons(&report);
@@ -251,7 +251,7 @@ impl Service {
     }
 }
 
-/// Whether anything waits for a person to acknowledge it. An interlock that a controller shows now does not.
+/// Whether anything needs to be acknowledged. An interlock that a controller shows now does not.
 fn has_to_be_acknowledged(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);
@@ -261,7 +261,7 @@ fn has_to_be_acknowledged(report: &Report) -> bool {
         || report.sensors.iter().any(|sensor| jumped(sensor.flaw))
 }
 
-/// Whether a controller that answers shows an interlock.
+/// Whether a responding controller shows an interlock.
 fn shows_interlock(report: &Report) -> bool {
     report.paths.iter().any(|path| {
         let mut stops = Interlock::REASONS.into_iter();
@@ -270,9 +270,9 @@ fn shows_interlock(report: &Report) -> bool {
     })
 }
 
-/// Whether a fault from before the start may not end yet: a controller that answers shows an interlock, or it is not known
-/// what a control that can be asked applies. What a person alone can know does not stand against it: that an interlock of
-/// a controller that is silent now is over, and what lines were left with.
+/// Whether a fault from before the start must persist: a responding controller shows an interlock, or the output of a
+/// control with read-back is unknown. Facts that only an operator can know do not count: that the interlock of a silent
+/// controller has ended, and the state of outputs without read-back.
 fn may_not_end(report: &Report) -> bool {
     let is_left = report.reasons.contains(Reasons::LEFT_UNKNOWN);
     shows_interlock(report) || !(report.correction_known || is_left)

@@ -1,4 +1,4 @@
-//! What outlives a restart: a fault that nobody has acknowledged, and that a person disarmed it.
+//! State that survives a restart: an unacknowledged fault, and that an operator has disarmed.
 
 use std::path::Path;
 
@@ -14,10 +14,11 @@ use crate::{
     documents::Standing,
 };
 
-/// Who disarmed it, where the file does not tell.
+/// Name used if the file does not record who disarmed.
 const SOMEBODY: &str = "somebody";
 
-/// What stands since before the start. A file that cannot be read is no proof that a person wants it armed.
+/// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
+/// operator.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
@@ -40,8 +41,8 @@ pub(crate) fn read(dir: &Path) -> Standing {
     with_jumps(standing)
 }
 
-/// After a start nothing is known of what a sensor told before it jumped, and its first reading is believed: that it is
-/// right a person has to say first.
+/// After a start, the value before a jump is unknown and the first reading would be accepted. An operator must
+/// therefore confirm it first.
 fn with_jumps(mut standing: Standing) -> Standing {
     let jumped = std::mem::take(&mut standing.jumped);
     if !jumped.is_empty() {
@@ -55,7 +56,7 @@ fn with_jumps(mut standing: Standing) -> Standing {
 }
 
 impl Service {
-    /// What stands from now on.
+    /// Changes the standing state and saves it.
     pub(super) fn change_standing(&mut self, change: impl FnOnce(&mut Standing)) {
         let before = self.standing.clone();
         change(&mut self.standing);
@@ -66,14 +67,14 @@ impl Service {
         self.tell_thread();
     }
 
-    /// Writes it down. Where that fails it is tried again until it is written, and told meanwhile.
+    /// Saves the standing state. A failed write is retried and reported.
     pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
             self.standing_kept = Some(self.clerk.keep_standing(text));
         }
     }
 
-    /// Whether what stands could not be written down; it is tried again then.
+    /// Whether the last save failed; it is then retried.
     pub(super) fn look_after_standing(&mut self) -> bool {
         match self.standing_kept.as_ref().map(Receipt::written) {
             Some(Some(true)) => {
@@ -92,7 +93,7 @@ impl Service {
         self.standing_lost
     }
 
-    /// A fault outlives the gateway until it has ended. `before` is the state before the present one.
+    /// Saves a fault until it has ended. `before` is the previous state.
     pub(super) fn keep_fault(&mut self, before: State, reasons: &[String]) {
         if matches!(self.last_state, State::Faulted(_)) {
             let reasons = reasons.to_vec();
@@ -102,7 +103,7 @@ impl Service {
         }
     }
 
-    /// A sensor that jumped is out for longer than the gateway runs.
+    /// Saves the sensors that have jumped, which stay excluded after a restart.
     pub(super) fn keep_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, told)| told.flaw == Some(SensorFlaw::Jumped));
@@ -110,12 +111,12 @@ impl Service {
         self.change_standing(|standing| standing.jumped = jumped);
     }
 
-    /// The fault from before the start, which nobody has acknowledged: the guards know nothing of it.
+    /// Whether there is an unacknowledged fault from before the start, which the guards do not know.
     pub(super) fn is_faulted_from_before(&self) -> bool {
         self.standing.faulted.is_some() && !matches!(self.last_state, State::Faulted(_))
     }
 
-    /// The reasons for not arming, and for telling, that stand.
+    /// Reasons from the standing state that prevent arming or are shown.
     pub(super) fn standing_reasons(&self) -> Reasons {
         Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before())
             | Reasons::DISARMED_BY_PERSON

@@ -1,4 +1,4 @@
-//! Requests on their way, step by step, and what they are answered.
+//! The steps of pending requests, and their responses.
 
 use std::{
     sync::mpsc::Receiver,
@@ -18,87 +18,85 @@ use crate::{
     request::{ModelAsk, Reply, refused},
 };
 
-/// Files are read and compared within this, or the request is given up.
+/// Timeout for reading and comparing files.
 pub(super) const FILES: Duration = Duration::from_secs(8);
 
-/// Who asks where nobody does.
+/// Requester of automatic arming.
 pub(super) const AUTO_ARM: &str = "auto_arm";
 
-/// A request on its way.
 pub(super) struct Underway {
     pub(super) who: String,
     pub(super) answer: Option<oneshot::Sender<Reply>>,
-    /// How often disarming had been ordered when the request was made.
+    /// Number of disarm orders at the time of the request.
     pub(super) disarms: u64,
     pub(super) step: Step,
 }
 
-/// How far a request is.
+/// The current step of a request.
 pub(super) enum Step {
-    /// Arming: the model that was armed last is read and compared.
+    /// Arming: the model armed last is read and compared.
     Comparing(Comparing),
-    /// Arming: its record is written.
+    /// Arming: the record is being written.
     Recording(Recording),
-    /// A reload: the files are read and compared.
+    /// Reload: the files are read and compared.
     Reading(Reading),
-    /// A reload: its record is written.
+    /// Reload: the record is being written.
     Keeping(Box<Keeping>),
-    /// The order was given.
+    /// The order was given; its effect is awaited.
     Effect(Effect),
 }
 
-/// An order whose effect is waited for.
+/// An order whose effect is awaited.
 #[derive(Clone, Copy)]
 pub(super) struct Effect {
     pub(super) request: Request,
-    /// The number of the last cycle before the order.
+    /// Number of the last cycle before the order.
     pub(super) cycle: u64,
-    /// Until then it has an effect, or none; a request other than disarming is not carried out later.
+    /// Deadline for the effect; requests other than disarming are not executed later.
     pub(super) until: Instant,
 }
 
-/// What becomes of a request when it is looked at.
+/// Result of advancing a request.
 pub(super) enum Progress {
-    /// Nothing new.
+    /// No change.
     Waits(Step),
-    /// The next step, to be looked at at once.
+    /// The next step, to be executed immediately.
     Next(Step),
-    /// The answer.
+    /// Complete, with the response.
     Done(Reply),
 }
 
-/// What comes of comparing: a question, or why there is no telling.
+/// Result of a comparison: a question, if any, or why the comparison failed.
 pub(super) type Compared = Result<Option<Question>, String>;
 
-/// The comparison under way.
 pub(super) struct Comparing {
     pub(super) told: Receiver<Compared>,
     pub(super) until: Instant,
 }
 
-/// The record, and the files that say what is armed.
+/// The record of an arming, and the files with the armed model and limits.
 pub(super) struct Recording {
     pub(super) receipts: [Receipt; 3],
     pub(super) written: [bool; 3],
     pub(super) until: Instant,
 }
 
-/// What a reload would take, how far that moves the correction, and the question that comes first.
+/// Result of planning a reload: the plan, its effect on the correction, and the question to confirm first.
 pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
 
-/// Whose machine file it is.
+/// Origin of the machine file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Whose {
-    /// That of the configuration, which is read again with it.
+    /// The configuration, which is reread as well.
     Configured,
-    /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
+    /// The fleet's centre, with the hash confirmed there; nothing else changes.
     Centre(Option<String>),
-    /// One that a person has chosen; nothing else changes.
+    /// Selected by an operator; nothing else changes.
     Person(Box<ModelAsk>),
 }
 
 impl Whose {
-    /// Where a model comes from, and the same in words. `config` is what would be taken.
+    /// Origin of a model and its description. `config` is the configuration to be applied.
     pub(super) fn origin(&self, config: &Config) -> (ModelSource, String) {
         match self {
             Self::Person(ask) => (ask.from, ask.file.clone()),
@@ -108,25 +106,25 @@ impl Whose {
     }
 }
 
-/// The files under way.
+/// Files being read.
 pub(super) struct Reading {
     pub(super) whose: Whose,
     pub(super) told: Receiver<Planned>,
     pub(super) until: Instant,
 }
 
-/// A plan that is taken as soon as its record is written, and what else must be.
+/// A plan that is applied once its record and the other receipts are complete.
 pub(super) struct Keeping {
     pub(super) who: String,
     pub(super) whose: Whose,
     pub(super) plan: Box<Plan>,
-    /// How far it moves the correction, µm and µrad.
+    /// Change of the correction, µm and µrad.
     pub(super) worst: [Option<f64>; 2],
     pub(super) receipts: Vec<Receipt>,
     pub(super) until: Instant,
 }
 
-/// Whether a state is what a request asks for.
+/// Whether a state is the goal of a request.
 pub(super) fn has_taken(request: Request, state: State) -> bool {
     match request {
         Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
@@ -135,7 +133,7 @@ pub(super) fn has_taken(request: Request, state: State) -> bool {
     }
 }
 
-/// Why a request has not taken effect, in words; the reasons of the state say what stands against it.
+/// Why a request has not taken effect; the reasons of the state give the cause.
 pub(super) fn refusal(request: Request, state: State) -> &'static str {
     match (request, state) {
         (Request::Acknowledge, _) => {
@@ -150,22 +148,22 @@ pub(super) fn refusal(request: Request, state: State) -> &'static str {
     }
 }
 
-/// Gives the answer to whoever asked.
+/// Sends the response to the requester.
 pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
     match answer {
-        // Whoever asked may have gone.
+        // The receiver may have been dropped.
         Some(to) => drop(to.send(reply)),
         None if who == AUTO_ARM => {}
         None => tracing::info!("{who}: {}", in_words(&reply.answer)),
     }
 }
 
-/// The answer while the control thread takes no orders.
+/// The response if the control thread accepts no orders.
 pub(super) fn no_orders() -> Reply {
     refused(503, "the control thread takes no orders")
 }
 
-/// The answer when the audit log cannot be written.
+/// The response if the audit log cannot be written.
 pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
     let why = why.unwrap_or("the audit log cannot be written");
     settled(409, state, Reasons::AUDIT, Some(why))
@@ -182,7 +180,7 @@ pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option
     }
 }
 
-/// An answer for the log of the program.
+/// Formats a response for the log.
 pub(super) fn in_words(answer: &Answer) -> String {
     match answer {
         Answer::Question(question) => {
@@ -235,7 +233,7 @@ pub(super) fn in_words(answer: &Answer) -> String {
     }
 }
 
-/// The answer while the disk does not answer.
+/// The response if the disk does not respond.
 pub(super) fn disk_silent() -> Reply {
     refused(503, "the disk with the files does not answer: try again")
 }

@@ -1,5 +1,4 @@
-//! The proof that a machine lives, for whoever feeds the watchdog of the service manager: given only while cycles come on
-//! time.
+//! Proof of life of a machine for the service manager's watchdog, given only while cycles are on time.
 
 use std::{
     sync::{
@@ -11,7 +10,7 @@ use std::{
 
 use volcomp_runtime::Timing;
 
-/// How often a machine has proven that its cycles come on time.
+/// Counter of the proofs that cycles are on time.
 #[derive(Clone, Debug, Default)]
 pub struct Life(Arc<AtomicU64>);
 
@@ -21,30 +20,30 @@ impl Life {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Proves it once more.
+    /// Increments the counter.
     pub(super) fn prove(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// On time are cycles of which none stayed away for longer than `patience`, and of which there were at least a third of
-/// what the period asks for.
+/// Checks that cycles are on time: no gap longer than `patience`, and at least a third of the number that the period
+/// requires.
 pub(super) struct Watchdog {
-    /// How often it is proven.
+    /// Interval between two proofs.
     interval: Duration,
     period: Duration,
     patience: Duration,
-    /// Since when cycles have been on time.
+    /// Start of the current interval.
     since: Instant,
-    /// Cycles since then.
+    /// Number of cycles in the current interval.
     cycles: u64,
 }
 
 impl Watchdog {
-    /// A watchdog that must hear something within `time`.
+    /// A watchdog for the timeout `time`.
     pub(super) fn new(time: Duration, period: Duration, patience: Duration, now: Instant) -> Self {
         Self {
-            // A stretch that was late costs as long again, and the next one must still be in time.
+            // A late interval costs another one of equal length, and the proof after it must still be in time.
             interval: (time / 4).min(Duration::from_secs(1)),
             period,
             patience,
@@ -53,7 +52,6 @@ impl Watchdog {
         }
     }
 
-    /// Counts a cycle.
     pub(super) fn count(&mut self, timing: &Timing, now: Instant) {
         self.cycles += 1;
         if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.patience {
@@ -61,7 +59,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether life is proven now; `is_silent`: the control thread has run no cycle for too long.
+    /// Whether a proof is due now. `is_silent`: the control thread has run no cycle for too long.
     pub(super) fn is_due(&mut self, is_silent: bool, now: Instant) -> bool {
         if is_silent {
             self.begin(now);

@@ -1,4 +1,4 @@
-//! Work that may wait for a disk or takes long: one piece at a time, on a thread of its own.
+//! Slow work and work that may wait for a disk, executed one task at a time on a separate thread.
 
 use std::{
     sync::{
@@ -10,12 +10,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Whether the last piece of work is still at it.
+/// True while a task is running.
 #[derive(Default)]
 pub(super) struct Worker(Arc<AtomicBool>);
 
 impl Worker {
-    /// Waits until the last piece of work is done, for at most `patience`. Whether it is.
+    /// Waits at most `patience` until the task is complete. Returns whether it is.
     pub(super) fn settle(&self, patience: Duration) -> bool {
         let end = Instant::now() + patience;
         while self.0.load(Ordering::Acquire) {
@@ -27,8 +27,8 @@ impl Worker {
         true
     }
 
-    /// Begins a piece of work, whose result comes from the receiver. `None`: the last one is not done, or there is no
-    /// thread to be had.
+    /// Starts a task; the receiver yields its result. `None`: the last task is still running, or no thread can be
+    /// created.
     pub(super) fn begin<T: Send + 'static>(
         &mut self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -38,14 +38,14 @@ impl Worker {
         }
         let (tell, told) = sync_channel(1);
         let busy = Arc::clone(&self.0);
-        // What it logs is of the machine of whoever starts it.
+        // The thread logs under the span of the machine that starts it.
         let span = tracing::Span::current();
         let begun = thread::Builder::new()
             .name("volcomp-files".to_owned())
             .spawn(move || {
                 let result = span.in_scope(work);
                 busy.store(false, Ordering::Release);
-                // Whoever asked may have given up.
+                // The receiver may have been dropped.
                 let _ = tell.send(result);
             });
         if begun.is_err() {

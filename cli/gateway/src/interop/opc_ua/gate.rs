@@ -1,4 +1,5 @@
-//! The gate before the server: so many clients at one time, none faster than the server answers it, and nobody is waited for.
+//! A proxy in front of the OPC UA server. It limits the number of clients and their input rate, and disconnects clients
+//! that do not read.
 
 use std::{convert::Infallible, io, net::SocketAddr, sync::Arc, time::Duration};
 
@@ -9,17 +10,17 @@ use tokio::{
     time::{Instant, sleep, sleep_until, timeout},
 };
 
-/// The largest number of clients; another one is sent away, so that those who are there stay.
+/// Maximum number of clients; further ones are disconnected, so that existing connections remain.
 pub(super) const MAX_CLIENTS: usize = 16;
-/// A client that takes nothing for so long is let go.
+/// Clients that do not read for this long are disconnected.
 const WRITE_WITHIN: Duration = Duration::from_secs(5);
-/// So much of a client is heard at once, bytes, and the time until it is heard again: 1.6 MB/s.
+/// Maximum size of one read from a client, bytes; with one read per [`PACE`] the input rate is at most 1.6 MB/s.
 const CHUNK: usize = 8 * 1024;
 const PACE: Duration = Duration::from_millis(5);
-/// Out of descriptors: some will be given back.
+/// Retry interval when `accept` fails because no file descriptors are left.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// Lets clients through to the server at `inner`.
+/// Forwards clients to the server at `inner`.
 pub(super) async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallible {
     let places = Arc::new(Semaphore::new(MAX_CLIENTS));
     loop {
@@ -27,10 +28,10 @@ pub(super) async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallibl
             sleep(AGAIN).await;
             continue;
         };
-        // Without a place the connection closes.
+        // Without a free slot the connection is closed.
         if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
             tokio::spawn(async move {
-                // It ends because one of both has closed: there is nobody to be told why.
+                // The error only says that one side has closed the connection.
                 let _ = pass(client, inner).await;
                 drop(place);
             });
@@ -38,7 +39,8 @@ pub(super) async fn serve(listener: TcpListener, inner: SocketAddr) -> Infallibl
     }
 }
 
-/// Passes on what both say until one of them ends. While a client does not read, it is not heard either: no answers pile up.
+/// Forwards both directions until one side closes. Nothing is read from a client that does not read, so that responses
+/// do not pile up.
 async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     let mut server = TcpStream::connect(inner).await?;
     client.set_nodelay(true)?;

@@ -1,7 +1,7 @@
-//! A server of OPC UA: clients browse and read what the gateway tells. Nothing in it can be written or called.
+//! An OPC UA server: clients browse and read the state of the gateway. No node can be written or called.
 //!
-//! The server of the library accepts as many connections as come, so it listens where nobody looks, and clients reach it
-//! through a gate that counts them.
+//! The library's server accepts an unlimited number of connections. It therefore listens on an internal address, and
+//! clients connect through a proxy that limits their number.
 
 use std::{
     io,
@@ -27,18 +27,18 @@ mod gate;
 mod nodes;
 mod values;
 
-/// The namespace of the nodes.
+/// Namespace of the nodes.
 const NAMESPACE: &str = "urn:volcomp:gateway";
-/// A client that has not said hello after so long is let go, s.
+/// Timeout for a client's hello message, s.
 const HELLO_WITHIN_S: u32 = 5;
-/// How often the gate looks whether the server is there.
+/// Polling interval of the proxy until the server is ready.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// The sockets, of which nobody is served yet.
+/// The bound sockets; they do not serve clients yet.
 pub(super) struct Bound {
-    /// Where clients come.
+    /// Socket for clients.
     outer: TcpListener,
-    /// Where the server of the library listens.
+    /// Socket of the library's server.
     inner: TcpListener,
     listen: SocketAddr,
 }
@@ -52,7 +52,7 @@ impl Bound {
             Ok(listener)
         };
         let outer = bound(config.listen).map_err(failed)?;
-        // One of the addresses of this computer that no other computer reaches, and that nobody finds by trying.
+        // A random loopback address, which other computers cannot reach and local programs do not find by trying.
         let [a, b, c]: [u8; 3] = rand::random();
         let inner = SocketAddr::from((Ipv4Addr::new(127, a, b, c.clamp(2, 254)), 0));
         Ok(Self {
@@ -70,7 +70,7 @@ impl Bound {
         let (shape, published) = (shape.clone(), published.clone());
         let own = tracing::dispatcher::get_default(Clone::clone);
         start("volcomp-opcua", move || async move {
-            // The library would tell every connection to the log of the gateway.
+            // The library would log every connection.
             let silent = set_default(NoSubscriber::default());
             let ended = self.run(&shape, &published).await;
             drop(silent);
@@ -80,16 +80,16 @@ impl Bound {
         })
     }
 
-    /// Serves until it is dropped, or something cannot be done.
+    /// Serves until it is dropped or an error occurs.
     async fn run(self, shape: &Shape, published: &Published) -> Result<(), String> {
-        // It begins tasks, so it is made where they run.
+        // The server spawns tasks, so it is created on the runtime that executes them.
         let (server, handle) = server(self.listen, shape)?;
         nodes::fill(&handle, shape, published)?;
         let inner = self.inner.local_addr().map_err(|e| e.to_string())?;
         let [outer, listener] = [self.outer, self.inner].map(tokio::net::TcpListener::from_std);
         let outer = outer.map_err(|e| e.to_string())?;
         let gate = async {
-            // The addresses that clients are told are those of the gate; the server sets its own when it begins.
+            // Clients must be given the address of the proxy, but the server sets its own when it starts.
             let port = &handle.info().port;
             while port.load(Ordering::Relaxed) == 0 {
                 tokio::time::sleep(LOOK).await;
@@ -108,9 +108,9 @@ fn failed(listen: SocketAddr, source: io::Error) -> GatewayError {
     GatewayError::system(format!("opc_ua {listen}"), source)
 }
 
-/// The server before it listens: anonymous clients, no encryption, few of everything.
+/// Builds the server: anonymous clients, no encryption, low limits.
 fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), String> {
-    // The library asks for it and takes none for granted.
+    // The library relies on the working directory: report here if there is none.
     std::env::current_dir().map_err(|e| format!("the working directory: {e}"))?;
     let metadata = NamespaceMetadata {
         namespace_uri: NAMESPACE.to_owned(),
@@ -135,7 +135,7 @@ fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), S
         .add_endpoint("none", endpoint)
         .discovery_urls(vec!["/".to_owned()])
         .hello_timeout(HELLO_WITHIN_S)
-        // There are no certificates, and no folder for them is made.
+        // No certificates are used; this path prevents the library from creating a folder.
         .pki_dir(PathBuf::from("/dev/null/none"))
         .with_node_manager(simple_node_manager(metadata, "volcomp"));
     let limits = builder.limits_mut();
@@ -146,7 +146,7 @@ fn server(listen: SocketAddr, shape: &Shape) -> Result<(Server, ServerHandle), S
     builder.build()
 }
 
-/// The host in the addresses that clients are told.
+/// Host in the addresses given to clients.
 fn host(listen: SocketAddr) -> String {
     match listen {
         listen if listen.ip().is_unspecified() => {

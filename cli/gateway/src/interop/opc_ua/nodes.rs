@@ -1,4 +1,4 @@
-//! The nodes: a folder for each part of the machine, and in it a variable for each quantity, all of them only to be read.
+//! The nodes: a folder for each part of the machine, with a read-only variable for each quantity.
 
 use std::{collections::BTreeSet, time::SystemTime};
 
@@ -17,13 +17,13 @@ use super::{
 };
 use crate::published::Published;
 
-/// The folder of everything, and the beginning of the identifiers of folders.
+/// The root folder and prefix of folder identifiers.
 const ROOT: &str = "volcomp";
 
-/// Makes the nodes; each is read from the latest state when somebody asks.
+/// Creates the nodes. Each reads the latest state on access.
 ///
 /// # Errors
-/// A server that was not built with a place for them.
+/// The server was built without the node manager for them.
 pub(super) fn fill(
     handle: &ServerHandle,
     shape: &Shape,
@@ -63,14 +63,14 @@ pub(super) fn fill(
     Ok(())
 }
 
-/// The folders that there are so far.
+/// The folders created so far.
 struct Folders {
     namespace: u16,
     made: BTreeSet<String>,
 }
 
 impl Folders {
-    /// The folder of this path, made where it is not there.
+    /// The folder of this path; created if it is missing.
     fn of(&mut self, space: &mut AddressSpace, path: &[&str]) -> NodeId {
         let mut above = NodeId::from(ObjectId::ObjectsFolder);
         let mut whole = String::new();
@@ -103,7 +103,7 @@ fn data_type(kind: Kind) -> DataTypeId {
     }
 }
 
-/// The meaning of a quantity, with its unit.
+/// Description of a quantity, with its unit.
 fn description(quantity: &Quantity) -> String {
     match quantity.kind {
         Kind::Number(unit) => format!("{}, {}", quantity.help, unit.symbol()),

@@ -1,4 +1,4 @@
-//! A quantity as a value of OPC UA: with its status and the time at which it was so.
+//! Converts a quantity to an OPC UA value with status and source time.
 
 use std::time::{Duration, SystemTime};
 
@@ -6,10 +6,10 @@ use opcua::types::{DataValue, DateTime, StatusCode, TimestampsToReturn, Variant}
 
 use super::super::quantities::{Quality, Reading, Value};
 
-/// From the beginning of the calendar of OPC UA, 1601, to that of Unix, in steps of 100 ns.
+/// Offset between the epochs of OPC UA (1601) and Unix (1970), in steps of 100 ns.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 
-/// A reading with the times that are asked for.
+/// A reading with the requested timestamps.
 pub(super) fn value(reading: Reading, now: SystemTime, stamps: TimestampsToReturn) -> DataValue {
     let age = Duration::try_from_secs_f64(reading.age_ms * 1e-3).unwrap_or_default();
     let source = now.checked_sub(age).unwrap_or(now);

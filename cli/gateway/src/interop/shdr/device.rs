@@ -1,4 +1,4 @@
-//! The description of the gateway for an MTConnect agent, XML.
+//! The device description for an MTConnect agent, XML.
 
 use std::fmt::Write;
 
@@ -10,7 +10,8 @@ use super::{
     lines::{AVAILABILITY, Items},
 };
 
-/// How a quantity is named in MTConnect: category, type, sub-type and unit. Types with `x:` are not of the standard.
+/// The MTConnect name of a quantity: category, type, sub-type and unit. Types with the prefix `x:` are extensions of
+/// the standard.
 struct Item {
     category: &'static str,
     kind: String,
@@ -18,7 +19,7 @@ struct Item {
     units: Option<&'static str>,
 }
 
-/// The file `Devices.xml` of an agent that reads this gateway, with the name under which the agent shows it.
+/// The `Devices.xml` for an agent that reads this gateway. `name` is the device name shown by the agent.
 pub fn device(shape: &Shape, name: &str) -> String {
     let items = Items::of(shape);
     let of = |parts: &[Part]| -> Vec<String> {
@@ -82,7 +83,7 @@ pub fn device(shape: &Shape, name: &str) -> String {
     xml.text
 }
 
-/// Text of XML, and how deep it stands.
+/// XML text and the current nesting depth.
 #[derive(Default)]
 struct Xml {
     text: String,
@@ -165,12 +166,13 @@ fn item(quantity: &Quantity) -> Item {
     }
 }
 
-/// A type that the standard does not have. Others have states and errors, too.
+/// An extension type, for quantities without a type in the standard. `COMPENSATION_` distinguishes it from states and
+/// errors of other devices.
 fn own_type(quantity: &Quantity) -> String {
     format!("x:COMPENSATION_{}", quantity.row.to_ascii_uppercase())
 }
 
-/// Text in XML; what XML cannot hold is left out.
+/// Escapes text for XML. Characters that XML cannot represent are dropped.
 fn escaped(text: &str) -> String {
     let mut xml = String::new();
     for c in text.chars().filter(|c| !c.is_control()) {
@@ -179,7 +181,7 @@ fn escaped(text: &str) -> String {
             '<' => xml += "&lt;",
             '>' => xml += "&gt;",
             '"' => xml += "&quot;",
-            // Not characters of XML.
+            // Noncharacters, which XML forbids.
             '\u{fffe}' | '\u{ffff}' => {}
             c => xml.push(c),
         }

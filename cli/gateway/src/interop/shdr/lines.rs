@@ -1,4 +1,4 @@
-//! Lines of SHDR: what a client is told, and what it was told before.
+//! SHDR lines: a client is sent only what has changed since its last update.
 
 use std::time::{Duration, SystemTime};
 
@@ -11,28 +11,28 @@ use crate::{
     documents::{StateName, Status},
 };
 
-/// What is not known.
+/// Value of an unknown item.
 const UNAVAILABLE: &str = "UNAVAILABLE";
-/// The key of the item that says whether the gateway tells anything at all.
+/// Key of the item that reports whether the gateway is available.
 pub(super) const AVAILABILITY: &str = "avail";
 
-/// The items that are told of a gateway, in order.
+/// The data items of a gateway, in order.
 pub struct Items {
-    /// Those with values.
+    /// Items with values.
     pub quantities: Vec<Quantity>,
-    /// Those with conditions: key and place.
+    /// Items with conditions: key and place.
     pub conditions: Vec<(String, Place)>,
 }
 
 impl Items {
-    /// The items of a gateway.
+    /// The data items of a gateway.
     pub fn of(shape: &Shape) -> Self {
         let mut quantities = quantities(shape);
-        // Reasons are told as conditions.
+        // Reasons are reported as conditions.
         quantities.retain(|quantity| quantity.row != "reasons");
         let key = |place| match place {
             Place::Guard => "guard".to_owned(),
-            // The same sensor, the same name: they are told apart in the list of quantities.
+            // Sensors whose keys would be equal are numbered in the list of quantities: use the same key here.
             Place::Sensor(sensor) => {
                 let own = quantities
                     .iter()
@@ -50,14 +50,14 @@ impl Items {
     }
 }
 
-/// What one client was told last.
+/// The state last sent to one client.
 pub struct Told {
     available: Option<bool>,
     values: Vec<Option<String>>,
     conditions: Vec<Condition>,
 }
 
-/// The last that was told of one condition.
+/// The last sent state of one condition.
 #[derive(Clone, PartialEq)]
 enum Condition {
     Nothing,
@@ -67,7 +67,7 @@ enum Condition {
 }
 
 impl Told {
-    /// Nothing was told so far.
+    /// The initial state: nothing has been sent.
     pub fn nothing(items: &Items) -> Self {
         Self {
             available: None,
@@ -76,7 +76,7 @@ impl Told {
         }
     }
 
-    /// The lines that say what a state has changed, each with its end; from now on they count as told.
+    /// The lines for all changes in a state, each with a line feed. They are recorded as sent.
     pub fn changes(&mut self, items: &Items, status: &Status, now: SystemTime) -> String {
         let mut text = String::new();
         let available = status.state != StateName::Unknown;
@@ -109,7 +109,8 @@ impl Told {
     }
 }
 
-/// The lines from one condition to another: what has ended is normal by its code, what is new or another level is told.
+/// The lines for the change of a condition: ended alarms become normal by their code; new ones and those with a changed
+/// level are sent.
 fn condition(
     text: &mut String,
     now: SystemTime,
@@ -144,7 +145,7 @@ fn condition(
     }
 }
 
-/// A value in the unit of MTConnect.
+/// Formats a value in the unit used by MTConnect.
 fn shown(quantity: &Quantity, value: &Value) -> String {
     match (value, quantity.kind) {
         (Value::Number(value), Kind::Number(unit)) => in_unit(*value, unit),
@@ -156,8 +157,8 @@ fn shown(quantity: &Quantity, value: &Value) -> String {
     }
 }
 
-/// A number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are whole seconds, so that an age is told when it grows and not
-/// with every look.
+/// A number in MILLIMETER, DEGREE, CELSIUS or SECOND. Times are rounded to whole seconds, so that an age does not
+/// change with every update.
 fn in_unit(value: f64, unit: Unit) -> String {
     let text = match unit {
         Unit::Mm | Unit::Deg | Unit::Degc => format!("{value:.3}"),
@@ -172,7 +173,7 @@ fn in_unit(value: f64, unit: Unit) -> String {
     if digits == "-0" { "0" } else { digits }.to_owned()
 }
 
-/// One line of a time and fields.
+/// Appends one line: timestamp, then fields.
 fn line(text: &mut String, now: SystemTime, age_ms: f64, fields: &[&str]) {
     let age = Duration::try_from_secs_f64(age_ms * 1e-3).unwrap_or_default();
     text.push_str(&utc(now.checked_sub(age).unwrap_or(now)));
@@ -183,15 +184,15 @@ fn line(text: &mut String, now: SystemTime, age_ms: f64, fields: &[&str]) {
     text.push('\n');
 }
 
-/// A field that a reader takes for the same text. Only `|`, `"` and `\` can be written otherwise than as they are, so every
-/// control character, such as the end of a line, becomes a space, and spaces around the text are left out.
+/// Escapes a field. Only `|`, `"` and `\` have an escaped form; control characters, such as line ends, become spaces,
+/// and surrounding spaces are removed.
 pub fn escaped(text: &str) -> String {
     let plain: String = text
         .chars()
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect();
     let plain = plain.trim_matches(|c: char| c.is_ascii_whitespace());
-    // Between quotation marks a backslash takes the sign behind it as it is; without them nothing does.
+    // A backslash escapes the next character only within quotation marks.
     if !plain.contains('|') && !plain.starts_with('"') {
         return plain.to_owned();
     }

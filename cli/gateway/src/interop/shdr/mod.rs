@@ -1,4 +1,4 @@
-//! An adapter of MTConnect: an agent, or several, read the gateway over TCP as lines of SHDR.
+//! An MTConnect adapter: agents read the gateway over TCP as SHDR lines.
 
 use std::{net::TcpListener, sync::Arc};
 
@@ -12,12 +12,12 @@ mod server;
 pub use device::device;
 use lines::Items;
 
-/// A socket whose clients are served once there is something to tell.
+/// The bound socket; clients are served once the service runs.
 pub(super) struct Bound(TcpListener);
 
 impl Bound {
     pub(super) fn new(config: &ShdrConfig) -> Result<Self, GatewayError> {
-        // A client that does not read is let go after little, and holds little memory.
+        // A small send buffer limits the memory per client and detects early that a client does not read.
         let listener = TcpListener::bind(config.listen).and_then(|listener| {
             rustix::net::sockopt::set_socket_send_buffer_size(&listener, 64 * 1024)?;
             listener.set_nonblocking(true)?;

@@ -1,5 +1,5 @@
-//! The clients of the adapter. Each has a task of its own with what it was told, so that nobody waits for another; whoever
-//! does not read is let go.
+//! The clients of the adapter. Each has a separate task with the state last sent to it, so that clients do not delay
+//! each other. A client that does not read is disconnected.
 
 use std::{
     collections::VecDeque,
@@ -18,15 +18,15 @@ use tokio::{
 use super::lines::{Items, Told};
 use crate::published::Published;
 
-/// How often a client is told what has changed.
+/// Interval at which changes are sent.
 const EVERY: Duration = Duration::from_millis(100);
-/// A client that takes nothing for so long is let go.
+/// Clients that do not read for this long are disconnected.
 const WRITE_WITHIN: Duration = Duration::from_secs(5);
-/// The largest number of clients; with another one the oldest ends.
+/// Maximum number of clients; a further one replaces the oldest.
 const MAX_CLIENTS: usize = 16;
-/// The time between two `* PING` that is asked for. After twice as long without one the connection ends.
+/// Requested interval between two `* PING`. After twice this time without one the connection is closed.
 const HEARTBEAT: Duration = Duration::from_secs(10);
-/// The longest line that a client may send, bytes.
+/// Maximum length of a line from a client, bytes.
 const MAX_LINE: usize = 1024;
 
 /// Serves until the runtime ends.
@@ -36,7 +36,7 @@ pub(super) async fn serve(listener: TcpListener, items: Arc<Items>, published: P
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
-                // Out of descriptors: some will be given back.
+                // No file descriptors are left: retry later.
                 tracing::warn!("SHDR: {e}");
                 tokio::time::sleep(EVERY).await;
                 continue;
@@ -58,7 +58,7 @@ async fn client(stream: TcpStream, from: SocketAddr, items: Arc<Items>, publishe
     tracing::debug!("SHDR: {from}: {why}");
 }
 
-/// Tells a client what changes until it goes away: why it ended.
+/// Sends changes to a client until it disconnects. Returns why the connection ended.
 async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> String {
     let _ = stream.set_nodelay(true);
     let (mut reader, mut writer) = stream.into_split();
@@ -98,8 +98,8 @@ async fn exchange(stream: TcpStream, items: &Items, published: &Published) -> St
     }
 }
 
-/// The answers to the whole lines among what was heard, which are taken out; `None` for a line that does not end. Only
-/// `* PING` is answered: nothing that a client says changes anything.
+/// Removes complete lines from the received bytes and returns the responses; `None` if a line is too long. Only `*
+/// PING` has a response: no input from a client changes anything.
 fn answers(heard: &mut Vec<u8>) -> Option<String> {
     let mut text = String::new();
     let pong = format!("* PONG {}\n", HEARTBEAT.as_millis());
