@@ -773,7 +773,7 @@ impl Rewriter {
         words.map(|(words, _)| words).unwrap_or_default()
     }
 
-    /// The R word and the radius it stands for, mm.
+    /// The R word and the resulting radius, mm.
     fn by_radius(
         &self,
         written: &WrittenArc<'_>,
@@ -796,7 +796,7 @@ impl Rewriter {
         Some((words, said * unit))
     }
 
-    /// The centre words along both axes, and the centre that they stand for, mm.
+    /// The centre words along both axes, and the resulting centre, mm.
     fn by_centre(
         &self,
         written: &WrittenArc<'_>,

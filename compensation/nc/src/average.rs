@@ -141,7 +141,6 @@ fn with_rotary_axes() -> NcError {
 /// # Errors
 /// The program cannot be executed; the machine has rotary axes; the program sets work offsets itself or uses one that the set-up does not
 /// state; positions are unknown because the set-up does not state the start position.
-/// state; places that are not known, as the set-up does not say where the axes stand.
 pub fn average(
     program: &[u8],
     output: &mut impl Write,

@@ -46,7 +46,7 @@ pub(crate) struct Codes {
     pub(crate) changes_tool: bool,
     /// Index of the word with an unknown M code.
     unknown: Option<usize>,
-    /// One of the codes takes, or may take, words of its own: E, K, Q and R are not errors.
+    /// One of the codes takes, or may take, further words: E, K, Q and R are not errors.
     pub(crate) has_words: bool,
     /// M430: switches on kinematics defined by the user of LinuxCNC.
     pub(crate) own_kinematics: bool,
@@ -209,7 +209,7 @@ fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
 enum MCode {
     /// Takes no words but S.
     Alone,
-    /// Takes words of its own.
+    /// Takes further words.
     WithWords,
     Unknown,
 }

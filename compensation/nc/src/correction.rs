@@ -299,7 +299,6 @@ const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 /// Bounds on the coordinates of each axis of the machine.
 ///
 /// State: the first corrected coordinate out of bounds in the current line. Such a line is not written.
-/// written.
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     limit: CorrectionLimit,

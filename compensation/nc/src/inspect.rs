@@ -208,7 +208,7 @@ type Three = [[f64; 3]; 3];
 pub(crate) struct Collector {
     part: Part,
     points: Vec<Vec<Three>>,
-    /// Per feature: sampling stride (one position in so many is stored), and number of positions so far.
+    /// Per feature: sampling stride (every n-th position is stored), and number of positions so far.
     strides: Vec<[u64; 2]>,
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::modal::name_of_offset;
 
+/// A note about a compensated program.
 #[expect(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]

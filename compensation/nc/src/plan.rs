@@ -42,6 +42,7 @@ impl Default for Limits {
     }
 }
 
+/// Planned commands and their quality.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The command at each station, mm.
