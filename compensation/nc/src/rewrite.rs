@@ -740,7 +740,7 @@ impl Rewriter {
         }
     }
 
-    /// E word of the part that ends at a share of its motion; `None` if the block has none or the part is the whole motion.
+    /// E word of the part that ends at a share of its motion; `None` if the block has none or the part extrudes nothing.
     pub(crate) fn extrusion_up_to(&mut self, share: f64) -> Option<Number> {
         let from = std::mem::replace(&mut self.extruded, share);
         self.extrusion?.of_part([from, share])

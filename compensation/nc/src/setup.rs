@@ -125,7 +125,7 @@ impl SetUp {
                 }
             }
             if setup.control.is_some_and(Control::is_printer) {
-                // Printers have no work offsets, or zero is their place.
+                // Printers have no work offset, or it is zero.
                 setup.stated[0] = true;
             }
             if let Some(tools) = root.section("tool")? {

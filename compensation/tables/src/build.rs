@@ -185,7 +185,7 @@ pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Shares 0 to 1 on a regular lattice along each of `axes` axes, ends included; the first axis varies fastest.
+/// Shares 0 to 1 on a regular lattice with up to `most` points along each of `axes` axes, ends included; the first axis varies fastest.
 pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
     // Fewer points if there are many axes.
     let places = if axes > 3 { most.min(5) } else { most };

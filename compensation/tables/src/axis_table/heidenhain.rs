@@ -47,7 +47,7 @@ fn begin<'a>(
     })
 }
 
-/// Content of a .cma file: the input axis of each table.
+/// Content of a .cma file: the name of the table of each input axis.
 struct Assigned(Vec<(AxisName, String)>);
 
 fn read_cma(file: &TextFile) -> Result<Assigned, ExchangeError> {
