@@ -1,7 +1,7 @@
-//! Arcs with their correction: still arcs where the circle through three corrected places fits, else parts of them.
+//! Corrected arcs: one arc where the circle through three corrected points fits, otherwise several parts.
 //!
-//! The pole of polar coordinates is a place. With a correction each arc has a centre of its own, and gets a pole before it where the one that
-//! the control has is another. Polar coordinates about such a pole would lead elsewhere: they are written as X and Y.
+//! A correction gives each arc its own centre. Where that differs from the pole that is active in the control, a pole line is written
+//! before the arc; polar coordinates about the new pole would lead elsewhere, so they are rewritten as X and Y.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
@@ -20,25 +20,26 @@ use crate::{
     straight::{Leg, MOST_PARTS, Part, Writes, polar_writes, too_many_parts, words_of},
 };
 
-/// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
-/// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
+/// Ratio of the largest deviation of a part to that at its quarter points. An error that is linear within the part deviates from the circle
+/// by 0 at both ends and in the middle, with one bend in each half; its maximum is at most this multiple of the value at the quarter
+/// points.
 const BETWEEN_QUARTERS: f64 = 1.15;
 
-/// In so many equal parts a turn is looked at for axes that turn, and an arc of many turns at the most.
+/// Samples per turn in the search for axis reversals; `ARC_MOST_LOOKED_AT` is the maximum number for one arc.
 const ARC_LOOKED_AT: u32 = 64;
 
 const ARC_MOST_LOOKED_AT: f64 = 4096.0;
 
-/// An axis of the plane that goes by half of this beside its turning point is taken for standing.
+/// Twice the travel, mm, of an axis of the plane next to its turning point that counts as no motion.
 const HARDLY_MM: f64 = 5e-4;
 
-/// Parts of an arc that are shorter than so many steps of its words are not split any further.
+/// Minimum length of a part of an arc, in steps of its words: shorter parts are not split.
 const SHORTEST_IN_STEPS: f64 = 20.0;
 
-/// And an axis that turns does not make shorter ones.
+/// Minimum distance between reversals of an axis that cut an arc, in steps of its words.
 const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
 
-/// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
+/// A part of an arc that is written as one arc: its start and end as shares (0 to 1) of the whole arc.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch {
     pub(crate) from: f64,
@@ -46,12 +47,12 @@ pub(crate) struct Stretch {
 }
 
 impl Stretch {
-    /// The angle it turns by, rad, without its sign.
+    /// Unsigned angle of the part, rad.
     pub(crate) fn turns(self, arc: &Arc) -> f64 {
         (self.to - self.from) * arc.turns_by.abs()
     }
 
-    /// Whole turns before its last one, which may be whole itself.
+    /// Number of whole turns before the last one, which may itself be whole.
     fn more_turns(self, arc: &Arc) -> f64 {
         (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
     }
@@ -60,33 +61,33 @@ impl Stretch {
         0.5 * (self.from + self.to)
     }
 
-    /// Whether it is so near to a whole turn, or more, that no circle goes through its beginning, middle and end.
+    /// True if the part is so close to a whole turn (or longer) that start, middle and end do not determine a circle.
     pub(crate) fn is_whole(self, arc: &Arc) -> bool {
         self.turns(arc) > 1.9 * PI
     }
 }
 
-/// What a control makes of an arc by its radius may be so many steps off in its middle, else the arc gets a centre.
+/// Maximum error in the middle of an arc written by its radius, in steps; beyond it the arc is written by its centre.
 const OFF_BY_RADIUS: f64 = 1.0;
 
-/// The same by its centre, whose two words are rounded.
+/// The same for an arc written by its centre, both of whose words are rounded.
 const OFF_BY_CENTRE: f64 = 3.0;
 
-/// A part of an arc between the places that its words lead to.
+/// A part of an arc between the end points that its words lead to.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WrittenArc<'a> {
     pub(crate) arc: &'a Arc,
-    /// The beginning and the end of the whole arc, in the coordinates of the program.
+    /// Start and end of the whole arc, in program coordinates.
     pub(crate) ends: [&'a Axes; 2],
     pub(crate) part: Stretch,
-    /// Which part it is, where there are several.
+    /// Index of the part, if the arc is split.
     pub(crate) place: Option<usize>,
-    /// The corrections with which it begins and ends, in these coordinates.
+    /// Corrections at the start and end, in program coordinates.
     pub(crate) carried: [&'a Axes; 2],
 }
 
 impl WrittenArc<'_> {
-    /// Where the axes begin and end, in the plane.
+    /// Commanded start and end in the plane.
     fn commanded(&self) -> [[f64; 2]; 2] {
         let places = [self.part.from, self.part.to]
             .map(|share| self.arc.place(self.ends[0], self.ends[1], share));
@@ -96,15 +97,15 @@ impl WrittenArc<'_> {
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CircleWords {
-    /// What the line of the program gets.
+    /// Edits of the program's own line.
     replaced: Vec<(u8, Option<usize>, Number)>,
     removed: Vec<usize>,
-    /// What stands behind the coordinates of a line of its own.
+    /// Words after the coordinates of an added line.
     pub(crate) others: Vec<(u8, Number)>,
 }
 
 impl CircleWords {
-    /// The numbers of the centre, which stand in a line of their own.
+    /// Removes and returns the centre numbers, which go into a separate line.
     fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
         let found = letters.map(|letter| {
             let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
@@ -122,7 +123,7 @@ impl CircleWords {
         in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
     }
 
-    /// Whether the radius of the line goes.
+    /// True if the radius of the line is removed.
     fn lets_radius_go(&self) -> bool {
         !self.removed.is_empty()
     }
@@ -135,12 +136,12 @@ impl CircleWords {
     }
 }
 
-/// An arc of less than a whole turn between two places.
+/// An arc of less than a whole turn between two points of the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bow {
     pub(crate) start: [f64; 2],
     pub(crate) end: [f64; 2],
-    /// How far the middle of the arc is from that of its chord, mm.
+    /// Distance between the middle of the arc and that of its chord, mm.
     sag: f64,
     pub(crate) clockwise: bool,
 }
@@ -150,7 +151,7 @@ impl Bow {
         (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
     }
 
-    /// The direction from the middle of the chord to that of the arc.
+    /// Direction from the middle of the chord to that of the arc.
     pub(crate) fn normal(&self) -> [f64; 2] {
         let chord = self.chord();
         let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
@@ -163,7 +164,7 @@ impl Bow {
         0.5 * (half * half / self.sag + self.sag)
     }
 
-    /// The place at a distance from the middle of the chord along the normal.
+    /// Point at this distance from the middle of the chord along the normal.
     fn on_normal(&self, distance: f64) -> [f64; 2] {
         let normal = self.normal();
         std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
@@ -177,7 +178,7 @@ impl Bow {
         self.on_normal(self.sag - self.radius())
     }
 
-    /// The arc between two other places near these: of the same radius where it turns by less than a quarter, else of the same sag.
+    /// The arc between two nearby points: with the same radius if it turns by less than a quarter, otherwise with the same sag.
     pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
         let mut other = Self {
             start,
@@ -219,7 +220,7 @@ impl Rewriter {
             self.check_shares(line)?;
         }
         let mut next = 0;
-        // What is not taken up by a block of its own is spread over the motion.
+        // Reversals within a contour get no separate block: what they need is spread over the motion.
         let cut = if self.contour == Contour::None {
             0.0
         } else {
@@ -229,7 +230,7 @@ impl Rewriter {
         self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
-        // The end of a closed circle is its beginning, whatever the correction there should be.
+        // A closed circle ends where it begins, whatever the correction there.
         let [[x, y], [to_x, to_y]] = [&from, &to].map(|at| in_plane(arc, at));
         let is_closed = !splits && (to_x - x).hypot(to_y - y) < 1e-9;
         for (place, stretch) in stretches.iter().enumerate() {
@@ -246,12 +247,12 @@ impl Rewriter {
             let keeps_polar = !splits && self.keeps_polar(motion, &places, &carried);
             let writes = each(|axis| match splits {
                 _ if motion.polar.is_some() && axis < 2 => polar_writes(keeps_polar),
-                // Each part needs its end.
+                // Every part needs its end point.
                 true if axis == first || axis == second => Writes::Always,
                 true => Writes::Anew,
                 false => Writes::IfChanged,
             });
-            // An arc of a few steps ends with the correction with which it begins, where any other made another arc of it.
+            // Another correction would turn an arc of a few steps into a different arc, so it ends with the correction it began with.
             let mut found = None;
             for keeps in [is_closed, true] {
                 let leg = Leg {
@@ -309,14 +310,14 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Checks the places of an arc where an axis of its plane turns, near an end of travel.
+    /// Checks the extreme points of an arc in its plane against the ends of travel.
     fn check_arc_bounds(&mut self, motion: &Move, arc: &Arc) {
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let (_, start) = arc.start(&from);
         let [first, second, _] = arc.axes;
         let rotation = frame.rotation_deg.to_radians();
-        // One turn is enough: a helix goes through the same places of its plane.
+        // One turn is enough: a helix repeats the same points of its plane.
         let sweep = arc.turns_by.clamp(-TAU, TAU);
         let places: Vec<Axes> = (-8..=8)
             .filter_map(|quarter| {
@@ -344,8 +345,8 @@ impl Rewriter {
         }
     }
 
-    /// An arc that cannot be corrected, since it is not known where it is: it goes with the correction that its axes have where it begins,
-    /// and so do its end and its centre, or it was another arc.
+    /// Writes an arc whose position is unknown, so that it cannot be corrected: its end and centre keep the correction active at its start;
+    /// anything else would change the arc.
     fn arc_as_a_whole(
         &mut self,
         motion: &Move,
@@ -392,8 +393,8 @@ impl Rewriter {
         self.settled = Settled::No;
     }
 
-    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up, in what holds before the codes of the
-    /// line of the arc.
+    /// Applies the correction that the axes lack at the start of an arc in an added line, under the modes active before the codes of the
+    /// arc's line.
     fn take_up(
         &mut self,
         motion: &Move,
@@ -405,7 +406,7 @@ impl Rewriter {
         if !self.lacks_correction(motion, turned) {
             return;
         }
-        // The line is read before the codes of this one.
+        // The added line precedes the codes of this one.
         let Some(mut meaning) = self.before.take() else {
             return;
         };
@@ -425,27 +426,28 @@ impl Rewriter {
             return;
         };
         if let Some(feed) = feed {
-            // It may be the first one.
+            // This F may be the first of the program.
             out.push(b' ');
             out.extend_from_slice(&line.text[feed.at..feed.text.end]);
         }
         out.extend_from_slice(line.more);
         self.carried = frame.moved_in_machine(&from, &carried);
         let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
-        // From now on G1 is what coordinates alone stand for.
+        // The added line makes G1 modal, so the arc needs its own code.
         if !line.block.words.iter().any(is_arc) {
             let code = code_of(arc);
             self.edits.added.extend(code.map(|code| (b'G', code)));
         }
-        // The time that F stands for is that of the arc alone.
+        // In inverse time the F word applies to the arc alone.
         let feed = self.feed_of_part(1.0);
         if line.place_of(b'F').is_none() {
             self.edits.added.extend(feed.map(|feed| (b'F', feed)));
         }
     }
 
-    /// A line that takes up what the axes lack at a share of the motion, with the place there in the program and what they carry
-    /// there; what they carry then. At the beginning of the motion its end is left to be written. `None`: there is nothing to take up.
+    /// Writes a line that applies the correction missing at a share of the motion. `from` is the position there in the program, `carried`
+    /// the correction already applied. Returns the correction applied afterwards, or `None` if nothing is missing. At the start of the
+    /// motion (`share` 0) the caller writes the end of the line.
     fn take_up_here(
         &mut self,
         motion: &Move,
@@ -482,7 +484,7 @@ impl Rewriter {
         }
         self.begin_line(line, out);
         if self.interpreter.modal.polar.is_some() && !self.polar_is_off {
-            // The words of this line are X and Y.
+            // The words of the added line are Cartesian.
             out.extend_from_slice(b"G15 ");
             self.polar_is_off = true;
         }
@@ -497,14 +499,14 @@ impl Rewriter {
         Some(carried)
     }
 
-    /// One step of the words of lengths, mm.
+    /// Resolution of length words, mm.
     pub(crate) fn step_mm(&self) -> f64 {
         let unit = self.interpreter.modal.unit_mm;
         of_steps(1, self.numerals(0, None).decimals) * unit
     }
 
-    /// A part of less than a turn through its corrected beginning, middle and end. Where the correction bends more than the arc
-    /// does, it keeps at least half of its own bend and at most twice it: it never turns over.
+    /// The arc through the corrected start, middle and end of a part of less than a turn. If the correction bends more than the arc does,
+    /// the sag stays between half and twice the programmed one, so that the arc never flips.
     pub(crate) fn corrected(&self, arc: &Arc, ends: [&Axes; 2], part: Stretch) -> Bow {
         let programmed = programmed(arc, ends, part);
         let [start, middle, end] = [part.from, part.middle(), part.to].map(|share| {
@@ -524,10 +526,10 @@ impl Rewriter {
         }
     }
 
-    /// The parts in which an arc is written.
+    /// Splits an arc into the parts to be written.
     ///
     /// # Errors
-    /// More of them than a motion may have.
+    /// The arc needs more parts than a motion may have.
     fn stretches(
         &mut self,
         arc: &Arc,
@@ -591,7 +593,7 @@ impl Rewriter {
         };
         let carriages = self.corrector.carriages(steps, place);
         let mut found = self.corrector.turns(steps, carriages);
-        // No part is so short that what takes up the play makes another arc of it; beside its turning point an axis hardly moves.
+        // A shorter part would become a different arc through the play that is taken up; near its turning point an axis hardly moves.
         let (radius, _) = arc.start(from);
         let shortest = (SHORTEST_TURN_IN_STEPS * self.step_mm()).max((HARDLY_MM * radius).sqrt());
         let shortest = shortest / (radius * arc.turns_by.abs());
@@ -606,7 +608,7 @@ impl Rewriter {
         found
     }
 
-    /// The parts of an arc in which no axis turns, the first one last.
+    /// The parts between axis reversals, the first one last (a stack).
     fn turn_to_turn(&self) -> Vec<Stretch> {
         let mut parts = vec![Stretch { from: 0.0, to: 1.0 }];
         for turn in &self.turns.turns {
@@ -623,9 +625,9 @@ impl Rewriter {
         parts
     }
 
-    /// Whether a part of an arc stays an arc: the one through its corrected beginning, middle and end is nowhere further from where
-    /// it belongs than the tolerance. What errors that are straight within the part leave is largest near the quarters, where it is
-    /// looked at; what curves add is bounded by their derivatives.
+    /// True if a part can stay one arc: the arc through its corrected start, middle and end deviates from the corrected path by no more
+    /// than the tolerance. Errors linear within the part are largest near the quarter points, which are sampled; the contribution of curved
+    /// errors is bounded by their derivatives.
     fn fits(&self, arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> bool {
         let tolerance = self.corrector.split_beyond_mm;
         let [first, second, _] = arc.axes;
@@ -646,7 +648,7 @@ impl Rewriter {
         let (Some((_, start)), Some((_, end))) = (places.first(), places.last()) else {
             return false;
         };
-        // The box of all places of the part, and how far the correction may be from a straight one within it.
+        // Bounding box of the part, and the maximum deviation of the correction from a linear one within it.
         let frame = &self.interpreter.frame;
         let (radius, _) = arc.start(from);
         let bulge = radius * (1.0 - (0.5 * turns / count).cos());
@@ -667,7 +669,7 @@ impl Rewriter {
         };
         let (low, high) = boxed(false, &|at| *at);
         let bulge_mm = self.bulge_mm(&low, &high);
-        // The corners of a turned box are not those of the box about the turned arc.
+        // Rotation and kinematics do not map the corners of this box to those of the rotated arc's box.
         let turned = frame.rotation_deg != 0.0 || frame.tip.is_some();
         let (low, high) = boxed(turned, &|at| frame.to_machine(at));
         let curved = self.corrector.bound_mm(&low, &high, bulge_mm);
@@ -684,7 +686,7 @@ impl Rewriter {
             away.sqrt()
         };
         let circles = (!is_whole).then(|| {
-            // The programmed circle, too: its numbers are rounded, and that is not for a correction to mend.
+            // The programmed circle is evaluated, too: its rounded numbers cause a deviation that the correction must not remove.
             [
                 self.corrected(arc, [from, to], part),
                 programmed(arc, [from, to], part),
@@ -699,7 +701,7 @@ impl Rewriter {
                 };
                 (off(corrected, shifted(arc, at, delta)) - off(programmed, in_plane(arc, at))).abs()
             } else {
-                // A whole circle keeps its radius: it is shifted as its beginning is.
+                // A whole circle keeps its radius and is shifted by the correction of its start.
                 let of_start = &start.1;
                 (delta[first] - of_start[first]).hypot(delta[second] - of_start[second])
             };
@@ -708,14 +710,14 @@ impl Rewriter {
         BETWEEN_QUARTERS * largest + 2.0 * curved <= tolerance
     }
 
-    /// The words of the circle of a part of an arc; `None`: with these ends a control would not do what is meant.
+    /// The circle words of a part of an arc; `None` if a control would execute a different arc with these ends.
     pub(crate) fn circle(&self, written: &WrittenArc<'_>, line: Line<'_>) -> Option<CircleWords> {
         let (arc, part) = (written.arc, written.part);
         let [start, end] = written.commanded();
         let begins = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.from));
         let ends = in_plane(arc, &arc.place(written.ends[0], written.ends[1], part.to));
         let middle = middle_of(begins, ends, arc.centre, arc.turns_by < 0.0);
-        // How far the circle goes from where it is programmed: its centre, its middle and its radius.
+        // Displacement of the circle from the programmed one: centre, middle and radius.
         let (centre_by, middle_by, radius_by);
         if part.is_whole(arc) {
             let by = std::array::from_fn(|i| start[i] - begins[i]);
@@ -749,7 +751,7 @@ impl Rewriter {
         is_good(centre, OFF_BY_CENTRE).then_some(words)
     }
 
-    /// The words of an arc that is moved as a whole: its radius stays, its centre is this one.
+    /// The words of an arc that is shifted as a whole about this centre, its radius unchanged.
     fn circle_about(
         &self,
         arc: &Arc,
@@ -771,7 +773,7 @@ impl Rewriter {
         words.map(|(words, _)| words).unwrap_or_default()
     }
 
-    /// R, and the radius that it says, mm.
+    /// The R word and the resulting radius, mm.
     fn by_radius(
         &self,
         written: &WrittenArc<'_>,
@@ -782,19 +784,19 @@ impl Rewriter {
         let place = line.place_of(b'R');
         let word = line.word(place)?;
         let sign = match written.place {
-            // A half circle may be written either way.
+            // For a half circle either sign is valid: keep the programmed one.
             None => word.value?.signum(),
             Some(_) if written.part.turns(written.arc) > PI => -1.0,
             Some(_) => 1.0,
         };
-        // As much larger as the arc is, whatever rounding its radius has.
+        // Change R by as much as the radius changes: the rounding of the programmed value stays.
         let size = word.value?.abs() + radius_by / unit;
         let mut words = CircleWords::default();
         let said = self.word(written, (b'R', sign * size), place, line, &mut words)?;
         Some((words, said * unit))
     }
 
-    /// The centre along both axes, and where these words say that it is, mm.
+    /// The centre words along both axes, and the resulting centre, mm.
     fn by_centre(
         &self,
         written: &WrittenArc<'_>,
@@ -823,7 +825,7 @@ impl Rewriter {
         Some((words, said))
     }
 
-    /// One word, and the value that it has then: in the line of the program it changes only if its number does.
+    /// Writes one word and returns its value. A word of the program's own line is replaced only if its number changes.
     fn word(
         &self,
         written: &WrittenArc<'_>,
@@ -853,7 +855,7 @@ impl Rewriter {
         Some(number.value())
     }
 
-    /// The pole that the control has along the axis of a letter of the centre, in the unit of its word.
+    /// Coordinate of the pole active in the control along the axis of a centre letter, in the unit of the word.
     fn pole_along(&self, letter: u8) -> Option<f64> {
         let place = match letter {
             b'I' => 0,
@@ -864,7 +866,7 @@ impl Rewriter {
             .map(|pole| pole[place] / self.interpreter.modal.unit_mm)
     }
 
-    /// Whether a motion is in polar coordinates that need no correction in their plane, at any of these places and where it begins.
+    /// True if a motion is in polar coordinates that need no correction in their plane, neither at its start nor at any of these positions.
     pub(crate) fn keeps_polar(&self, motion: &Move, places: &[Axes], carried: &Axes) -> bool {
         let Some(polar) = motion.polar else {
             return false;
@@ -872,7 +874,7 @@ impl Rewriter {
         let unit_mm = self.interpreter.modal.unit_mm;
         let half_mm = 0.5 * unit_mm * of_steps(1, self.numerals(0, None).decimals);
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
-        // What counts from where the tool is goes on with what it is off there.
+        // Coordinates relative to the tool keep the correction that applies there.
         let begins = if polar.from_here {
             carried[..2].iter().all(|by| by.abs() < 1e-9)
         } else {
@@ -884,7 +886,7 @@ impl Rewriter {
             && places.iter().all(|at| is_small(&self.delta_in_program(at)))
     }
 
-    /// Whether the pole that the control has is that of the program.
+    /// True if the pole active in the control is that of the program.
     fn has_pole_of_program(&self) -> bool {
         match (self.pole, self.interpreter.modal.pole) {
             (Some(said), Some(pole)) => (0..2).all(|i| (said[i] - pole[i]).abs() < 1e-9),
@@ -892,7 +894,7 @@ impl Rewriter {
         }
     }
 
-    /// A block has said the pole: along axes whose coordinate is relative to where the tool is, that is with its correction.
+    /// Records the pole set by a block. Along axes with a relative coordinate it includes the correction at the tool.
     pub(crate) fn takes_pole(&mut self, relative: [bool; 2]) {
         let interpreter = &self.interpreter;
         let carried = interpreter
@@ -903,7 +905,7 @@ impl Rewriter {
         });
     }
 
-    /// How an arc is written, and the line with its centre that must stand before it, if any.
+    /// How an arc is written, and the centre line that has to precede it (empty if none).
     fn shape_of_arc(
         &mut self,
         keeps_polar: bool,
@@ -948,7 +950,7 @@ impl Rewriter {
         (Shape::Centre, pole_line([x, y], line))
     }
 
-    /// An arc that passes on goes about the pole of the program.
+    /// Before an arc that is copied unchanged, restores the pole of the program.
     fn puts_pole_back(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         let Some(pole) = self.interpreter.modal.pole else {
             return;
@@ -967,8 +969,7 @@ impl Rewriter {
         self.edits.write(line, out);
     }
 
-    /// The line of the program gets the word for the way in which its motion is written, and loses its polar coordinates where
-    /// that is by X and Y.
+    /// Sets the path word of the program's line to `shape`, and removes polar coordinates where the motion is written in X and Y.
     pub(crate) fn goes_as(&mut self, shape: Shape, polar: Option<Polar>, line: Line<'_>) {
         if shape == Shape::AsItIs {
             return;
@@ -985,7 +986,7 @@ impl Rewriter {
         if self.interpreter.modal.polar.is_none() {
             return;
         }
-        // The control reads X and Y as places from here on, until the program says G16 again.
+        // G15 makes X and Y Cartesian until the program has G16 again.
         let is_g16 = |word: &Word| word.letter == b'G' && word.value == Some(16.0);
         let place = line.block.words.iter().position(is_g16);
         if let Some(code) = Number::nearest(15.0, 0)
@@ -996,9 +997,9 @@ impl Rewriter {
         self.polar_is_off = true;
     }
 
-    /// A note where an arc gets the coordinate of an axis that it did not have.
+    /// Adds a note if an arc gets the coordinate of an axis that it did not have.
     fn notes_superposed(&mut self, words: &Axes<Option<Number>>, motion: &Move, line: Line<'_>) {
-        // A helix in polar coordinates gets X and Y, and an arc that had none a further word.
+        // A helix in polar coordinates gets X and Y; any other arc gets an additional word.
         let is_new = |axis: usize| {
             words[axis].is_some() && (motion.words[axis].is_none() || motion.polar.is_some())
         };
@@ -1008,24 +1009,22 @@ impl Rewriter {
     }
 }
 
-/// G2 or G3.
 fn code_of(arc: &Arc) -> Option<Number> {
     Number::nearest(if arc.turns_by < 0.0 { 2.0 } else { 3.0 }, 0)
 }
 
-/// A place in the plane of an arc.
 pub(crate) fn in_plane(arc: &Arc, at: &Axes) -> [f64; 2] {
     let [first, second, _] = arc.axes;
     [at[first], at[second]]
 }
 
-/// The same with a correction.
+/// Corrected position in the plane of an arc.
 pub(crate) fn shifted(arc: &Arc, at: &Axes, delta: &Axes) -> [f64; 2] {
     let [first, second, _] = arc.axes;
     [at[first] + delta[first], at[second] + delta[second]]
 }
 
-/// A part of less than a turn as it is programmed.
+/// The programmed part of an arc of less than a turn.
 pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bow {
     let [start, end] = [part.from, part.to].map(|share| in_plane(arc, &arc.place(from, to, share)));
     let radius = |at: [f64; 2]| (at[0] - arc.centre[0]).hypot(at[1] - arc.centre[1]);
@@ -1037,7 +1036,7 @@ pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bo
     }
 }
 
-/// The number of turns of a part, where the arc is in several.
+/// Adds the number of turns to a part of a split arc.
 fn add_turns(written: &WrittenArc<'_>, line: Line<'_>, words: &mut CircleWords) {
     let Some(part) = written.place else {
         return;
@@ -1053,7 +1052,7 @@ fn add_turns(written: &WrittenArc<'_>, line: Line<'_>, words: &mut CircleWords) 
     }
 }
 
-/// The middle of the last turn of an arc about a centre, as a control reads it.
+/// Middle of the last turn of an arc about a centre, as a control interprets it.
 fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) -> [f64; 2] {
     let polar = |at: [f64; 2]| {
         let way = [at[0] - centre[0], at[1] - centre[1]];
@@ -1062,7 +1061,7 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
     let ((from_radius, from), (to_radius, to)) = (polar(start), polar(end));
     let sign = if clockwise { -1.0 } else { 1.0 };
     let mut turns = sign * (sign * (to - from)).rem_euclid(2.0 * PI);
-    // An end that is the beginning is a full turn.
+    // If the end is the start, the arc is a full turn.
     if (end[0] - start[0]).hypot(end[1] - start[1]) < 1e-9 {
         turns = sign * 2.0 * PI;
     }
@@ -1074,12 +1073,12 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
     ]
 }
 
-/// The sag of an arc that turns by an angle, rad.
+/// Sag of an arc of this angle, rad.
 fn sag_of(radius: f64, turns: f64) -> f64 {
     2.0 * radius * (0.25 * turns).sin().powi(2)
 }
 
-/// `CC X+1.000 Y+2.000`.
+/// A HEIDENHAIN pole line, `CC X+1.000 Y+2.000`.
 fn pole_line(centre: [Number; 2], line: Line<'_>) -> Vec<u8> {
     let mut text = b"CC".to_vec();
     for word in [b'X', b'Y'].into_iter().zip(centre) {

@@ -1,5 +1,5 @@
-//! The simplest correction: the mean over all places where a program cuts, or over what was measured at a row of balls, moved into its work
-//! offsets.
+//! Constant correction through work offsets: the mean over all positions where a program cuts, or over the measured errors of a row of
+//! balls.
 
 use std::{
     io::{BufRead, Write},
@@ -53,32 +53,32 @@ pub struct Average {
     pub offset_mm: [f64; 3],
 }
 
-/// An error of the machine that was measured: how far the tip is from where it belongs, along a direction.
+/// A measured error of the machine: deviation of the tip along a direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Unit direction, in workpiece axes.
     pub direction: [f64; 3],
-    /// The actual minus the nominal place of the tip along it, mm.
+    /// Actual minus nominal tip position along it, mm.
     pub error_mm: f64,
 }
 
-/// Of what the mean correction is the mean.
+/// Data that the mean correction is computed from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeanOf<'a> {
-    /// The correction of the machine at the places where the program cuts.
+    /// Corrections of the machine model at the positions where the program cuts.
     Places,
-    /// What was measured, by least squares; a direction along which nothing was measured stays uncorrected.
+    /// Measured errors, by least squares; directions without measurement stay uncorrected.
     Readings(&'a [Reading]),
 }
 
-/// The mean correction reaches an axis that moves by it within this tolerance, mm.
+/// Tolerance, mm, within which an axis counts as able to apply the mean correction.
 const REACHED_MM: f64 = 1e-6;
 
-/// A direction whose share of the readings is smaller than this was not measured.
+/// Minimum share of the readings along a direction; below it the direction counts as not measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings, with them and
-/// without, µm. `None` for a machine with rotary axes.
+/// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings,
+/// with and without them, µm. `None` for a machine with rotary axes.
 fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
@@ -106,7 +106,7 @@ fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f
     Some((by, sums))
 }
 
-/// The sums over the places of one work offset.
+/// Sums over the positions of one work offset.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     places: u64,
@@ -123,7 +123,7 @@ impl Sums {
         }
     }
 
-    /// The largest and the root of the mean square, µm.
+    /// Maximum and RMS, µm.
     fn um(&self) -> [f64; 2] {
         [1e3 * self.lengths.max(), 1e3 * self.lengths.rms()]
     }
@@ -136,12 +136,11 @@ fn with_rotary_axes() -> NcError {
     )
 }
 
-/// Writes a program behind lines that set its work offsets to those of the set-up and the mean correction: G10 L2. Nothing else
-/// changes.
+/// Writes the program after lines (G10 L2) that set its work offsets to those of the set-up plus the mean correction. Nothing else changes.
 ///
 /// # Errors
-/// What executing the program says; rotary axes; a program that sets its work offsets itself, or uses one that the set-up does not
-/// state; places that are not known, as the set-up does not say where the axes stand.
+/// The program cannot be executed; the machine has rotary axes; the program sets work offsets itself or uses one that the set-up does not
+/// state; positions are unknown because the set-up does not state the start position.
 pub fn average(
     program: &[u8],
     output: &mut impl Write,
@@ -159,7 +158,7 @@ pub fn average(
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
-    // Of each offset from whose stated zero the program cuts.
+    // Only offsets whose stated zero the program cuts from.
     let mut off_mm = [None; SYSTEMS].to_vec();
     at_places(program, job, None, |corrector, place| {
         if place.from_stated_zero {
@@ -182,7 +181,7 @@ pub fn average(
     };
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     if measured.is_some() {
-        // The measured mean is the only known error of the zero, too.
+        // With measured readings their mean is also the only known error of the zero.
         for (off, mean) in off_mm.iter_mut().zip(&means) {
             *off = off.map(|_| mean.map(|mm| -mm));
         }
@@ -238,7 +237,7 @@ pub fn average(
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
             offset_mm: std::array::from_fn(|i| {
-                // In inches a step of the last decimal is 25.4 of those one further behind.
+                // In inches one step of the last decimal is 25.4 times larger, so one more decimal is written.
                 let decimals = job.decimals.of(i, unit) + u8::from(unit != 1.0);
                 let power = 10_f64.powi(i32::from(decimals));
                 let mm = |word: Number| (unit * word.value() * power).round() / power;
@@ -254,9 +253,8 @@ pub fn average(
 struct CutPlace {
     line: usize,
     system: usize,
-    /// The axes of the machine, mm.
+    /// Machine coordinates, mm.
     at: Axes,
-    /// The correction of X, Y and Z, mm.
     delta: [f64; 3],
     /// Change of X, Y and Z with the other set-up, mm.
     moved: [f64; 3],
@@ -264,8 +262,8 @@ struct CutPlace {
     from_stated_zero: bool,
 }
 
-/// Executes the program, and in parallel with another set-up: `take` gets each place where it cuts, and the correction with the tool that cuts
-/// there.
+/// Executes the program, in parallel with another set-up, and calls `take` with each position where it cuts and the correction for the
+/// active tool.
 fn at_places(
     program: &[u8],
     job: Job<'_>,
@@ -324,7 +322,7 @@ fn at_places(
     found.and(failed.map_or(Ok(()), Err))
 }
 
-/// Where a motion cuts: the axes at its end, or half-way down a hole.
+/// Position where a motion cuts: its end, or half-way down a hole.
 fn cuts_at(made: &Made) -> Option<Axes> {
     let motion = &made.motion;
     match motion.path {
@@ -345,7 +343,8 @@ fn cuts_at(made: &Made) -> Option<Axes> {
     }
 }
 
-/// The program with the lines that set its offsets: behind the percent sign, where it begins with one, its number, and the comments after it.
+/// Writes the program with the lines that set its offsets. They follow the leading percent sign, the program number and the comments after
+/// it.
 fn write(
     program: &[u8],
     output: &mut impl Write,
@@ -359,7 +358,7 @@ fn write(
     while let Some((line, of_line)) = lines.next_if(|(line, end)| {
         let text = line.trim_ascii();
         let is_comment = text.starts_with(b"(") && text.ends_with(b")");
-        // On FANUC controls nothing before the number of a program belongs to it.
+        // In FANUC programs only comments and a percent sign may precede the program number.
         let is_number = matches!(o_line(text), Some(OLine::Program(_)));
         !end.is_empty() && (text.is_empty() || text.starts_with(b"%") || is_comment || is_number)
     }) {
@@ -369,8 +368,8 @@ fn write(
     }
     let mut text = Vec::new();
     if !offsets.is_empty() {
-        // What the program is read with from its beginning: left in ways by the program before, a control would add the offsets to those
-        // that it has.
+        // Modes that the inserted lines rely on. If the previous program left the control in incremental mode, G10 would add to the stored
+        // offsets.
         let modes: &[u8] = if unit_mm == 1.0 {
             b"G21 G90"
         } else {

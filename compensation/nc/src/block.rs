@@ -1,4 +1,4 @@
-//! One line of a program as it is read: its words with their places in the text, so that what is not changed stays as it is.
+//! One parsed line of a program: its words with their byte positions, so that unchanged text stays as it is.
 
 use std::ops::Range;
 
@@ -8,47 +8,46 @@ use crate::{
     parameters::Value,
 };
 
-/// A word: a letter and its value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Word {
-    /// The capital letter, or one of `@`, `^` and `$`.
+    /// Capital letter, or one of `@`, `^` and `$`.
     pub(crate) letter: u8,
-    /// Where the letter stands, bytes from the beginning of the line.
+    /// Byte offset of the letter in the line.
     pub(crate) at: usize,
-    /// Where the value stands.
+    /// Byte range of the value.
     pub(crate) text: Range<usize>,
     pub(crate) value: Value,
-    /// The decimals of a plain number; `None`: it was computed.
+    /// Decimals of a plain number; `None` for a computed value.
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
-    /// It is written as a number of least increments.
+    /// Written as a number of least increments.
     pub(crate) in_increments: bool,
 }
 
-/// What the value of a coordinate is, where its word says so itself.
+/// How the value of a coordinate is interpreted, if its word states that itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Manner {
-    /// What is switched on.
+    /// As the active mode (G90 or G91).
     #[default]
     Modal,
-    /// A place: `AC(..)`.
+    /// Absolute position: `AC(..)`.
     Absolute,
-    /// A way: `IC(..)`, `IX`.
+    /// Incremental: `IC(..)`, `IX`.
     Incremental,
-    /// The place of a rotary axis, to which it goes by the shorter way: `DC(..)`.
+    /// Absolute position of a rotary axis, approached by the shorter way: `DC(..)`.
     Shortest,
 }
 
-/// The letter of words that mean nothing for coordinates, but must be executed with their motion: a coolant that is switched on.
+/// Pseudo-letter of words that do not affect coordinates but have to be executed with their motion, such as coolant on.
 pub(crate) const OTHER: u8 = b'!';
 
-/// The same where it is done at the end of the motion: a stop. Of a motion in parts it belongs to the last one.
+/// The same for words executed at the end of the motion, such as a stop. When a motion is split they go to its last part.
 pub(crate) const LAST: u8 = b'&';
 
-/// The letters of polar coordinates, the distance from the pole and the angle.
+/// Letters of polar coordinates: distance from the pole, and angle.
 pub(crate) const POLAR: [u8; 2] = *b"@^";
 
-/// A parameter that a block sets once its other words are read.
+/// A parameter; assigned after the other words of its block are read.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Parameter {
     Numbered(u32),
@@ -59,41 +58,42 @@ pub(crate) enum Parameter {
 pub(crate) struct Assignment {
     pub(crate) parameter: Parameter,
     pub(crate) value: Value,
-    /// Where all of it stands, and its value alone.
+    /// Byte range of the assignment, and of its value alone.
     pub(crate) all: Range<usize>,
     pub(crate) text: Range<usize>,
 }
 
-/// What a line is, besides its words.
+/// How a line begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Begins {
     #[default]
     Nothing,
-    /// A slash: the operator may have it skipped.
+    /// Block delete: the operator may have the line skipped.
     Slash,
-    /// A percent sign: the program begins or ends here.
+    /// Percent sign: start or end of the program.
     Percent,
 }
 
-/// A line that was read; made once, and used for all lines.
+/// A parsed line; one instance is reused for all lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
     pub(crate) words: Vec<Word>,
     pub(crate) assignments: Vec<Assignment>,
-    /// What its language says in words that RS-274 has no code for.
+    /// Commands of the dialect that have no RS-274 code.
     pub(crate) commands: Vec<Command>,
     pub(crate) begins: Begins,
-    /// The number of the block, where each block must have the next one, and where it stands.
+    /// Block number and its byte range, in dialects that number blocks consecutively.
     pub(crate) number: Option<(Range<usize>, u64)>,
-    /// The word that says how the motion goes, where added lines need one, too.
+    /// Keyword of the motion type; added lines need one, too.
     pub(crate) keyword: Range<usize>,
-    /// Numbers have decimal commas; `None`: it has no decimals.
+    /// True if numbers have decimal commas; `None` if the block has no decimals.
     pub(crate) comma: Option<bool>,
-    /// Whether the last coordinate of the program so far was a number of least increments; `None`: there was none yet, or the control does not count in them.
+    /// Whether the last coordinate of the program was in least increments; `None` if there was none yet, or the control does not count in
+    /// increments.
     pub(crate) last_in_increments: Option<bool>,
-    /// The mark with which the operator may have it skipped.
+    /// Byte range of the block-delete mark.
     pub(crate) skip: Range<usize>,
-    /// Where a further word may be put: behind the last one.
+    /// Byte offset for added words: after the last one.
     pub(crate) end: usize,
 }
 
@@ -121,36 +121,35 @@ impl Block {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
-    /// The words of its block shift the coordinates (TRANS, ATRANS), instead of what shifts and turns them or on top of that.
+    /// The words of the block shift the coordinates: replacing the programmed frame (TRANS), or on top of it (ATRANS).
     Shift {
         adds: bool,
     },
-    /// It turns the coordinates by an angle, deg, about the axis normal to X and Y (ROT, AROT).
+    /// Rotates the coordinates by an angle, deg, about the axis normal to X and Y (ROT, AROT).
     Turn {
         adds: bool,
         angle_deg: Value,
     },
-    /// Coordinates are those of the centre point of the tool from now on, or of the axes.
+    /// Coordinates are those of the tool centre point from now on (true), or of the axes.
     CentrePoint(bool),
     WorkOffset(usize),
-    /// CYCL DEF 247: one of the next lines has the number of the preset.
+    /// CYCL DEF 247: the preset number follows in one of the next lines.
     AwaitsPreset,
-    /// The number of that preset.
     Preset(Value),
-    /// The words of its block are machine coordinates.
+    /// The words of the block are machine coordinates.
     InMachine,
-    /// The cutting edge of the tool whose length holds from now on; 0: none.
+    /// Cutting edge whose tool length is active from now on; 0: none.
     Edge(Value),
-    /// The tool that was chosen is in the spindle from now on.
+    /// Puts the selected tool into the spindle.
     ChangeTool,
     NamedTool,
-    /// The rest of the line moves the axes in its own way and passes on.
+    /// The rest of the line moves axes in a dialect-specific way and is copied unchanged.
     Cycle(Cycle),
-    /// Such a cycle is done behind each motion from now on, or none any more.
+    /// Makes such a cycle modal: executed after each motion (`Some`), or no longer (`None`).
     EachMotion(Option<Cycle>),
-    /// A command that is copied and may move the axes: their positions are unknown after it.
+    /// A command that is copied and may move axes: their positions are unknown afterwards.
     MayMove(String),
-    /// A printer homes (G28), which clears the shift of G92.
+    /// A printer homes (G28), which clears the G92 shift.
     Homes {
         all: bool,
     },
@@ -159,40 +158,40 @@ pub(crate) enum Command {
         relative: bool,
     },
     Ends,
-    /// The words of its block say the centre of arcs and of polar coordinates (CC).
+    /// The words of the block are the centre of arcs and polar coordinates (CC).
     Pole,
-    /// The words of its block are the datum shift along their axes; the others stay (cycle 7).
+    /// The words of the block are the datum shift along their axes; the others keep theirs (cycle 7).
     Datum,
     /// F means something else from now on (FGROUP, FGREF).
     GroupsFeed,
     /// Rotary axes go the shorter way from now on, or not (M126, M127).
     Shorter(bool),
-    /// The block goes on in the next line.
+    /// The block continues in the next line.
     GoesOn,
-    /// The cycle that is done where one is called, and its call.
+    /// Defines the cycle for later calls; `CallsDefined` calls it.
     Defines(Cycle),
     CallsDefined,
-    /// The tool with this number and an allowance on its length, in the unit of the program.
+    /// Calls the tool with this number and a length allowance, in the unit of the program.
     CallsTool {
         tool: Value,
         longer: Value,
     },
-    /// The length of a tool, in the unit of the program.
+    /// Defines a tool length, in the unit of the program.
     DefinesTool {
         tool: Value,
         length: Value,
     },
 }
 
-/// A cycle that passes on as it is.
+/// A cycle that is copied unchanged.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cycle {
     pub(crate) name: String,
-    /// It only moves along the tool, and ends at this place (RTP), in the unit of the program.
+    /// End position (RTP) of a cycle that only moves along the tool axis, in the unit of the program.
     pub(crate) drills_to: Option<Value>,
 }
 
-/// A line, read from the left. Places are bytes.
+/// Cursor over a line, read from the left. Positions are byte offsets.
 #[derive(Clone, Debug)]
 pub(crate) struct Scanner<'a> {
     bytes: &'a [u8],
@@ -216,7 +215,7 @@ impl<'a> Scanner<'a> {
         self.bytes.get(self.at..).unwrap_or_default()
     }
 
-    /// Whether this word is next, in capital letters or small ones; no blanks are passed.
+    /// True if this word is next, in either case; blanks are not skipped.
     pub(crate) fn is_next(&self, word: &str) -> bool {
         let next = self.rest().get(..word.len());
         next.is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()))
@@ -226,12 +225,12 @@ impl<'a> Scanner<'a> {
         self.at = at.min(self.bytes.len());
     }
 
-    /// The place of the next character as people count.
+    /// Column of the next character, counted from 1.
     pub(crate) fn column(&self) -> Column {
         Column(self.at + 1)
     }
 
-    /// The next character as a capital letter, which stays; blanks before it are passed.
+    /// Returns the next character in upper case without consuming it; skips blanks.
     #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
         while let Some(byte) = self.bytes.get(self.at) {
@@ -243,7 +242,7 @@ impl<'a> Scanner<'a> {
         None
     }
 
-    /// The next character as a capital letter.
+    /// Consumes the next character and returns it in upper case.
     #[inline]
     pub(crate) fn next(&mut self) -> Option<u8> {
         let byte = self.peek()?;
@@ -251,14 +250,14 @@ impl<'a> Scanner<'a> {
         Some(byte)
     }
 
-    /// Passes this character where it is the next one.
+    /// Consumes this character if it is next.
     pub(crate) fn takes(&mut self, byte: u8) -> bool {
         let is_next = self.peek() == Some(byte);
         self.at += usize::from(is_next);
         is_next
     }
 
-    /// Passes these capital letters where they are next, whatever blanks are between.
+    /// Consumes these capital letters if they are next, with any blanks between them.
     pub(crate) fn takes_all(&mut self, letters: &str) -> bool {
         let before = self.at;
         let all = letters.bytes().all(|letter| self.takes(letter));
@@ -268,7 +267,7 @@ impl<'a> Scanner<'a> {
         all
     }
 
-    /// A decimal number with a sign or without, and its decimals.
+    /// Reads a decimal number with an optional sign; returns its value and decimals.
     pub(crate) fn number(&mut self) -> Option<(f64, u8)> {
         if let Some((value, decimals, length)) = plain(&self.bytes[self.at..]) {
             self.at += length;
@@ -277,7 +276,7 @@ impl<'a> Scanner<'a> {
         self.number_with_blanks()
     }
 
-    /// The same for a number with any digits, and blanks between them.
+    /// The same for any number of digits, with blanks between them.
     fn number_with_blanks(&mut self) -> Option<(f64, u8)> {
         let before = self.at;
         let mut digits = Digits::default();
@@ -297,7 +296,7 @@ impl<'a> Scanner<'a> {
             self.at += 1;
             end = self.at;
         }
-        // Blanks after the last digit are not of the number.
+        // Trailing blanks do not belong to the number.
         self.at = end;
         let value = digits.value();
         if value.is_none() {
@@ -306,7 +305,7 @@ impl<'a> Scanner<'a> {
         value.map(|value| (value, digits.decimals()))
     }
 
-    /// Passes a text in quotation marks where it is next.
+    /// Consumes a quoted text if it is next.
     pub(crate) fn takes_text(&mut self) -> Result<bool, Fault> {
         self.peek();
         let column = self.column();
@@ -321,7 +320,7 @@ impl<'a> Scanner<'a> {
         Ok(true)
     }
 
-    /// A name between `<` and `>`, whose `<` is passed already: small letters, without blanks.
+    /// Reads a name up to `>` (the `<` is already consumed), in lower case and without blanks.
     pub(crate) fn name(&mut self) -> Result<String, Fault> {
         let column = self.column();
         let mut name = String::new();

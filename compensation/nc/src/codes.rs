@@ -1,4 +1,4 @@
-//! What the words of a block say: its G and M codes, one of a group, and each other letter once.
+//! The words of a block: at most one G or M code of each modal group, and each other letter once.
 
 use crate::{
     NcError,
@@ -9,13 +9,13 @@ use crate::{
     modal::{Code, Modal, WORK_OFFSETS, code_text},
 };
 
-/// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
+/// G codes that move no axis and do not affect coordinates: path mode, spindle speed mode, exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 
-/// G64, whose Q is how straight a path may be made.
+/// G64, whose Q is the naive CAM tolerance.
 const PATH_MODE: Code = 640;
 
-/// The codes of a block: one of each group may stand in it.
+/// Codes of a block: at most one per modal group.
 #[expect(clippy::struct_excessive_bools, reason = "each is a code of its own")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Codes {
@@ -33,42 +33,42 @@ pub(crate) struct Codes {
     pub(crate) comes_back: Option<Code>,
     pub(crate) rotation: Option<Code>,
     pub(crate) polar: Option<Code>,
-    /// Moves in the coordinates of the machine (G53).
+    /// Motion in machine coordinates (G53).
     pub(crate) in_machine: bool,
-    /// The program ends here (M2, M30), or goes on elsewhere (M98, M99).
+    /// The program ends here (M2, M30), or continues elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
-    /// M70 to M73, which save and restore what is switched, and M96, M97 and M198, which go on elsewhere.
+    /// M70 to M73, which save and restore modal state, and M96, M97 and M198, which jump elsewhere.
     pub(crate) not_followed: Option<Code>,
-    /// A code of this control that moves nothing and changes no coordinate.
+    /// A code of this control that moves no axis and changes no coordinate.
     pub(crate) harmless: Option<Code>,
-    /// M6: the tool that was chosen comes into the spindle.
+    /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
-    /// The place of an M code of which nobody knows what it does.
+    /// Index of the word with an unknown M code.
     unknown: Option<usize>,
-    /// One of its codes has words of its own, or may have: E, K, Q and R are no mistake.
+    /// One of the codes takes, or may take, further words: E, K, Q and R are not errors.
     pub(crate) has_words: bool,
-    /// M430: the kinematics that a user of LinuxCNC has written are switched on.
+    /// M430: switches on kinematics defined by the user of LinuxCNC.
     pub(crate) own_kinematics: bool,
-    /// M428, M429: coordinates are those of the centre point of the tool from now on, or of the axes.
+    /// M428 (true), M429: coordinates are those of the tool centre point from now on, or of the axes.
     pub(crate) centre_point: Option<bool>,
 }
 
 impl Codes {
-    /// As a control reads them; `None`: as all do. `line` is that of messages.
+    /// Interprets the codes as `control` does, or as all controls do (`None`). `line` is used in messages.
     pub(crate) fn of(
         block: &Block,
         control: Option<Control>,
         line: usize,
     ) -> Result<Self, NcError> {
         let mut codes = Self::default();
-        // These are LinuxCNC's; elsewhere the builder of the machine has given them a meaning.
+        // LinuxCNC's meaning; on other controls the machine builder assigns these codes.
         let has_own_m = control.is_some_and(Control::is_fanuc_like);
         for (place, word) in block.words.iter().enumerate() {
             if word.letter != b'G' && word.letter != b'M' {
                 continue;
             }
-            // Those of machine builders, up to eight digits.
+            // Machine builders' codes, up to eight digits.
             let is_high = |value: f64| (1000.0..1e8).contains(&value) && value.fract() == 0.0;
             if word.letter == b'M' && word.value.is_some_and(is_high) {
                 codes.unknown = Some(place);
@@ -83,7 +83,7 @@ impl Codes {
                     60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
                     970 | 1980 => codes.not_followed = Some(code),
-                    // Haas jumps, the others wait for an interrupt that calls a macro.
+                    // On Haas a jump; on the others an interrupt that calls a macro.
                     960 if has_own_m => codes.not_followed = Some(code),
                     _ if has_own_m => {}
                     700 | 710 | 720 | 730 => codes.not_followed = Some(code),
@@ -120,7 +120,7 @@ impl Codes {
             };
             match group {
                 Some(group) => {
-                    // FANUC programs end cycles in the block of the next motion: G80 G0.
+                    // FANUC programs cancel a cycle in the block of the next motion: G80 G0.
                     *group = Some(match (*group, code) {
                         (Some(800), 0..=30) | (None, _) => code,
                         (Some(motion @ 0..=30), 800) => motion,
@@ -141,8 +141,8 @@ impl Codes {
         Ok(codes)
     }
 
-    /// The place of an M code that is not known, where no other code of the block takes the words of axes: they may be its arguments, as
-    /// in `M92 X80` of a printer and in a macro that a control calls by an M code.
+    /// Index of an unknown M code, if no other code of the block takes axis words: they may be its arguments, as in `M92 X80` on a printer
+    /// or in a macro called by an M code.
     pub(crate) fn with_arguments(&self) -> Option<usize> {
         let are_taken = self.motion.is_some()
             || self.not_modal.is_some()
@@ -152,14 +152,14 @@ impl Codes {
         self.unknown.filter(|_| !are_taken)
     }
 
-    /// G5 and G5.1 without axes are no splines: FANUC controls look ahead with G05 P10000 and G05.1 Q1.
+    /// Treats G5 and G5.1 without axes as look-ahead, not as splines: FANUC programs have G05 P10000 and G05.1 Q1.
     pub(crate) fn ends_smoothing(&mut self, names_axes: bool) {
         if !names_axes && matches!(self.motion, Some(50 | 51)) {
             self.motion = None;
         }
     }
 
-    /// Where the code of a group is kept; `None`: the code is of none.
+    /// Storage of a code's modal group; `None` if it belongs to no group.
     fn group(&mut self, code: Code) -> Option<&mut Option<Code>> {
         Some(match code {
             0 | 10 | 20 | 30 | 50 | 51 | 52 | 53 | 330 | 331 | 382 | 383 | 384 | 385 | 730
@@ -184,7 +184,7 @@ impl Codes {
     }
 }
 
-/// A code whose number only the machine knows, or is none.
+/// The error for a code whose number is only known at the machine, or is invalid.
 fn no_code(word: &Word, line: usize) -> NcError {
     let letter = char::from(word.letter);
     match word.value {
@@ -207,14 +207,14 @@ fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
 }
 
 enum MCode {
-    /// It has no words but S.
+    /// Takes no words but S.
     Alone,
-    /// It has words of its own.
+    /// Takes further words.
     WithWords,
     Unknown,
 }
 
-/// What is known of an M code in RS-274. What builders of machines have added nobody knows here.
+/// Classifies an M code of RS-274. Codes added by machine builders are unknown.
 fn m_code(code: Code, control: Option<Control>) -> MCode {
     let is_builders = control.is_some_and(Control::is_fanuc_like);
     match code {
@@ -223,18 +223,18 @@ fn m_code(code: Code, control: Option<Control>) -> MCode {
         _ if is_builders => MCode::Unknown,
         700..=730 | 4280..=4300 => MCode::Alone,
         500..=530 | 610..=680 => MCode::WithWords,
-        // Programs of the user, with P and Q.
+        // User programs, with P and Q.
         1000..=1990 if control == Some(Control::LinuxCnc) => MCode::WithWords,
         _ => MCode::Unknown,
     }
 }
 
-/// Whether a motion code drills: G73 to G89, but for G80, which ends a cycle.
+/// True for drilling cycles: G73 to G89 except G80, which cancels a cycle.
 pub(crate) fn is_cycle(code: Code) -> bool {
     (730..=890).contains(&code) && code != 800
 }
 
-/// A code in tenths; `None` where the number is none.
+/// A code in tenths; `None` if the number is not a code.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -246,28 +246,28 @@ fn code_of(value: f64) -> Option<Code> {
     is_code.then_some(tenths as Code)
 }
 
-/// Larger numbers are no coordinates of a machine tool, and lose their decimals.
+/// Maximum value: larger numbers are not machine coordinates and would lose decimals.
 pub(crate) const LARGEST: f64 = 1e9;
 
-/// The words of a block that is executed.
+/// The words of a block during execution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Given<'a> {
     pub(crate) block: &'a Block,
-    /// The place of the word of each axis in the block.
+    /// Index of each axis word in the block.
     pub(crate) places: Axes<Option<usize>>,
-    /// The places of the distance from the pole and of the angle about it, where the block has polar coordinates.
+    /// Indices of the distance and the angle, if the block has polar coordinates.
     pub(crate) polar: Option<[Option<usize>; 2]>,
-    /// A bit for each letter that a word of the block has, and one for all that are none from A to Z.
+    /// One bit per letter of the block's words, and one for all non-letters.
     letters: u32,
-    /// The number of the line, counted from 1.
+    /// Line number, counted from 1.
     pub(crate) line: usize,
 }
 
 impl<'a> Given<'a> {
-    /// What a block says; `are_polar`: its X and Y words are a distance and an angle.
+    /// Collects the words of a block; with `are_polar` its X and Y words are a distance and an angle.
     ///
     /// # Errors
-    /// A letter that stands twice.
+    /// A letter occurs twice.
     pub(crate) fn new(block: &'a Block, line: usize, are_polar: bool) -> Result<Self, NcError> {
         let mut places = [None; 9];
         let mut polar = [None; 2];
@@ -281,7 +281,7 @@ impl<'a> Given<'a> {
             if let Some(of) = of_polar {
                 polar[of] = Some(place);
             }
-            // Each of the two may stand once.
+            // Distance and angle may each occur once.
             let bit = of_polar.map_or_else(|| bit_of(letter), |of| 1 << (27 + of));
             let stands_once = letter.is_ascii_uppercase() && letter != b'G' && letter != b'M';
             if (stands_once || of_polar.is_some()) && seen & bit != 0 {
@@ -316,7 +316,7 @@ impl<'a> Given<'a> {
         self.find(letter).is_some()
     }
 
-    /// The last word of the block with this letter.
+    /// Last word of the block with this letter.
     pub(crate) fn find(&self, letter: u8) -> Option<&'a Word> {
         if self.letters & bit_of(letter) == 0 {
             return None;
@@ -328,19 +328,19 @@ impl<'a> Given<'a> {
         self.block.words.get(self.places[axis]?)
     }
 
-    /// Whether the centre of an arc along the axis of a letter is a place, not a way from its beginning.
+    /// True if the centre of an arc along the axis of a letter is absolute, not relative to its start.
     pub(crate) fn centre_is_absolute(&self, letter: u8, modal: &Modal) -> bool {
         let word = self.block.word(letter);
         centre_is_absolute(word.map(|word| word.manner), modal)
     }
 
-    /// The value of an axis, in the unit of its word.
+    /// Value of an axis word, in its own unit.
     pub(crate) fn axis(&self, axis: usize) -> Result<Option<f64>, NcError> {
         let word = self.word(axis);
         word.map(|word| self.value_of(word)).transpose()
     }
 
-    /// The axes that the block names, and their values in the units of their words.
+    /// Axes that the block names, with values in the units of their words.
     pub(crate) fn axes(&self) -> Result<impl Iterator<Item = (usize, f64)> + use<>, NcError> {
         let mut values = [None; 9];
         for (axis, value) in values.iter_mut().enumerate() {
@@ -354,7 +354,7 @@ impl<'a> Given<'a> {
         word.map(|word| self.value_of(word)).transpose()
     }
 
-    /// The value of the word with a letter where it is a whole number up to 99999.
+    /// Value of a letter's word if it is a whole number up to 99999.
     pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, NcError> {
         Ok(self.letter(letter)?.and_then(|value| whole(value, 99_999)))
     }
@@ -364,7 +364,7 @@ impl<'a> Given<'a> {
         self.block.words.get(self.polar?[of]?)
     }
 
-    /// The value of a word, in its unit.
+    /// Value of a word, in its own unit.
     pub(crate) fn value_of(&self, word: &Word) -> Result<f64, NcError> {
         let letter = char::from(word.letter);
         let value = word.value.ok_or(NcError::OnlyAtMachine {
@@ -378,7 +378,7 @@ impl<'a> Given<'a> {
         Ok(value)
     }
 
-    /// The error that this block asks for what cannot be compensated.
+    /// The error for a block that cannot be compensated.
     pub(crate) fn refused(&self, what: &str) -> NcError {
         NcError::NotCompensated {
             line: self.line,
@@ -392,7 +392,7 @@ fn bit_of(letter: u8) -> u32 {
     1 << place
 }
 
-/// Whether the word of a centre is a place.
+/// True if a centre word is absolute.
 pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool {
     match manner.unwrap_or_default() {
         Manner::Modal => modal.centre_absolute,
@@ -401,7 +401,7 @@ pub(crate) fn centre_is_absolute(manner: Option<Manner>, modal: &Modal) -> bool 
     }
 }
 
-/// A whole number up to the largest.
+/// A whole number up to `most`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

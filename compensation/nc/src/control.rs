@@ -1,4 +1,4 @@
-//! The languages of programs and the controls that run them, which differ in what they make of the same words.
+//! Program languages, and the controls that run them: these interpret the same words differently.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Dialect {
-    /// RS-274 (G-code) as LinuxCNC and FANUC controls read it.
+    /// RS-274 (G-code) as read by LinuxCNC and FANUC controls.
     #[default]
     Rs274,
     /// The language of SINUMERIK controls.
@@ -33,7 +33,7 @@ impl Dialect {
         }
     }
 
-    /// Its name, as `--dialect` of `volcomp nc` has it.
+    /// Name in the `--dialect` option of `volcomp nc`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -44,7 +44,7 @@ impl Dialect {
     }
 }
 
-/// The control that runs a program: the key `control` of the set-up file.
+/// The control that runs a program: key `control` of the set-up file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Control {
@@ -68,7 +68,6 @@ pub enum Control {
     Grbl,
 }
 
-/// Their names in set-up files.
 pub(crate) const CONTROLS: [(&str, Control); 9] = [
     ("linuxcnc", Control::LinuxCnc),
     ("fanuc", Control::Fanuc),
@@ -82,7 +81,7 @@ pub(crate) const CONTROLS: [(&str, Control); 9] = [
 ];
 
 impl Control {
-    /// The language of its programs.
+    /// The language that the control reads.
     #[must_use]
     pub fn dialect(self) -> Dialect {
         match self {
@@ -92,27 +91,28 @@ impl Control {
         }
     }
 
-    /// Its name in set-up files.
+    /// Name in the set-up file.
     #[must_use]
     pub fn name(self) -> &'static str {
         let found = CONTROLS.into_iter().find(|(_, control)| *control == self);
         found.map_or("", |(name, _)| name)
     }
 
-    /// Whether a line is one command of a printer, and E its filament.
+    /// True for 3D printer firmware: one command per line, E is the filament.
     pub(crate) fn is_printer(self) -> bool {
         matches!(self, Self::Marlin | Self::Klipper)
     }
 
-    /// Whether a G code moves nothing and changes no coordinate on this control: what looks ahead, smooths, stops exactly, or switches off
-    /// what is refused where it is switched on.
+    /// True if a G code moves no axis and changes no coordinate on this control: look-ahead, smoothing, exact stop, or cancelling a mode
+    /// that is rejected where it is activated.
     pub(crate) fn has_harmless(self, code: Code) -> bool {
         let codes: &[Code] = match self {
-            // Look-ahead, corners, tapping, limits of the stored area off, spindle watch, and the ends of G41.1, G12.1, G51, G51.1, G66.
+            // Look-ahead, corners, tapping, stored stroke limits off, spindle speed monitoring, and the cancel codes of G41.1, G12.1, G51,
+            // G51.1, G66.
             Self::Fanuc => &[
                 80, 110, 131, 230, 250, 260, 401, 500, 501, 620, 630, 670, 1130,
             ],
-            // Look-ahead, smoothness, and the ends of G51 and G101.
+            // Look-ahead, smoothness, and the cancel codes of G51 and G101.
             Self::Haas => &[500, 1000, 1030, 1870],
             Self::Mazak => &[80, 131, 230, 401, 500, 501, 620, 630, 670, 1130],
             _ => &[],
@@ -120,7 +120,7 @@ impl Control {
         codes.contains(&code)
     }
 
-    /// Why a G code that others have is refused for this control.
+    /// Reason to reject a G code on this control that others accept.
     pub(crate) fn refuses(self, code: Code) -> Option<&'static str> {
         match (self, code) {
             (Self::Fanuc | Self::Mazak, 70) => {
@@ -137,11 +137,11 @@ impl Control {
         }
     }
 
-    /// Whether a G code chooses one of the work offsets that have numbers.
+    /// True if a G code selects a numbered work offset.
     pub(crate) fn has_numbered_offset(self, code: Code) -> bool {
         match self {
             Self::Fanuc | Self::Mazak => code == 541,
-            // G112 and G113 are polar interpolation on some of them.
+            // G112 and G113 are polar interpolation on some Haas controls.
             Self::Haas => {
                 let is_short = (1100..=1290).contains(&code) && code.is_multiple_of(10);
                 code == 1540 || is_short && !matches!(code, 1120 | 1130)
@@ -150,7 +150,7 @@ impl Control {
         }
     }
 
-    /// The number of the last numbered work offset: G54.1 P1 to P300 are the most that FANUC offers, Haas has G154 P1 to P99.
+    /// Largest number of a numbered work offset: FANUC offers at most G54.1 P1 to P300, Haas has G154 P1 to P99.
     pub(crate) fn last_numbered(self) -> u32 {
         match self {
             Self::Haas => 99,
@@ -158,32 +158,32 @@ impl Control {
         }
     }
 
-    /// Whether it reads programs as FANUC controls do: M codes of the machine's builder, numbered work offsets by G10 L20, and coordinates
-    /// without a decimal point as least increments, unless a parameter of the control differs.
+    /// True if the control reads programs as FANUC does: builder-specific M codes, numbered work offsets by G10 L20, and coordinates
+    /// without a decimal point as least increments (unless a control parameter differs).
     pub(crate) fn is_fanuc_like(self) -> bool {
         matches!(self, Self::Fanuc | Self::Haas | Self::Mazak)
     }
 }
 
-/// Least increments as most controls have them: 0.001 mm, 0.0001 inch, 0.001 deg.
+/// Usual least increments: 0.001 mm, 0.0001 inch, 0.001 deg.
 pub(crate) const INCREMENTS: Decimals = Decimals {
     mm: 3,
     inch: 4,
     deg: 3,
 };
 
-/// State: how a program writes coordinates, on a control to which a decimal point means something.
+/// State: how the program writes coordinates, on a control where the decimal point is significant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DecimalPoints {
-    /// A coordinate without a decimal point is a number of least increments.
+    /// A coordinate without a decimal point counts least increments.
     pub(crate) means_increments: bool,
-    /// The set-up file states which, so that a program may mix coordinates with and without a point.
+    /// The set-up file states the meaning, so the program may mix both forms.
     pub(crate) may_mix: bool,
-    /// Whether the last coordinate other than zero had no point.
+    /// Whether the last non-zero coordinate had no point.
     pub(crate) last_in_increments: Option<bool>,
 }
 
-/// Why a G code is refused that is not known, or known for other controls only.
+/// Reason to reject a G code that is unknown, or known on other controls only.
 pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String> {
     if let Some(why) = control.and_then(|control| control.refuses(code)) {
         return Some(why.to_owned());

@@ -1,5 +1,4 @@
-//! Coordinates of a program and of the axes of the machine, mm and deg: work offsets, tool offsets, a rotation, and the
-//! kinematics of the control lie between them.
+//! Program and machine coordinates, mm and deg. Between them are work offsets, tool offsets, a rotation, and the kinematics of the control.
 
 use std::{cell::RefCell, sync::Arc};
 
@@ -14,7 +13,7 @@ use volcomp_model::{
 
 use crate::NcError;
 
-/// A value for each axis a program can name: X Y Z A B C U V W.
+/// One value per axis that a program can name: X Y Z A B C U V W.
 pub(crate) type Axes<T = f64> = [T; MAX_AXES];
 
 pub(crate) const LETTERS: [u8; MAX_AXES] = *b"XYZABCUVW";
@@ -34,16 +33,16 @@ pub(crate) fn name_of(axis: usize) -> Option<AxisName> {
     AxisName::from_letter(char::from(*letter))
 }
 
-/// Whether the axis at a place turns: its coordinates are deg, whatever the unit of length is.
+/// True for A, B and C, whose coordinates are in deg whatever the length unit.
 pub(crate) fn is_rotary(axis: usize) -> bool {
     (3..6).contains(&axis)
 }
 
-/// Where each axis that a program can name stands in the chain of a machine.
+/// Position in the machine's kinematic chain of each axis that a program can name.
 #[derive(Clone, Debug)]
 pub(crate) struct AxisPlaces {
     places: Axes<Option<usize>>,
-    /// Each axis that the machine has, and its place.
+    /// Axes of the machine: (axis, position in the chain).
     present: Vec<(usize, usize)>,
 }
 
@@ -61,12 +60,12 @@ impl AxisPlaces {
         self.present.iter().map(|(axis, _)| *axis)
     }
 
-    /// `None` for an axis that the machine lacks.
+    /// Position in the chain; `None` if the machine lacks the axis.
     pub(crate) fn of_axis(&self, axis: usize) -> Option<usize> {
         self.places[axis]
     }
 
-    /// Coordinates in mm and deg as the model takes them.
+    /// Coordinates (mm, deg) as a state of the model.
     #[inline]
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
@@ -80,7 +79,7 @@ impl AxisPlaces {
         state
     }
 
-    /// What the model gives for each axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
+    /// Values of the model per axis (mm, rad) in mm and deg; zero for axes that the machine lacks.
     #[inline]
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
@@ -94,7 +93,7 @@ impl AxisPlaces {
         axes
     }
 
-    /// The same of the linear axes, times a factor.
+    /// The same for the linear axes only, times a factor.
     pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
         let mut axes = [0.0; MAX_AXES];
         let linear = self.present.iter().filter(|(axis, _)| !is_rotary(*axis));
@@ -105,25 +104,25 @@ impl AxisPlaces {
     }
 }
 
-/// What lies between the coordinates of a program and those of the axes of the machine.
+/// Transformation between program coordinates and those of the machine axes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
-    /// The work offset, and what is programmed on top of it.
+    /// Work offset including programmed shifts; `offset` is without them.
     pub(crate) work: Axes,
     pub(crate) offset: Axes,
-    /// The offset of G92 or G52.
+    /// G92 or G52 shift.
     pub(crate) shift: Axes,
-    /// The tool offset of G43.
+    /// Tool offset of G43.
     pub(crate) tool: Axes,
-    /// The rotation about Z, deg, and the place about which it turns, X and Y.
+    /// Rotation about Z, deg, and its centre in X and Y.
     pub(crate) rotation_deg: f64,
     pub(crate) centre: [f64; 2],
-    /// Where the coordinates are those of the tool's centre point: the kinematics with which the control makes axes of them.
+    /// Kinematics of the control, while coordinates are those of the tool centre point.
     pub(crate) tip: Option<TipFrame>,
 }
 
 impl Frame {
-    /// A program's coordinates as those of the axes of the machine.
+    /// Program coordinates to machine coordinates.
     #[inline]
     pub(crate) fn to_machine(&self, program: &Axes) -> Axes {
         let mut at: Axes = std::array::from_fn(|i| program[i] + self.shift[i]);
@@ -152,7 +151,7 @@ impl Frame {
         }
     }
 
-    /// Coordinates of the axes of the machine as those of the program.
+    /// Machine coordinates to program coordinates.
     #[inline]
     pub(crate) fn to_program(&self, machine: &Axes) -> Axes {
         let control = self.tip.as_ref().map(|tip| tip.of_axes(machine));
@@ -162,7 +161,7 @@ impl Frame {
         std::array::from_fn(|i| at[i] - self.shift[i])
     }
 
-    /// What the axes move by from a place of theirs, as it is in the coordinates of the program.
+    /// A displacement of the axes from a machine position, in program coordinates.
     #[inline]
     pub(crate) fn moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
@@ -173,7 +172,7 @@ impl Frame {
         std::array::from_fn(|i| moved[i] - at[i])
     }
 
-    /// The same of the axes besides X, Y and Z, whose coordinates no kinematics change; those of X, Y and Z are 0.
+    /// The same for the axes other than X, Y and Z, whose coordinates no kinematics change; X, Y and Z are 0.
     pub(crate) fn others_moved_in_program(&self, machine: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
             let mut moved = *by;
@@ -190,7 +189,7 @@ impl Frame {
         })
     }
 
-    /// What the coordinates of the program change by from a place of theirs, as it is in the axes.
+    /// A displacement in program coordinates from a program position, in the axes.
     #[inline]
     pub(crate) fn moved_in_machine(&self, program: &Axes, by: &Axes) -> Axes {
         if self.tip.is_none() {
@@ -202,7 +201,7 @@ impl Frame {
     }
 }
 
-/// X and Y turned about Z.
+/// X and Y rotated about Z.
 #[inline]
 pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     if angle_deg == 0.0 {
@@ -215,36 +214,36 @@ pub(crate) fn turned(at: &Axes, angle_deg: f64) -> Axes {
     turned
 }
 
-/// The centre point of the tool on the ideal machine. Its coordinates are those of the tip as the workpiece sees it, from where
-/// it is with all axes at zero: while the rotary axes stand at zero they are the coordinates of X, Y and Z.
+/// Tool centre point on the ideal machine. Its coordinates are those of the tip in the workpiece frame, relative to its position with all
+/// axes at zero; while the rotary axes are at zero they equal X, Y and Z.
 #[derive(Clone, Debug)]
 pub(crate) struct Tip {
     chain: Chain,
     places: AxisPlaces,
     at_zero_mm: Vector3<f64>,
-    /// From the machine's frame to that of the control, whose axes are the directions of X, Y and Z.
+    /// Machine frame to control frame, whose axes are the directions of X, Y and Z.
     to_control: Matrix3<f64>,
 }
 
-/// The centre point where rotary axes stand somewhere: it goes as X, Y and Z go, whose directions are turned.
+/// Linear map of the centre point for fixed rotary axes: it moves with X, Y and Z along rotated directions.
 #[derive(Clone, Debug)]
 struct Turned {
-    /// The axes besides X, Y and Z.
+    /// Coordinates of the axes other than X, Y and Z.
     others: [f64; 6],
-    /// The centre point with X, Y and Z at zero.
+    /// Centre point with X, Y and Z at zero.
     base_mm: Vector3<f64>,
-    /// How it goes with X, Y and Z, and back.
+    /// Displacement per unit of X, Y and Z, and its inverse.
     columns: Matrix3<f64>,
     inverse: Matrix3<f64>,
 }
 
-/// How far the products of the directions of X, Y and Z may be from those of a frame.
+/// Maximum difference between the scalar products of the X, Y and Z directions and those of an orthonormal frame.
 const PERPENDICULAR: f64 = 1e-9;
 
-/// A motion asks for its two ends many times, each with its correction and without.
+/// Number of cached kinematics: a motion evaluates its two ends many times, each with and without correction.
 const KEPT: usize = 4;
 
-/// The centre point in a frame. State: the kinematics for the last places of the rotary axes, and which of them is the last one.
+/// The centre point in a frame. State: a cache of the kinematics for the last rotary positions, and the index of the newest one.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
     pub(crate) tip: Arc<Tip>,
@@ -262,7 +261,7 @@ impl TipFrame {
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {
         let (turned, last) = &mut *self.last.borrow_mut();
         let is_it = |of: &usize| (turned[*of].as_ref()).is_some_and(|it| it.others == axes[3..]);
-        // The last one first; what was there before the next ones goes.
+        // Search from the newest entry; a new one replaces the oldest.
         let back = (0..KEPT).map(|back| (*last + KEPT - back) % KEPT);
         if let Some(found) = back.into_iter().find(is_it) {
             *last = found;
@@ -273,7 +272,7 @@ impl TipFrame {
         take(turned[*last].get_or_insert_with(|| self.tip.turned_to(axes)))
     }
 
-    /// Coordinates of the axes as those of the centre point, mm and deg. Those of rotary axes stay.
+    /// Axis coordinates to centre-point coordinates, mm and deg. Rotary axes are unchanged.
     pub(crate) fn of_axes(&self, axes: &Axes) -> Axes {
         let [x, y, z, ..] = *axes;
         let at = self.with(axes, |turned| {
@@ -284,12 +283,12 @@ impl TipFrame {
         tip
     }
 
-    /// Coordinates of the centre point as those of the axes, mm and deg.
+    /// Centre-point coordinates to axis coordinates, mm and deg.
     fn to_axes(&self, tip: &Axes) -> Axes {
         let [x, y, z, ..] = *tip;
         let at = self.with(tip, |turned| {
             let at = turned.inverse * (Vector3::new(x, y, z) - turned.base_mm);
-            // What that lost to rounding.
+            // One refinement step removes the rounding error of the inverse.
             let missing = Vector3::new(x, y, z) - turned.base_mm - turned.columns * at;
             at + turned.inverse * missing
         });
@@ -300,8 +299,8 @@ impl TipFrame {
 }
 
 impl Tip {
-    /// `None` for a machine without rotary axes, without X, Y and Z, with a rotary axis between these, or where their directions are no right-handed
-    /// frame: no control moves the centre point of its tool.
+    /// `None` for machines whose control cannot have tool centre point control: without rotary axes, without X, Y and Z, with a rotary axis
+    /// between these, or with X, Y, Z directions that are not a right-handed frame.
     pub(crate) fn new(machine: &Machine) -> Option<Self> {
         let chain = machine.chain().clone();
         let places = AxisPlaces::of(machine);
@@ -328,13 +327,13 @@ impl Tip {
         })
     }
 
-    /// The kinematics where the axes besides X, Y and Z stand as `axes` says.
+    /// Kinematics for the rotary positions in `axes`.
     fn turned_to(&self, axes: &Axes) -> Turned {
         let mut at = *axes;
         at[..3].fill(0.0);
         let state = self.places.state(&at);
         let joints = self.chain.joints();
-        // Each of X, Y and Z leads where the rotary axes before it have turned it; they are next to each other in the chain.
+        // X, Y and Z move along directions rotated by the rotary axes before them; they are adjacent in the chain.
         let places = [0, 1, 2].map(|axis| self.places.of_axis(axis).unwrap_or_default());
         let first = places.into_iter().min().unwrap_or_default();
         let (mut pose, mut turned) = (Pose::identity(), Matrix3::identity());
@@ -360,12 +359,12 @@ impl Tip {
                     - self.chain.workpiece_origin_mm()
                     - self.at_zero_mm),
             columns,
-            // Independent wherever the rotary axes stand, since none of them is between the linear ones.
+            // Invertible for all rotary positions, because no rotary axis is between the linear ones.
             inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),
         }
     }
 
-    /// The angle (rad) by which the rotary axes turn between two places, all together.
+    /// Sum of the angles, rad, by which the rotary axes turn between two positions.
     pub(crate) fn turned(&self, from: &Axes, to: &Axes) -> f64 {
         let turns = (3..6).filter(|axis| self.places.of_axis(*axis).is_some());
         turns
@@ -374,7 +373,7 @@ impl Tip {
     }
 }
 
-/// Where X, Y and Z move the tip with rotary axes at zero, as columns; the machine's own direction for one that it lacks.
+/// Tip directions of X, Y and Z with the rotary axes at zero, as columns; a default direction for an axis that the machine lacks.
 fn directions(machine: &Machine) -> Matrix3<f64> {
     let places = AxisPlaces::of(machine);
     let joints = machine.chain().joints();
@@ -385,9 +384,8 @@ fn directions(machine: &Machine) -> Matrix3<f64> {
     }))
 }
 
-/// The machine with a tool of the program's tool table in its spindle: `offset` is what the control adds to the coordinates for it,
-/// so that the tip is that far below the gauge point. Where the machine file states no gauge point, or the offset is zero, the
-/// tool is that of the machine file.
+/// The machine with a tool of the program's tool table. `offset` is what the control adds to the coordinates, so the tip is that far below
+/// the gauge point. If the machine file has no gauge point, or the offset is zero, the tool of the machine file is used.
 pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcError> {
     let mut machine = machine.clone();
     if offset[..3] != [0.0; 3] {
@@ -402,12 +400,11 @@ pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcE
     Ok(machine)
 }
 
-/// The place at a share of a straight way.
+/// Position at a share of a straight motion.
 pub(crate) fn between(from: &Axes, to: &Axes, share: f64) -> Axes {
     each(|axis| from[axis] + share * (to[axis] - from[axis]))
 }
 
-/// A value for each axis, made one by one.
 pub(crate) fn each<T>(value: impl FnMut(usize) -> T) -> Axes<T> {
     std::array::from_fn(value)
 }

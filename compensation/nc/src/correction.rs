@@ -1,4 +1,4 @@
-//! The correction of a machine at a place, how far a straight way may go before it must be split, and what no corrected coordinate may do.
+//! Correction of a machine at a position, the maximum length of an unsplit straight motion, and the bounds on corrected coordinates.
 
 use std::sync::Arc;
 
@@ -20,23 +20,23 @@ use crate::{
     error::BoundViolation,
 };
 
-/// What a correction of one step or two may neglect, as a part of the tolerance; beyond it the exact one is taken.
+/// Share of the tolerance that a one- or two-step correction may neglect; beyond it the exact correction is computed.
 const NEGLECTED: f64 = 0.05;
 
-/// Tools whose machines are kept.
+/// Maximum number of tools whose machines are cached.
 const MOST_TOOLS: usize = 64;
 
-/// What is to be added to the axes at a place so that the tool is where it belongs, mm and deg.
+/// Amounts to add to the axes at a position to bring the tool to its nominal position, mm and deg.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Correction {
     pub(crate) delta: Axes,
-    /// How the linear axes follow each of A, B and C, mm for each deg, so that the tip stays where it is. `None`: no
-    /// rotary axis corrects.
+    /// Compensating motion of the linear axes per deg of A, B and C, mm/deg, that keeps the tip in place. `None` if no rotary axis is
+    /// corrected.
     pub(crate) follow: Option<[Axes; 3]>,
 }
 
 impl Correction {
-    /// The same where the rotary axes take other shares than theirs: rounded ones.
+    /// The correction if the rotary axes apply rounded values instead of the exact ones.
     pub(crate) fn with_rotary(&self, rotary: &Axes) -> Axes {
         let mut delta = self.delta;
         let Some(follow) = &self.follow else {
@@ -53,13 +53,13 @@ impl Correction {
     }
 }
 
-/// The correction of a machine. State: the tool in the spindle, and from which side each axis comes.
+/// The correction of a machine. State: the active tool, and the direction from which each axis approaches.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    /// With the tool of its file.
+    /// With the tool of the machine file.
     pub(crate) machine: Arc<Machine>,
     pub(crate) temperatures: Temperatures,
-    /// With each tool that was in the spindle, and which of them is.
+    /// Machines of all tools used so far; `tool` is the active one.
     tools: Vec<Arc<Tooled>>,
     pub(crate) tool: Arc<Tooled>,
     pub(crate) places: AxisPlaces,
@@ -69,33 +69,31 @@ pub struct Corrector {
     pub(crate) bidirectional: bool,
     pub(crate) approach: Axes<Option<Direction>>,
     pub(crate) play: Arc<Play>,
-    /// Travel against its direction after which each axis counts as turned, mm and deg.
+    /// Reverse travel after which an axis counts as reversed, mm and deg.
     pub(crate) turned_after: Axes<f64>,
-    /// The furthest place of each axis in its direction.
+    /// Furthest position of each axis in its current direction.
     pub(crate) furthest: Axes<f64>,
     pub(crate) split_beyond_mm: f64,
-    /// Changes with all that the correction of a place depends on besides the place.
+    /// Changes with everything besides the position that the correction depends on.
     pub(crate) version: u64,
 }
 
-/// The corrections of the last two places. State.
+/// State: cache of the corrections at the last two positions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
     places: [SeenAt; 2],
     last: usize,
 }
 
-/// The correction at one place.
 #[derive(Clone, Debug, Default)]
 struct SeenAt {
     at: Axes,
-    /// Of the corrector; `None`: it was nowhere yet.
+    /// Version of the corrector; `None` if unused.
     pub(crate) version: Option<u64>,
     correction: Correction,
 }
 
 impl Seen {
-    /// The correction at these coordinates.
     pub(crate) fn at(&mut self, corrector: &Corrector, at: &Axes) -> &Correction {
         let is_it = |seen: &SeenAt| seen.version == Some(corrector.version) && seen.at == *at;
         if !is_it(&self.places[self.last]) {
@@ -111,29 +109,29 @@ impl Seen {
     }
 }
 
-/// A part of the tolerance that no rounding carries over it.
+/// Factor on the tolerance that leaves room for rounding.
 const SURELY: f64 = 1.0 - 1e-9;
 
 const COMPILED_TO_NM: f64 = 1.0;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Tooled {
-    /// What the control adds to the coordinates for the tool.
+    /// Tool offset that the control adds to the coordinates.
     pub(crate) offset: Axes,
     pub(crate) machine: Machine,
     compiled: CompiledMachine,
-    /// How it corrects where no axis turns.
+    /// Fast correction for machines without rotary motion.
     slides: Option<Slides>,
     neglected: Neglected,
-    /// Ways of each axis, mm and deg, with which no straight line has to be split, where the axis moves alone.
+    /// Maximum unsplit travel of each axis moving alone, mm and deg.
     unsplit: Axes,
-    /// The longest lever, mm, and the most by which the error changes for each mm of the linear axes.
+    /// Longest lever, mm, and maximum change of the error per mm of the linear axes.
     reach_mm: f64,
     steepness: f64,
 }
 
 impl Tooled {
-    /// The machine with the tool for which the control adds this offset.
+    /// The machine with the tool of this control offset.
     pub(crate) fn new(
         machine: &Machine,
         offset: &Axes,
@@ -161,7 +159,7 @@ impl Tooled {
         })
     }
 
-    /// The correction of a state: of one step or two where these neglect no more than `most_mm`, else the exact one.
+    /// Correction of a state: in one or two steps if these neglect at most `most_mm`, otherwise exact.
     pub(crate) fn correction(
         &self,
         state: &State,
@@ -173,7 +171,7 @@ impl Tooled {
             machine, compiled, ..
         } = self;
         if let Some(slides) = &self.slides {
-            // The errors are those where the axes go to.
+            // The errors are evaluated at the corrected position.
             return Correction {
                 delta: places.axes(&slides.two_steps(compiled, state)),
                 follow: None,
@@ -183,7 +181,7 @@ impl Tooled {
         let mut delta = parts.delta();
         let mut neglected_mm = self.neglected.mm(&delta);
         if neglected_mm > most_mm {
-            // The errors are those where the axes go to.
+            // The errors are evaluated at the corrected position.
             let first = delta;
             let mut there = *state;
             for (q, delta) in there.q.iter_mut().zip(&first) {
@@ -200,7 +198,7 @@ impl Tooled {
         let rotary = compiled.correctors().rotary();
         let follow = (!rotary.is_empty()).then(|| {
             std::array::from_fn(|rotary| match places.of_axis(3 + rotary) {
-                // For each rad as the model has it, for each deg here; only linear axes follow.
+                // Per rad in the model, per deg here; only linear axes follow.
                 Some(place) => places.linear_axes(&parts.follow[place], 1.0_f64.to_radians()),
                 None => [0.0; 9],
             })
@@ -212,31 +210,30 @@ impl Tooled {
     }
 }
 
-/// The play of an axis is looked at in so many places of its travel.
+/// Number of sample points for the play along the travel of an axis.
 const NODES: u32 = 33;
 
-/// An axis with play that goes back by less, mm and deg, is not taken for turned: words round to that, and it is the most that
-/// the carriage is off by then.
+/// Minimum reverse travel, mm and deg, after which an axis with play counts as reversed: words are rounded to this, and it bounds the
+/// resulting error of the carriage.
 const LEAST: [f64; 2] = [5e-4, 1e-5];
 
-/// The curves of an axis in its own direction, each with the share of it along the axis.
+/// Curves of an axis that act in its own direction, each with its component along the axis.
 #[derive(Clone, Debug)]
 struct Own {
     place: usize,
     curves: Vec<(ErrorCurve, f64)>,
-    /// mm or deg for each unit of the curves.
+    /// mm or deg per unit of the curves.
     scale: f64,
 }
 
-/// The play of the axes of a machine: an axis whose carriage stands still at first where its drive goes back.
+/// Play of the axes: the carriage of an axis does not move at first when its drive reverses.
 ///
-/// A reversal value has a sign. Where the carriage lags, after motion in the positive direction it is behind where it is after
-/// motion in the other one: that is lost motion, and the carriage is anywhere between the two flanks, where it was left. Where
-/// the sign is the other one the carriage runs ahead, as with a control that adds more at a turn than the axis loses; then the
-/// error is one of two, as the direction says.
+/// A reversal value has a sign. If the carriage lags, it is further back after positive than after negative motion: this is lost motion,
+/// and the carriage is anywhere between the two flanks, where it was left. With the opposite sign it runs ahead, as with a control that
+/// overcompensates backlash; the error is then one of two values, by direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
-    /// Of the axes that have any, somewhere.
+    /// `Some` for axes with play anywhere in their travel.
     axes: Axes<Option<Own>>,
     pub(crate) any: bool,
 }
@@ -254,18 +251,18 @@ impl Play {
         }
     }
 
-    /// Whether the carriage of an axis lags.
+    /// True if the carriage of an axis lags.
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.axes[axis].is_some()
     }
 
-    /// How far the two flanks of an axis are from one another at these coordinates (of the model's chain), mm or deg; 0 where it has no play.
+    /// Distance between the two flanks of an axis at these coordinates (of the model's chain), mm or deg; 0 without play.
     pub(crate) fn lost(&self, axis: usize, coordinates: &[f64]) -> f64 {
         let own = self.axes[axis].as_ref();
         own.map_or(0.0, |own| own.lost(coordinates))
     }
 
-    /// Travel against its direction after which an axis counts as turned, mm or deg.
+    /// Reverse travel after which an axis counts as reversed, mm or deg.
     pub(crate) fn turned_after(&self, axis: usize) -> f64 {
         match (self.has(axis), is_rotary(axis)) {
             (true, rotary) => LEAST[usize::from(rotary)],
@@ -296,20 +293,19 @@ impl Own {
     }
 }
 
-/// Coordinates nearer to an end of travel than the largest correction can leave it.
+/// Distance from the end of travel within which even the largest correction may leave it.
 const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 
-/// The bounds of the coordinates of each axis that a machine has.
+/// Bounds on the coordinates of each axis of the machine.
 ///
-/// State: the first corrected coordinate of the line that is being written that is beyond them. Nothing of such a line is
-/// written.
+/// State: the first corrected coordinate out of bounds in the current line. Such a line is not written.
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     limit: CorrectionLimit,
-    /// How far the corrections of all axes together may move the tool, where rotary axes correct.
+    /// Bound on the displacement of the tool by all axes together, if rotary axes are corrected.
     at_tool: Option<CorrectionLimit>,
     axes: Axes<Option<AxisName>>,
-    /// Travel, mm and deg; infinite for an axis without ends.
+    /// Travel, mm and deg; infinite for an axis without limits.
     travels: Axes<[f64; 2]>,
     pub(crate) violated: Option<BoundViolation>,
 }
@@ -318,8 +314,8 @@ impl Bounds {
     pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
         let machine = &corrector.machine;
         let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
-        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it: what they do together
-        // at the tool is bounded instead.
+        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it. Therefore the
+        // combined effect at the tool is bounded instead.
         let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects[axis]);
         Self {
             limit: if rotary_corrects {
@@ -337,7 +333,7 @@ impl Bounds {
         }
     }
 
-    /// Why axes that are `known` to be at this place, mm and deg of the machine, may not get this correction.
+    /// Violation of a bound by this correction of the `known` axes at a machine position, mm and deg.
     pub(crate) fn violation(
         &self,
         known: &Axes<bool>,
@@ -370,7 +366,7 @@ impl Bounds {
         None
     }
 
-    /// Why the tool may not move so far.
+    /// Violation of the bound on the displacement of the tool.
     pub(crate) fn violation_at_tool(
         &self,
         moves_mm: impl FnOnce() -> f64,
@@ -383,7 +379,7 @@ impl Bounds {
         })
     }
 
-    /// Whether an axis is so near to an end of its travel that a correction within every limit may lead it out.
+    /// True if an axis is so close to an end of travel that a permitted correction may leave it.
     pub(crate) fn is_near_end(&self, axis: usize, at: f64) -> bool {
         let near = |end: &f64| (at - end).abs() <= NEAR_MM;
         !is_rotary(axis) && self.travels[axis].iter().any(near)
@@ -391,11 +387,11 @@ impl Bounds {
 }
 
 impl Corrector {
-    /// For a machine at these temperatures. Straight lines are split where the correction would be further than
-    /// `tolerance_mm` from where it belongs.
+    /// For a machine at these temperatures. Straight motions are split where the correction would deviate from the exact one by more than
+    /// `tolerance_mm`.
     ///
     /// # Errors
-    /// A machine whose curves cannot be compiled.
+    /// The curves of the machine cannot be compiled.
     pub fn new(
         machine: &Machine,
         temperatures: &Temperatures,
@@ -439,7 +435,7 @@ impl Corrector {
         })
     }
 
-    /// From now on the tool is in the spindle for which the control adds this offset. Whether it is another one than before.
+    /// Activates the tool for which the control adds this offset. Returns true if the tool changed.
     pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
         if self.tool.offset == *offset {
             return Ok(false);
@@ -464,7 +460,7 @@ impl Corrector {
         Ok(true)
     }
 
-    /// Whether the machine has the axis at a place, and corrects by it.
+    /// True if the machine has the axis.
     #[inline]
     pub(crate) fn has(&self, axis: usize) -> bool {
         self.places.of_axis(axis).is_some()
@@ -482,7 +478,7 @@ impl Corrector {
         (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
     }
 
-    /// Whether an axis stands in its travel after whole periods of its `modulo`.
+    /// True if an axis is within its travel after whole periods of its `modulo`.
     fn goes_round_to(&self, axis: usize, at: f64) -> bool {
         let axis = name_of(axis).and_then(|name| self.machine.axis(name));
         axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
@@ -501,7 +497,7 @@ impl Corrector {
         state
     }
 
-    /// How far the carriage of each axis lags at these coordinates from one direction to the other, mm or deg.
+    /// Lag of each carriage between the two directions at these coordinates, mm or deg.
     pub(crate) fn lost(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -512,7 +508,7 @@ impl Corrector {
         std::array::from_fn(|axis| self.play.lost(axis, coordinates))
     }
 
-    /// The state of the model with the drives at a place and the carriages so far off them, mm or deg.
+    /// State of the model with the drives at a position and the carriages off by these amounts, mm or deg.
     fn carried(&self, at: &Axes, off: &Axes) -> State {
         if !self.play.any {
             return self.state(at);
@@ -520,7 +516,7 @@ impl Corrector {
         let lost = self.lost(at);
         let (mut there, mut approach) = (*at, self.approach);
         for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
-            // The flank that is nearer: its curves hold, and what is missing to it is a way of the axis.
+            // Evaluate the curves of the nearer flank, and treat the remaining distance as travel of the axis.
             let off = off[axis];
             (approach[axis], there[axis]) = match off {
                 0.0 => (None, at[axis]),
@@ -537,7 +533,7 @@ impl Corrector {
         state
     }
 
-    /// The correction at these coordinates of the axes (mm, deg).
+    /// Correction at these axis coordinates (mm, deg).
     pub(crate) fn at(&self, at: &Axes) -> Correction {
         let state = self.state(at);
         let most_mm = NEGLECTED * self.split_beyond_mm;
@@ -545,8 +541,8 @@ impl Corrector {
             .correction(&state, &self.places, &self.temperatures, most_mm)
     }
 
-    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the sum to add to its X, Y and Z, mm, as far as they
-    /// correct. Rotary axes are not corrected; mean of both directions of approach.
+    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the amounts to add to its X, Y and Z, mm, for
+    /// axes that are corrected. Rotary axes are not corrected; mean of both directions of approach.
     pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
         let Tooled {
             compiled, machine, ..
@@ -564,7 +560,7 @@ impl Corrector {
         [x, y, z]
     }
 
-    /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
+    /// Offsets of X, Y and Z (corrected axes only) against a tip error in workpiece axes, and the part of the error that they correct, in
     /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
     pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
         let slides = self.tool.slides.as_ref()?;
@@ -579,7 +575,7 @@ impl Corrector {
         Some([[x, y, z], std::array::from_fn(|i| from[i] - to[i])])
     }
 
-    /// The error of the tip at a place in the mean of both directions of approach, by the exact model; mm in workpiece axes.
+    /// Tip error at a position by the exact model, mean of both directions of approach; mm in workpiece axes.
     pub(crate) fn tip_error_mm(&self, at: &Axes) -> [f64; 3] {
         let state = self.places.state(at);
         let machine = &self.tool.machine;
@@ -587,14 +583,14 @@ impl Corrector {
         error.position_mm.into()
     }
 
-    /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.
+    /// Tip position of the ideal machine, mm from the workpiece origin in workpiece axes.
     pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         chain.ideal_tip_mm(&self.places.state(at)).into()
     }
 
-    /// Where a point of the tool is, `above_mm` above its tip along its axis, by the exact model; mm from the workpiece origin in
-    /// workpiece axes.
+    /// Position of the point `above_mm` above the tip along the tool axis, by the exact model; mm from the workpiece origin in workpiece
+    /// axes.
     pub(crate) fn on_tool_mm(&self, at: &Axes, off: &Axes, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
@@ -603,7 +599,7 @@ impl Corrector {
         (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
     }
 
-    /// Where it is on the ideal machine.
+    /// The same on the ideal machine.
     pub(crate) fn ideal_on_tool_mm(&self, at: &Axes, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
@@ -611,7 +607,7 @@ impl Corrector {
         (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
     }
 
-    /// Where the tip is with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
+    /// Tip position with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
     pub(crate) fn actual_tip_mm(&self, at: &Axes, off: &Axes) -> [f64; 3] {
         let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
         let state = self.carried(at, off);
@@ -619,7 +615,7 @@ impl Corrector {
         (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
     }
 
-    /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
+    /// True if a straight motion in a frame may be written as one line. `ends` are machine coordinates, `in_program` program coordinates.
     #[inline]
     pub(crate) fn is_straight_in(
         &self,
@@ -629,7 +625,7 @@ impl Corrector {
         in_program: [&Axes; 2],
     ) -> bool {
         let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
-        // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
+        // With tool centre point control, rotary corrections do not move the tip.
         let coupled_mm = if frame.tip.is_some() {
             0.0
         } else {
@@ -638,9 +634,9 @@ impl Corrector {
         self.is_straight(from, to, bulge_mm, coupled_mm)
     }
 
-    /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
-    /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
-    /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).
+    /// True if the correction between two positions deviates from linear interpolation between its ends by no more than the tolerance, by
+    /// the derivatives of the curves. `bulge_mm` is the maximum deviation of the axes from the straight motion, `coupled_mm` the
+    /// contribution of rotary corrections ([`coupled_mm`](Self::coupled_mm)).
     fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64, coupled_mm: f64) -> bool {
         let mut share = 0.0;
         for axis in self.places.axes_of_machine() {
@@ -651,7 +647,7 @@ impl Corrector {
         }
         let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
         if share <= 1.0 {
-            // Within its ways the bound grows no faster than the share: where this one is met, the nearer one is.
+            // Up to these distances the bound grows at most linearly with the share: if this cheap bound holds, so does the tighter one.
             let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
             if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
                 return true;
@@ -660,15 +656,15 @@ impl Corrector {
         self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
     }
 
-    /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
+    /// Upper bound (mm) on the distance between the correction along the motion and the linear interpolation between its ends.
     pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
         let [from, to] = [from, to].map(|at| self.state(at));
         self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
     }
 
-    /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
-    /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
-    /// pose the corrections of rotary axes are many times the errors.
+    /// Upper bound (mm) on the tip deviation that arises because rotary corrections change along the motion, while the linear axes follow
+    /// them exactly only at both ends: the product of two changes, plus the curvature of the levers. Near a singular pose rotary
+    /// corrections are many times the errors.
     fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
         if self.tool.compiled.correctors().rotary().is_empty() {
             return 0.0;
@@ -694,8 +690,8 @@ impl Corrector {
         0.25 * lever_change * change + 0.125 * lever_bend * largest
     }
 
-    /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
-    /// of the program, mm.
+    /// Maximum deviation of the axes from their straight motion, mm, while the tool centre point moves straight between two program
+    /// positions.
     #[inline]
     pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
         let Some(tip) = &frame.tip else {
@@ -706,15 +702,15 @@ impl Corrector {
         self.bulge_mm(turned, way.sqrt())
     }
 
-    /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
-    /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
+    /// Maximum deviation of the linear axes from their straight motion (mm) while the tool centre point moves straight and the rotary axes
+    /// turn by `turned` rad: from the second derivative of a turning lever.
     pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
         let reach_mm = self.tool.reach_mm;
         0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
     }
 }
 
-/// The bidirectional curves of an axis along its own direction.
+/// Bidirectional curves of an axis along its own direction.
 fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
     const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
     const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];

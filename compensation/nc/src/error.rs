@@ -1,10 +1,10 @@
-//! Why a program is not compensated.
+//! Errors of reading and compensating a program.
 
 use std::path::{Path, PathBuf};
 
 use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 
-/// Why a program is not compensated: the line, counted from 1, what was found, and what was expected.
+/// Reason why a program cannot be compensated: line (counted from 1), what was found, and what was expected.
 #[expect(missing_docs, reason = "the messages say it")]
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -51,7 +51,7 @@ pub enum NcError {
 }
 
 impl NcError {
-    /// What a line asks for cannot be compensated, or its O-words do not fit together.
+    /// The error for a line that cannot be compensated, or whose O-words do not match.
     pub(crate) fn not_compensated(line: usize, what: impl Into<String>) -> Self {
         Self::NotCompensated {
             line,
@@ -59,7 +59,6 @@ impl NcError {
         }
     }
 
-    /// The same error in this file.
     pub(crate) fn in_file(self, file: &Path) -> Self {
         Self::InFile {
             file: file.to_owned(),
@@ -67,7 +66,6 @@ impl NcError {
         }
     }
 
-    /// The same error at this line.
     pub(crate) fn at_line(mut self, number: usize) -> Self {
         match &mut self {
             Self::Block { line, .. }
@@ -87,7 +85,7 @@ impl NcError {
     }
 }
 
-/// What is wrong with a block.
+/// A syntax or semantic fault of a block.
 #[expect(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -121,7 +119,7 @@ pub enum Fault {
     Twice { found: String, other: String },
 }
 
-/// A correction that no axis may get.
+/// A correction out of bounds.
 #[expect(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -153,7 +151,7 @@ pub enum BoundViolation {
     },
 }
 
-/// A column of a line, counted from 1, where something in it is wrong.
+/// Column of a fault in a line, counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Column(pub(crate) usize);
 
@@ -165,7 +163,7 @@ impl Column {
         }
     }
 
-    /// A word whose rule is not followed.
+    /// The fault for a word with unsupported rules.
     pub(crate) fn not_followed(self, found: &str, why: &'static str) -> Fault {
         Fault::NotFollowed {
             column: self.0,
@@ -189,7 +187,7 @@ impl Column {
     }
 }
 
-/// Reasons why words are not followed.
+/// Reasons why words are not supported.
 pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
 pub(crate) const OWN_RULE: &str = "it moves axes by a rule of its own";
 pub(crate) const FLOW: &str = "which lines are executed after it, is not followed in this language";

@@ -1,5 +1,5 @@
-//! Numbers, parameters and formulas: with square brackets after the letter of a word (RS-274), with round ones (SINUMERIK, HEIDENHAIN).
-//! Angles are in degrees.
+//! Numbers, parameters and formulas: in square brackets after the letter of a word (RS-274), in round ones (SINUMERIK, HEIDENHAIN). Angles
+//! are in degrees.
 
 use std::cell::Cell;
 
@@ -13,22 +13,22 @@ use crate::{
     parameters::{HAS_RETURNED, MOST, RETURNED, Value},
 };
 
-/// Brackets in brackets, so many at the most.
+/// Maximum nesting depth of brackets.
 const DEEPEST: u32 = 50;
 
-/// A value as it stands in a word, and the decimals of a plain number; `None`: it was computed.
+/// Value of a word, and the decimals if it is a plain number (`None`: computed).
 pub(crate) type WordValue = (Value, Option<u8>);
 
-/// What the values of a block were computed from.
+/// Inputs of the values of a block.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Reads {
-    /// The axes whose places were read: at the control these are the corrected ones.
+    /// Axes whose positions were read: the control reads the corrected ones.
     pub(crate) axes: Axes<bool>,
-    /// What a subroutine returned was read.
+    /// The return value of a subroutine was read.
     pub(crate) returned: bool,
 }
 
-/// Functions that all languages have.
+/// Functions common to all languages.
 type Functions = &'static [(&'static str, fn(f64) -> f64)];
 const FUNCTIONS: Functions = &[
     ("ABS", f64::abs),
@@ -41,14 +41,14 @@ const FUNCTIONS: Functions = &[
     ("SQRT", f64::sqrt),
     ("TAN", |x| x.to_radians().tan()),
 ];
-/// And those of RS-274 alone.
+/// Additional functions of RS-274.
 const RS274_FUNCTIONS: Functions = &[
     ("FIX", f64::floor),
     ("FUP", f64::ceil),
     ("ROUND", f64::round),
 ];
 
-/// Operators that bind equally, the strongest last.
+/// Operators grouped by precedence, the strongest last.
 const OPERATORS: [&[(&str, Operator)]; 5] = [
     &[
         ("AND", Operator::And),
@@ -89,13 +89,13 @@ pub(crate) enum Operator {
     Over,
     Modulo,
     Power,
-    /// The whole part of a quotient.
+    /// Integer quotient.
     WholeOver,
-    /// What is left of a division, with the sign of its dividend.
+    /// Remainder, with the sign of the dividend.
     Rest,
 }
 
-/// Reads values of a block; parameters have the values that they had before it.
+/// Evaluates the values of a block; parameters have their values from before the block.
 pub(crate) struct Expressions<'p> {
     interpreter: &'p Interpreter,
     pub(crate) reads: Cell<Reads>,
@@ -117,7 +117,7 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// The value that begins here; `None`: there is none.
+    /// Reads the value at the cursor; `None` if there is none.
     pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         if let Some((value, decimals)) = scanner.number() {
             return Ok(Some((Some(value), Some(decimals))));
@@ -153,7 +153,7 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// An expression whose opening bracket is passed.
+    /// Reads an expression after its opening bracket.
     fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let value = self.operation(scanner, 0, depth)?;
         if scanner.takes(b']') {
@@ -162,7 +162,7 @@ impl<'p> Expressions<'p> {
         Err(scanner.column().malformed("expected an operator or ] here"))
     }
 
-    /// Operators of one strength, from the left; between them what binds more strongly.
+    /// Evaluates left-associative operators of one precedence; the operands bind more strongly.
     fn operation(
         &self,
         scanner: &mut Scanner<'_>,
@@ -186,7 +186,7 @@ impl<'p> Expressions<'p> {
                 return Ok(value);
             };
             if *operator == Operator::Times && scanner.peek() == Some(b'*') {
-                // The power, which binds more strongly, is not here.
+                // The power operator binds more strongly: leave it to the next level.
                 scanner.go_to(before);
                 return Ok(value);
             }
@@ -198,7 +198,7 @@ impl<'p> Expressions<'p> {
         }
     }
 
-    /// The number of a parameter, or its name; its `#` is passed.
+    /// Reads the number or name of a parameter after its `#`, and returns the value.
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         if scanner.takes(b'<') {
             let name = scanner.name()?;
@@ -228,7 +228,7 @@ impl<'p> Expressions<'p> {
         })
     }
 
-    /// The number of a parameter, whose `#` is passed; `None`: only the machine knows it.
+    /// Reads the number of a parameter after its `#`; `None` if it is only known at the machine.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -304,7 +304,7 @@ pub(crate) fn finite(value: f64, column: Column) -> Result<f64, Fault> {
 
 pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: Column) -> Result<f64, Fault> {
     let truth = |truth: bool| f64::from(u8::from(truth));
-    // Numbers that are computed are equal where they differ by their last digits only.
+    // Tolerance for the rounding of computed numbers.
     let equal = (a - b).abs() < 1e-6;
     let value = match operator {
         Operator::And => truth(a != 0.0 && b != 0.0),
@@ -332,26 +332,26 @@ pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: Column) -> Res
     finite(value, column)
 }
 
-/// Operators that bind equally, and their names.
+/// Operators of equal precedence, by name.
 type Equals = &'static [(&'static str, Operator)];
 
-/// Functions of two values, and their names.
+/// Functions of two arguments, by name.
 type Pairs = &'static [(&'static str, fn(f64, f64) -> f64)];
 
-/// What the formulas of a language are made of.
+/// Grammar of a language's formulas.
 pub(crate) trait Formulas {
-    /// The operators, those that bind the least first.
+    /// Operators, the weakest precedence first.
     const OPERATORS: &'static [Equals];
-    /// The functions of one value besides those that all languages have; those of two are in [`Self::PAIRS`].
+    /// Functions of one argument in addition to the common ones; those of two are in [`Self::PAIRS`].
     const FUNCTIONS: Functions;
     const PAIRS: Pairs;
 
-    /// A number without a sign.
+    /// Reads an unsigned number.
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)>;
-    /// A parameter or a constant, in so many brackets; `None`: there is none.
+    /// Reads a parameter or a constant at this bracket depth; `None` if there is none.
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;
 
-    /// The value that begins here; `None`: there is none. A plain number keeps its decimals.
+    /// Reads the value at the cursor; `None` if there is none. A plain number keeps its decimals.
     fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         let before = scanner.at();
         let sign = match scanner.peek() {
@@ -363,7 +363,7 @@ pub(crate) trait Formulas {
         };
         let number = self.number(scanner);
         let end = scanner.at();
-        // `2*R1` begins with a number, but is none.
+        // `2*R1` begins with a number but is an expression.
         if let Some((value, decimals)) = number
             && self.operator(scanner, Self::OPERATORS).is_none()
         {
@@ -376,14 +376,14 @@ pub(crate) trait Formulas {
         Ok(value.map(|value| (value, None)))
     }
 
-    /// Passes one of these operators.
+    /// Consumes one of these operators.
     fn operator(&self, scanner: &mut Scanner<'_>, of: &[Equals]) -> Option<Operator> {
         let mut all = of.iter().flat_map(|equals| equals.iter());
         let found = all.find(|(name, _)| takes_name(scanner, name));
         found.map(|(_, operator)| *operator)
     }
 
-    /// Operators of one strength, from the left; between them what binds more strongly.
+    /// Evaluates left-associative operators of one precedence; the operands bind more strongly.
     fn operation(
         &self,
         scanner: &mut Scanner<'_>,
@@ -451,14 +451,14 @@ pub(crate) trait Formulas {
         self.parameter(scanner, depth + 1)
     }
 
-    /// The argument of a function: in brackets, or an operand.
+    /// Reads the argument of a function: in brackets, or a plain operand.
     fn argument(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let column = scanner.column();
         let value = self.operand(scanner, depth)?;
         value.ok_or(column.malformed("expected the argument of the function here"))
     }
 
-    /// Two arguments in brackets.
+    /// Reads two arguments in brackets.
     fn arguments(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<[Value; 2], Fault> {
         let wrong = |column: Column| column.malformed("expected two arguments: (1, 2)");
         if !scanner.takes(b'(') {
@@ -475,7 +475,7 @@ pub(crate) trait Formulas {
         Ok([first, second])
     }
 
-    /// What is in brackets, the first of which is passed.
+    /// Reads an expression after its opening bracket.
     fn bracket(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let value = self.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b')')) {
@@ -487,7 +487,7 @@ pub(crate) trait Formulas {
     }
 }
 
-/// Passes this name where it is next and no letter or digit goes on with it.
+/// Consumes this name if it is next and not followed by a letter or digit.
 pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     scanner.peek();
     let (at, rest) = (scanner.at(), scanner.rest());
@@ -503,13 +503,12 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     true
 }
 
-/// A whole number without a sign, up to the largest, which is passed whatever it is.
+/// Reads an unsigned whole number, and consumes it whatever its size; `None` above `most`.
 pub(crate) fn whole_number(scanner: &mut Scanner<'_>, most: u32) -> Option<u32> {
     whole(plain_number(scanner, b"")?.0, most)
 }
 
-/// A decimal number without a sign and without blanks in it, and its decimals; `points` are the characters that stand for the
-/// decimal point.
+/// Reads an unsigned decimal number without blanks; returns its value and decimals. `points` are the characters accepted as decimal point.
 pub(crate) fn plain_number(scanner: &mut Scanner<'_>, points: &[u8]) -> Option<(f64, u8)> {
     scanner.peek();
     let (at, rest) = (scanner.at(), scanner.rest());

@@ -1,4 +1,4 @@
-//! O-words: which line is executed after which, in the program and in the files with subroutines that it calls.
+//! O-words: the order of execution of lines, in the program and in the subroutine files that it calls.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -21,7 +21,7 @@ pub(crate) enum Keyword {
     While,
     EndWhile,
     Do,
-    /// The end of a loop that begins with `do`.
+    /// End of a `do` loop.
     DoWhile,
     If,
     ElseIf,
@@ -31,16 +31,16 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
-    /// M98: a subprogram by its number.
+    /// M98: call of a subprogram by number.
     CallProgram {
         number: u32,
         times: u64,
     },
-    /// M99: its end.
+    /// M99: end of a subprogram.
     EndProgram,
 }
 
-/// Longer ones before those with which they begin.
+/// Longer keywords precede their prefixes.
 const KEYWORDS: [(&str, Keyword); 15] = [
     ("ENDWHILE", Keyword::EndWhile),
     ("ENDREPEAT", Keyword::EndRepeat),
@@ -63,21 +63,21 @@ const KEYWORDS: [(&str, Keyword); 15] = [
 pub(crate) struct Statement {
     pub(crate) name: String,
     pub(crate) keyword: Keyword,
-    /// Where its conditions and arguments begin, bytes from the beginning of the line.
+    /// Byte offset at which conditions and arguments begin.
     pub(crate) rest: usize,
 }
 
-/// What a line that begins with an O is.
+/// A line that begins with an O.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum OLine {
-    /// The number of a program, as FANUC controls have it; `None` where it is none.
+    /// Program number of a FANUC control; `None` if it is not a valid number.
     Program(Option<u32>),
     Statement(Statement),
-    /// It cannot be read.
+    /// Cannot be parsed.
     Wrong(&'static str),
 }
 
-/// What a line is that begins with an O; `None`: it does not.
+/// Parses a line that begins with an O; `None` for other lines.
 pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     let mut scanner = Scanner::new(line);
     let may_be_skipped = scanner.takes(b'/');
@@ -85,7 +85,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
         scanner.number();
     }
     if scanner.peek() == Some(b'<') && !may_be_skipped {
-        // The name of a program, as newer FANUC controls have it.
+        // Program name of newer FANUC controls.
         let is_name = scanner.takes(b'<') && scanner.name().is_ok();
         let what = "expected nothing but a comment after the name of a program";
         return match is_end(&mut scanner) {
@@ -94,7 +94,7 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
             false => Some(OLine::Wrong(what)),
         };
     }
-    // A colon is what the ISO code has for the O of the EIA code.
+    // ISO code has a colon where EIA code has an O.
     let colon = scanner.peek() == Some(b':');
     if !scanner.takes(b'O') && !scanner.takes(b':') {
         return None;
@@ -144,12 +144,12 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     }))
 }
 
-/// Nothing but a comment is left.
+/// True if only a comment is left.
 fn is_end(scanner: &mut Scanner<'_>) -> bool {
     matches!(scanner.peek(), None | Some(b'(' | b';'))
 }
 
-/// A number of a program, which is whole and has up to eight digits.
+/// A program number: whole, with up to eight digits.
 fn program_number(number: f64) -> Option<u32> {
     let is_number = (0.0..1e8).contains(&number) && number.fract() == 0.0;
     is_number
@@ -157,10 +157,10 @@ fn program_number(number: f64) -> Option<u32> {
         .flatten()
 }
 
-/// A line that is nothing but a call of a subprogram (`M98 P1000 L3`, or `M98 P31000` for three times 1000, as FANUC controls read
-/// more than four digits), or its end (`M99`). `None`: it is another line.
+/// Parses a line that is only a subprogram call (`M98 P1000 L3`, or `M98 P31000` for three calls of 1000, as FANUC controls read more than
+/// four digits) or its end (`M99`). `None` for other lines.
 pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
-    /// Behind the four digits of the program stands how often it is called.
+    /// The digits before the four of the program number are the repeat count.
     const TIMES: u32 = 10_000;
     let mut scanner = Scanner::new(line);
     if scanner.takes(b'N') {
@@ -208,19 +208,19 @@ pub(crate) fn program_line(line: &[u8]) -> Option<Statement> {
     })
 }
 
-/// A program with O-words whose beginnings and ends were found. Lines are counted from 0.
+/// The O-words of a program, with matched starts and ends. Lines are counted from 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flow {
     pub(crate) statements: HashMap<usize, Statement>,
-    /// The line at which what begins or ends at a line ends or begins.
+    /// Start and end line of each block statement, both ways.
     partner: HashMap<usize, usize>,
-    /// For an `if` and an `elseif`, the line of the next branch, or of the end.
+    /// For `if` and `elseif`: line of the next branch, or of the end.
     pub(crate) next_branch: HashMap<usize, usize>,
-    /// Where each subroutine begins, by its file, 0 being the program, and its name.
+    /// Start of each subroutine, by file (0 is the program) and name.
     subs: HashMap<(usize, String), usize>,
-    /// Where each program with a number begins.
+    /// Start of each numbered program, by file and number.
     programs: HashMap<(usize, u32), usize>,
-    /// The files that the program calls: their places from 1, and their lines.
+    /// Subroutine files: index from 1, path and lines.
     files: Vec<(usize, PathBuf, Range<usize>)>,
 }
 
@@ -326,12 +326,12 @@ impl Flow {
         Err(lines.wrong(*begin, "what begins here does not end in the program"))
     }
 
-    /// Where what begins at a line ends, or what ends there begins.
+    /// Line of the matching end or start.
     pub(crate) fn partner(&self, line: usize) -> usize {
         self.partner.get(&line).copied().unwrap_or(line)
     }
 
-    /// Where a subroutine begins that a line of this file calls: in the same file, in the program, or in a file of its own.
+    /// Start of a subroutine called in this file: defined in the same file, in the program, or in its own file.
     pub(crate) fn sub(&self, name: &str, file: usize) -> Option<usize> {
         let own = (self.files.iter()).filter(|(_, path, _)| is_file_of(path, name));
         let files = [file, 0].into_iter().chain(own.map(|(file, ..)| *file));
@@ -339,13 +339,13 @@ impl Flow {
         found.next().copied()
     }
 
-    /// The first line of the program of this number that a line of this file calls.
+    /// First line of the numbered program called in this file.
     pub(crate) fn program(&self, number: u32, file: usize) -> Option<usize> {
         let numbered = [file, 0].map(|file| self.programs.get(&(file, number)).copied());
         if let Some(begin) = numbered.into_iter().flatten().next() {
             return Some(begin + 1);
         }
-        // A file of its own may do without the number in it.
+        // A separate file may lack the program number.
         let mut own =
             (self.files.iter()).filter(|(_, path, _)| is_file_of(path, &number_name(number)));
         let (file, _, places) = own.next()?;
@@ -353,7 +353,7 @@ impl Flow {
         Some(begin.map_or(places.start, |begin| begin + 1))
     }
 
-    /// The end of the `if` to which a branch belongs.
+    /// End of the `if` that a branch belongs to.
     pub(crate) fn end_of_if(&self, mut branch: usize) -> usize {
         while let Some(next) = self.next_branch.get(&branch) {
             branch = *next;
@@ -365,7 +365,7 @@ impl Flow {
         Some(self.statements.get(&line)?.keyword)
     }
 
-    /// The first `break` behind a line that belongs to the loop which begins at `begin`.
+    /// First `break` after a line in the loop that begins at `begin`.
     fn break_behind(&self, begin: usize, line: usize) -> Option<usize> {
         let name = &self.statements.get(&begin)?.name;
         (line + 1..self.partner(begin)).find(|at| {
@@ -374,7 +374,7 @@ impl Flow {
         })
     }
 
-    /// Where the loop of this name begins in which a line lies.
+    /// Start of the loop of this name that contains a line.
     pub(crate) fn loop_around(&self, line: usize, name: &str) -> Option<usize> {
         (0..line).rev().find(|at| {
             self.statements.get(at).is_some_and(|statement| {
@@ -396,25 +396,26 @@ pub(crate) enum Next {
     Passed,
 }
 
-/// How often a loop is still to be done.
+/// Remaining passes of a loop.
 #[derive(Clone, Copy, Debug)]
 struct Count {
-    /// The pass that is being done among them.
+    /// Passes left, including the current one.
     left: u64,
-    /// The loop was left before its end, and goes on with the count that it had.
+    /// The loop was left early and continues with its old count.
     is_old: bool,
 }
 
-/// State: the loops that have begun. Lines are counted from 0.
+/// State: the active loops. Lines are counted from 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Loops {
-    /// The loops with a count that are being done, or were left before their end.
+    /// Counted loops that are active or were left early.
     counts: HashMap<usize, Count>,
-    /// The `break` that is in force until a loop `do` … `while` has ended: that ends after the pass that it does.
+    /// LinuxCNC keeps a `break` pending until a `do` … `while` loop ends: that loop then ends after its current pass.
     breaks: Option<usize>,
-    /// The `continue` of a loop `do` … `while` that is in force until the end of another loop has been passed by: that is done once more.
+    /// LinuxCNC keeps the `continue` of a `do` … `while` loop pending until the end of another loop is skipped to: that loop is then
+    /// repeated.
     continues: Option<usize>,
-    /// Some loops are written out, so that the control does not come to their ends: what is in force may stay so.
+    /// Some loops are unrolled, so the control does not reach their ends and a pending `break` or `continue` may stay.
     pub(crate) some_are_written_out: bool,
 }
 
@@ -440,7 +441,7 @@ impl Loops {
         Ok(Next::Again)
     }
 
-    /// A pass of a loop with a count has been done.
+    /// One pass of a counted loop is complete.
     pub(crate) fn has_repeated(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
         match self.counts.get_mut(&begin) {
             Some(count) if count.left > 1 => {
@@ -455,7 +456,7 @@ impl Loops {
         }
     }
 
-    /// The condition of a loop `while` does not hold, or the passes of one with a count are done: it is passed by to its end.
+    /// A loop is skipped to its end: the `while` condition is false, or all counted passes are complete.
     pub(crate) fn is_passed_by(&mut self, flow: &Flow, begin: usize) -> Result<Next, String> {
         let is_repeat = flow.keyword(begin) == Some(Keyword::Repeat);
         if let Some(of) = self.continues.filter(|_| is_repeat) {
@@ -469,7 +470,7 @@ impl Loops {
         Ok(Next::Passed)
     }
 
-    /// `break` at a line in the loop that begins at another.
+    /// `break` at `line` in the loop that begins at `begin`.
     pub(crate) fn breaks(&mut self, flow: &Flow, line: usize, begin: usize) -> Result<(), String> {
         if flow.keyword(begin) == Some(Keyword::Do) {
             self.ends_break();
@@ -485,7 +486,7 @@ impl Loops {
         Ok(())
     }
 
-    /// `continue` at a line in the loop that begins at another.
+    /// `continue` at `line` in the loop that begins at `begin`.
     pub(crate) fn continues(&mut self, flow: &Flow, line: usize, begin: usize) {
         self.passes_breaks(flow, begin, line);
         if flow.keyword(begin) == Some(Keyword::Do) {
@@ -495,7 +496,7 @@ impl Loops {
         }
     }
 
-    /// The end of a loop `do` … `while`, whose condition holds or not.
+    /// End of a `do` … `while` loop, with the value of its condition.
     pub(crate) fn do_while(&mut self, holds: bool) -> Result<Next, String> {
         if !holds {
             self.ends_break();
@@ -510,7 +511,7 @@ impl Loops {
         }
     }
 
-    /// Lines behind one of a loop are passed by: a `break` of this loop among them counts all the same.
+    /// Lines after `line` are skipped: a `break` of this loop among them still takes effect.
     fn passes_breaks(&mut self, flow: &Flow, begin: usize, line: usize) {
         if let Some(passed) = flow.break_behind(begin, line) {
             self.breaks = Some(passed);
@@ -536,21 +537,21 @@ pub(crate) struct SubFile {
     pub(crate) text: Vec<u8>,
 }
 
-/// A program that is executed: its lines, and behind them those of the files that it calls.
+/// The lines of the executed program, followed by those of the files that it calls.
 #[derive(Clone, Debug)]
 pub(crate) struct Listing<'t> {
-    /// Each line and its end.
+    /// Each line and its line end.
     pub(crate) lines: Vec<(&'t [u8], &'t [u8])>,
-    /// The number of the first one in its file.
+    /// Number of the first line in its file.
     pub(crate) first: usize,
-    /// How many of them are the program's own.
+    /// Number of lines of the program itself.
     pub(crate) own: usize,
-    /// The other files, in their order, and where the lines of each begin.
+    /// Subroutine files in order, with the index of their first line.
     files: Vec<(&'t Path, usize)>,
 }
 
 impl<'t> Listing<'t> {
-    /// The lines of a program, the first of which has this number, and those of the files.
+    /// Lists the lines of a program, the first of which has number `first`, and of the files.
     pub(crate) fn new(
         own: Vec<(&'t [u8], &'t [u8])>,
         first: usize,
@@ -577,13 +578,13 @@ impl<'t> Listing<'t> {
         Ok(lines)
     }
 
-    /// Which file a line is in: 0 is the program, and its path and first line where it is another.
+    /// File of a line: 0 is the program; otherwise also the path and the index of the file's first line.
     pub(crate) fn file_of(&self, place: usize) -> (usize, Option<(&'t Path, usize)>) {
         let file = self.files.partition_point(|(_, begins)| *begins <= place);
         (file, file.checked_sub(1).map(|at| self.files[at]))
     }
 
-    /// The files by their places from 1: the path, and the lines of it.
+    /// Files by index from 1: path and range of lines.
     pub(crate) fn files(&self) -> impl Iterator<Item = (usize, &'t Path, std::ops::Range<usize>)> {
         let ends = self.files.iter().skip(1).map(|(_, begins)| *begins);
         let ends = ends.chain([self.lines.len()]);
@@ -591,12 +592,12 @@ impl<'t> Listing<'t> {
         files.map(|(place, (&(path, begins), end))| (place + 1, path, begins..end))
     }
 
-    /// What is wrong at a line.
+    /// The error `what` at a line.
     pub(crate) fn wrong(&self, place: usize, what: impl Into<String>) -> NcError {
         self.at(place, NcError::not_compensated(0, what))
     }
 
-    /// An error at a line, with its file where that is not the program.
+    /// Adds the line to an error, and the file if it is not the program.
     pub(crate) fn at(&self, place: usize, error: NcError) -> NcError {
         match self.file_of(place).1 {
             Some((path, begins)) => error.at_line(place - begins + 1).in_file(path),
@@ -605,7 +606,7 @@ impl<'t> Listing<'t> {
     }
 }
 
-/// What a file calls and what stands in it, by name; the programs with a number are called O and the number.
+/// Names that a file calls and defines; numbered programs are named O and the number.
 #[derive(Default)]
 struct Names {
     called: Vec<String>,
@@ -639,12 +640,12 @@ impl Names {
     }
 }
 
-/// How a program with a number is called in the list of names: no O-word has a blank in its name.
+/// Internal name of a numbered program: O-word names have no blanks.
 fn number_name(number: u32) -> String {
     format!("O {number}")
 }
 
-/// The names that a file with this subroutine may have, in small letters.
+/// File names a subroutine may have, in lower case.
 fn file_names(called: &str) -> Vec<String> {
     let Some(number) = called.strip_prefix("O ") else {
         return vec![format!("{called}.ngc").to_lowercase()];
@@ -661,14 +662,14 @@ fn file_names(called: &str) -> Vec<String> {
         .collect()
 }
 
-/// Whether a subroutine of this name is looked for in a file.
+/// True if this file may contain the subroutine.
 fn is_file_of(path: &Path, called: &str) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))
 }
 
-/// The files in which what a program calls, and what these call, stands: of each name the first one in the order of the folders. What is in
-/// no file is left out.
+/// Loads the files that contain the subroutines called by the program, recursively: for each name the first file in folder order. Names
+/// without a file are left out.
 pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<SubFile>, NcError> {
     let mut found: BTreeMap<String, PathBuf> = BTreeMap::new();
     for folder in folders {

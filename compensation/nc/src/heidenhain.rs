@@ -1,7 +1,7 @@
-//! The conversational language of HEIDENHAIN controls: its lines as blocks.
+//! The conversational language of HEIDENHAIN controls.
 //!
-//! Words that mean the same as in RS-274 have its letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. What is not known to
-//! move nothing is refused with its column.
+//! Words with the meaning of RS-274 ones get their letters and codes: a line `L` is G1, with FMAX G0; `RL` is G41. Everything not known to
+//! leave the axes alone is rejected with its column.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ use crate::{
 
 const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
 
-/// Reads a line without its end.
+/// Reads a line without its line end.
 pub(crate) fn read_heidenhain(
     block: &mut Block,
     text: &[u8],
@@ -41,7 +41,7 @@ impl Reader<'_, '_> {
     fn line(&mut self) -> Result<(), Fault> {
         let text = self.scanner.bytes();
         if self.values.interpreter.modal.goes_on {
-            // Parameters of a cycle.
+            // Parameters of a cycle that began in an earlier line.
             self.goes_on();
             if self.values.interpreter.modal.awaits_preset {
                 return self.preset();
@@ -99,7 +99,7 @@ impl Reader<'_, '_> {
         self.refuses(column)
     }
 
-    /// Passes these words where they are next; blanks between may be more than one.
+    /// Consumes these words if they are next, with any number of blanks between them.
     fn takes(&mut self, words: &str) -> bool {
         let before = self.scanner.at();
         let all = words
@@ -111,7 +111,7 @@ impl Reader<'_, '_> {
         all
     }
 
-    /// `LBL5`, `QS3`, `FN0`: a name that goes on with a number.
+    /// Consumes a name that is directly followed by a number: `LBL5`, `QS3`, `FN0`.
     fn takes_prefix(&mut self, word: &str) -> bool {
         let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let is_next = self.scanner.is_next(word);
@@ -123,7 +123,7 @@ impl Reader<'_, '_> {
         is_taken
     }
 
-    /// `NAME MM`, behind BEGIN PGM.
+    /// Reads `NAME MM` after BEGIN PGM.
     fn begins(&mut self, column: Column) -> Result<(), Fault> {
         let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let rest = rest.split(|byte| *byte == b';').next().unwrap_or_default();
@@ -140,14 +140,14 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// A line of a block that began before.
+    /// Reads a continuation line of a block.
     fn goes_on(&mut self) {
         if self.has_tilde() {
             self.block.commands.push(Command::GoesOn);
         }
     }
 
-    /// `Q339=+1`, the number of the preset that cycle 247 chooses.
+    /// Reads `Q339=+1`, the preset number of cycle 247.
     fn preset(&mut self) -> Result<(), Fault> {
         let column = self.scanner.column();
         if q_parameter(&mut self.scanner) == Some(Parameter::Numbered(339))
@@ -163,15 +163,15 @@ impl Reader<'_, '_> {
         Err(column.not_followed("CYCL DEF 247", "expected the number of its preset, Q339"))
     }
 
-    /// Whether the line ends with a tilde before its comment.
+    /// True if the line ends with a tilde before its comment.
     fn has_tilde(&self) -> bool {
         let text = self.scanner.bytes();
         let before = text.split(|byte| *byte == b';').next().unwrap_or_default();
-        // The tilde stands behind a comment in the files of controls.
+        // Controls write the tilde after the comment.
         before.trim_ascii_end().ends_with(b"~") || text.trim_ascii_end().ends_with(b"~")
     }
 
-    /// Nothing but a comment is left.
+    /// Checks that only a comment is left.
     fn ends(&mut self) -> Result<(), Fault> {
         match self.scanner.peek() {
             None | Some(b';') => Ok(()),
@@ -179,7 +179,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// `FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS`, whose beginning is passed.
+    /// Reads the rest of `FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS`.
     fn tcpm(&mut self, column: Column) -> Result<(), Fault> {
         for words in ["F TCP", "AXIS POS", "PATHCTRL AXIS"] {
             if !self.takes(words) {
@@ -193,7 +193,7 @@ impl Reader<'_, '_> {
         self.ends()
     }
 
-    /// `Q1 = ...`, `FN 1: Q1 = +Q2 + +3`.
+    /// Reads `Q1 = ...` or `FN 1: Q1 = +Q2 + +3`; returns false for other lines.
     fn parameter(&mut self) -> Result<bool, Fault> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         let mut function = None;
@@ -231,7 +231,7 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    /// FN 0 to FN 5: a value, a sum, a difference, a product, `A DIV B`, `SQRT A`.
+    /// Evaluates FN 0 to FN 5: a value, a sum, a difference, a product, `A DIV B`, `SQRT A`.
     fn function(&mut self, number: f64) -> Result<Value, Fault> {
         const WHAT: &str = "expected a number or a Q parameter here";
         let column = self.scanner.column();
@@ -261,7 +261,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// What is refused, with the reason.
+    /// Rejects unsupported words, with the reason.
     fn refuses(&mut self, column: Column) -> Result<(), Fault> {
         const REASONS: [(&str, &[&str]); 11] = [
             (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
@@ -293,7 +293,7 @@ impl Reader<'_, '_> {
         Err(column.not_followed(&self.found(self.scanner.at()), UNKNOWN))
     }
 
-    /// A motion or a pole; false: the line is none.
+    /// Reads a motion or a pole; returns false for other lines.
     pub(crate) fn motion(&mut self) -> Result<bool, Fault> {
         if self.takes_keyword("CC") {
             self.block.commands.push(Command::Pole);
@@ -370,7 +370,7 @@ impl Reader<'_, '_> {
         String::from_utf8_lossy(word.unwrap_or_default()).into_owned()
     }
 
-    /// A keyword, behind which coordinates may stand without a blank: `LX+10` is `L X+10`, but `LBL` is none.
+    /// Consumes a keyword that coordinates may follow without a blank: `LX+10` is `L X+10`, but `LBL` is not `L`.
     fn takes_keyword(&mut self, name: &str) -> bool {
         if takes_name(&mut self.scanner, name) {
             return true;
@@ -387,7 +387,7 @@ impl Reader<'_, '_> {
         false
     }
 
-    /// `PR+10`, `IPA+30`.
+    /// Reads `PR+10` or `IPA+30`.
     fn polar_word(&mut self, kind: Kind) -> Result<bool, Fault> {
         self.scanner.peek();
         let at = self.scanner.at();
@@ -412,13 +412,13 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    /// `R0`, `RL`, `RR`, or the radius of an arc.
+    /// Reads `R0`, `RL`, `RR`, or the radius of an arc.
     fn radius(&mut self, kind: Kind, column: Column) -> Result<(), Fault> {
         let at = self.scanner.at();
         for (name, code) in [("R0", 40.0), ("RL", 41.0), ("RR", 42.0)] {
             if takes_name(&mut self.scanner, name) {
                 let is_off = code == 40.0;
-                // What holds already is not switched.
+                // Repeating the active radius compensation switches nothing.
                 let holds = match self.values.interpreter.modal.radius {
                     None => is_off,
                     Some(radius) => f64::from(radius) == 10.0 * code,
@@ -446,7 +446,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// A feed; whether it is FMAX.
+    /// Reads a feed; returns true for FMAX.
     fn feed(&mut self, column: Column) -> Result<bool, Fault> {
         let at = self.scanner.at();
         if takes_name(&mut self.scanner, "FMAX") {
@@ -457,7 +457,7 @@ impl Reader<'_, '_> {
         }
         self.scanner.next();
         match self.scanner.peek() {
-            // For each revolution or tooth.
+            // Feed per revolution or tooth.
             Some(b'U' | b'Z') => {
                 self.scanner.next();
             }
@@ -472,7 +472,7 @@ impl Reader<'_, '_> {
         Ok(false)
     }
 
-    /// Arcs of more than a turn are refused, and those whose angle goes against their direction.
+    /// Rejects arcs of more than a turn, and arcs whose angle contradicts their direction.
     fn turns(&mut self, kind: Kind, clockwise: Option<bool>) -> Result<(), Fault> {
         let column = self.column();
         let is_polar = |letter: u8| self.block.word(letter).is_some();
@@ -498,7 +498,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// `CYCL DEF`, `CYCL CALL`, `TRANS DATUM`; false: the line is none of these.
+    /// Reads `CYCL DEF`, `CYCL CALL` or `TRANS DATUM`; returns false for other lines.
     pub(crate) fn cycle(&mut self) -> Result<bool, Fault> {
         let column = self.scanner.column();
         if self.takes("CYCL DEF") {
@@ -531,7 +531,7 @@ impl Reader<'_, '_> {
         Ok(false)
     }
 
-    /// The number of a cycle, and what stands behind it.
+    /// Reads the number of a cycle and what follows it.
     fn defines_cycle(&mut self, column: Column) -> Result<(), Fault> {
         let Some(number) = whole_number(&mut self.scanner, 9999) else {
             return Err(column.malformed("expected the number of a cycle behind CYCL DEF"));
@@ -561,9 +561,9 @@ impl Reader<'_, '_> {
             }
             8 | 10 | 11 | 19 | 26 | 247 => return Err(column.not_followed(&found, TILTED)),
             12 => return Err(column.not_followed(&found, FLOW)),
-            // A dwell, the angle of the spindle, the tolerance of contours; data of contours.
+            // Dwell, spindle orientation, contour tolerance; contour data.
             9 | 13 | 14 | 20 | 32 | 270 => self.skips(),
-            // Patterns are drilled where they stand.
+            // Hole patterns are drilled where they are defined.
             220 | 221 => {
                 let cycle = Cycle {
                     name: found,
@@ -597,13 +597,13 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Passes the rest of the line, which may go on in the next one.
+    /// Skips the rest of the line, which may continue in the next one.
     fn skips(&mut self) {
         self.goes_on();
         self.scanner.go_to(usize::MAX);
     }
 
-    /// `TOOL CALL`, `TOOL DEF`; false: the line is neither.
+    /// Reads `TOOL CALL` or `TOOL DEF`; returns false for other lines.
     pub(crate) fn tool(&mut self) -> Result<bool, Fault> {
         let column = self.scanner.column();
         if self.takes("TOOL DEF") {
@@ -684,7 +684,7 @@ impl Reader<'_, '_> {
         self.block.push(letter, at, text, value, manner, decimals);
     }
 
-    /// The value behind the letter of a word, as a word of this letter.
+    /// Reads the value after the letter of a word and adds a word of this letter.
     fn value_word(&mut self, letter: u8, at: usize, manner: Manner) -> Result<(), Fault> {
         self.scanner.peek();
         let (column, from) = (self.scanner.column(), self.scanner.at());
@@ -697,8 +697,8 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Controls write decimal commas or points, as they are set; a number with both, or with two of them, has groups of digits or a slip
-    /// of the pen in it.
+    /// Rejects a second decimal sign. Controls write decimal commas or points, depending on their setting; a number with both, or with two
+    /// of them, has digit groups or a typing error.
     fn has_one_sign(&self) -> Result<(), Fault> {
         let column = self.scanner.column();
         match self.scanner.rest().first() {
@@ -719,7 +719,7 @@ impl Reader<'_, '_> {
         Ok(value)
     }
 
-    /// Words of axes, with an I before them where they are ways.
+    /// Reads axis words, with a leading I for incremental ones.
     fn axis_word(&mut self) -> Result<bool, Fault> {
         self.scanner.peek();
         let at = self.scanner.at();
@@ -739,7 +739,7 @@ impl Reader<'_, '_> {
         Ok(true)
     }
 
-    /// M codes up to the end of the line.
+    /// Reads M codes up to the end of the line.
     fn m_words(&mut self) -> Result<(), Fault> {
         while self.scanner.peek() == Some(b'M') {
             self.m_word()?;
@@ -747,7 +747,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// An M code, which is next.
+    /// Reads the M code at the cursor.
     fn m_word(&mut self) -> Result<(), Fault> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         self.scanner.next();
@@ -761,7 +761,7 @@ impl Reader<'_, '_> {
             126 => Some(Command::Shorter(true)),
             127 => Some(Command::Shorter(false)),
             128 => {
-                // The feed of the motions that make up for the rotary axes.
+                // Feed of the compensating motions for the rotary axes.
                 if self.scanner.takes(b'F') && !takes_name(&mut self.scanner, "MAX") {
                     self.value("expected a feed behind F")?;
                 }
@@ -778,7 +778,7 @@ impl Reader<'_, '_> {
             _ => None,
         };
         self.block.commands.extend(command);
-        // What is done at the end of a block.
+        // Executed at the end of the block.
         let is_last = matches!(code, 0..=2 | 5 | 6 | 9 | 30 | 60 | 98 | 99);
         let letter = if is_last { LAST } else { OTHER };
         let text = from..self.scanner.at();
@@ -796,7 +796,7 @@ enum Kind {
     PolarArc,
 }
 
-/// The longest first.
+/// Longer keywords first.
 const KINDS: [(&str, Kind); 5] = [
     ("LP", Kind::PolarLine),
     ("CP", Kind::PolarArc),
@@ -805,7 +805,7 @@ const KINDS: [(&str, Kind); 5] = [
     ("C", Kind::Arc),
 ];
 
-/// Passes letters whatever follows.
+/// Consumes these letters, whatever follows.
 fn takes_prefix(scanner: &mut Scanner<'_>, letters: &str) -> bool {
     scanner.peek();
     let is_next = scanner.is_next(letters);
@@ -856,7 +856,7 @@ impl Formulas for Values<'_> {
 }
 
 impl Values<'_> {
-    /// A number or a Q parameter with a sign or without, as it stands behind the letter of a word.
+    /// A signed or unsigned number or Q parameter, as it follows the letter of a word.
     pub(crate) fn of_word(
         &self,
         scanner: &mut Scanner<'_>,
@@ -878,7 +878,7 @@ impl Values<'_> {
     }
 }
 
-/// `Q5`, `QL5` or `QR5`.
+/// Reads `Q5`, `QL5` or `QR5`.
 fn q_parameter(scanner: &mut Scanner<'_>) -> Option<Parameter> {
     let before = scanner.at();
     if !scanner.takes(b'Q') {
@@ -901,10 +901,10 @@ fn q_parameter(scanner: &mut Scanner<'_>) -> Option<Parameter> {
     })
 }
 
-/// Larger numbers of blocks are refused.
+/// Maximum block number; larger ones are rejected.
 const MOST_NUMBER: u64 = 1_000_000_000;
 
-/// The number with which a line begins, and where it stands; none above [`MOST_NUMBER`].
+/// Leading block number and its byte range; `None` above [`MOST_NUMBER`].
 pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     let from = text.iter().position(|byte| !matches!(byte, b' ' | b'\t'))?;
     let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
@@ -917,8 +917,8 @@ pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     Some((place, number))
 }
 
-/// Gives the lines behind `begins` the next numbers from `number` on: the number of the line of the program, which stands at `at`,
-/// becomes another one, and added lines get one.
+/// Renumbers the lines from byte `begins` on consecutively, starting with `number`: the line of the program, at byte `at`, gets a new
+/// number in place of its old one, added lines get one.
 pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
     let lines = out.split_off(begins);
     let lines = lines.split_inclusive(|byte| *byte == b'\n');

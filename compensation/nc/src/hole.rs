@@ -1,4 +1,4 @@
-//! Canned cycles: the hole is corrected, its depth and its plane R go along; and cycles that pass on as they are.
+//! Canned cycles: the hole is corrected together with its depth and its plane R. Unsupported cycles are copied unchanged.
 
 use crate::{
     NcError,
@@ -12,8 +12,8 @@ use crate::{
 };
 
 impl Rewriter {
-    /// The holes of a row that is written by L in G91: the line stays where each of them is off by what the axes carry already,
-    /// otherwise each hole gets a line of its own.
+    /// Writes a row of holes (L in G91). The line stays if the correction already applied fits every hole; otherwise each hole gets its own
+    /// line.
     pub(crate) fn row(
         &mut self,
         holes: &[&Move],
@@ -39,7 +39,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Whether the correction of each of these holes is the one that the axes carry, to half a step of their words.
+    /// True if the correction of each hole equals the one already applied, within half a step of its words.
     fn row_stays(&self, holes: &[&Move]) -> bool {
         let Some(first) = holes.first() else {
             return true;
@@ -77,14 +77,14 @@ impl Rewriter {
                 [bottom, clearance].map(|height| delta_at(&at(height))[depth] - at_initial);
             let [of_bottom, of_clearance] = self.carried_by_cycle;
             let of_r = modal.height_scale(b'R', depth);
-            // In a row by ways the depth counts from R.
+            // In an incremental row the depth counts from R.
             across.all(|axis| is_kept(axis, delta[axis] - carried[axis]))
                 && is_kept_in(of_r, depth, at_clearance - of_clearance)
                 && is_kept(depth, at_bottom - of_bottom - of_clearance)
         })
     }
 
-    /// A hole of a cycle: its place in its row, counted from 0, and whether the line of the row stays as it is.
+    /// Writes a hole of a cycle. `place` is its index in the row; `stays` is true if the line of the row is unchanged.
     pub(crate) fn hole(
         &mut self,
         motion: &Move,
@@ -105,7 +105,7 @@ impl Rewriter {
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
-        // It goes down from R, also where it went up to R before.
+        // The drilling motion starts at R, even if the tool moved up to R before.
         self.corrector
             .goes(&frame.to_machine(&at_height(&end, depth, clearance)));
         self.corrector.goes(&middle);
@@ -113,7 +113,7 @@ impl Rewriter {
         let keeps_polar =
             !in_own_line && self.keeps_polar(motion, &[half_deep(&end, depth, places)], &carried);
         let mut writes = if in_own_line {
-            // A line without any word is no hole.
+            // A line without axis words is not a hole.
             let across = |axis: &usize| *axis != depth;
             let names = (0..9)
                 .filter(across)
@@ -145,7 +145,7 @@ impl Rewriter {
         if keeps_polar {
             carried[..2].fill(0.0);
         }
-        // Depth and R are places, wherever the tool was before; ways need that.
+        // Depth and R are absolute, so the start position need not be known; incremental ones need it.
         let is_known = self.interpreter.known[depth] || !motion.incremental[depth];
         let mut depths = if is_known && self.corrector.corrects[depth] {
             self.heights(motion, &mut carried, (line, in_own_line))
@@ -153,7 +153,7 @@ impl Rewriter {
             Vec::new()
         };
         self.carried = frame.moved_in_machine(&end, &carried);
-        // The tool may be above the hole, with the correction of its middle.
+        // The tool may be above the hole, with the correction of the hole's middle.
         self.unsettles();
         if place > 0 && stays {
             return;
@@ -180,7 +180,7 @@ impl Rewriter {
         self.write_part(&part, line, out);
     }
 
-    /// The words for the depth of a hole and its plane R that change; `carried` gets the correction that is along the depth behind the hole.
+    /// The words of depth and plane R that change; `carried` gets the correction applied along the depth axis after the hole.
     fn heights(
         &mut self,
         motion: &Move,
@@ -195,11 +195,11 @@ impl Rewriter {
         else {
             return Vec::new();
         };
-        // Ways: R counts from where the first hole began, the depth from R.
+        // Incremental: R counts from the start of the first hole, the depth from R.
         let counts_from_r = motion.incremental[depth];
         let [before, end] = self.ends_of(motion);
         let frame = self.interpreter.frame.clone();
-        // The rotary axes have what they were rounded to.
+        // Rotary axes are at their rounded positions.
         let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
             let at = frame.to_machine(&at_height(&end, depth, height));
             self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
@@ -208,13 +208,12 @@ impl Rewriter {
         let initial = initial.unwrap_or(before[depth]);
         let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
         let [of_bottom, of_clearance] = self.carried_by_cycle;
-        // In G91 R counts from where the first hole began, and the depth from R.
         let (zero, carried_at_zero) = if counts_from_r {
             (initial, at_initial)
         } else {
             (0.0, 0.0)
         };
-        // Where the tool is not above R, LinuxCNC lifts it to the plane of G98 before the hole; so it must not be above the corrected R.
+        // If the tool is not above R, LinuxCNC first lifts it to the G98 plane, so that must not be above the corrected R.
         let stands = before[depth] + carried[depth] - clearance;
         let lifts = self.interpreter.modal.comes_back && clearance >= before[depth];
         let at_clearance = if lifts {
@@ -254,8 +253,8 @@ impl Rewriter {
         [ground, plane].into_iter().flatten().collect()
     }
 
-    /// The number of a word of a cycle that says a height where it changes, and what of the correction the word stands for then, mm. `is` is
-    /// its number without a correction, `delta` what that is to change by, `carried` what it has changed by where the block does not have it, mm.
+    /// The number of a cycle's height word if it changes, and the correction that the word then contains, mm. `is` is the value without
+    /// correction, `delta` the required change, and `carried` the change already applied if the block lacks the word, mm.
     fn in_cycle(
         &self,
         letter: u8,
@@ -265,7 +264,7 @@ impl Rewriter {
     ) -> (Option<(u8, Number)>, f64) {
         let scale = self.interpreter.modal.height_scale(letter, depth);
         let place = line.place_of(letter).filter(|_| !in_own_line);
-        // A word that the block has is without a correction.
+        // A word of the block itself contains no correction.
         let carried = if place.is_some() { 0.0 } else { carried };
         if ((delta - carried) / scale).abs() < self.half_step(depth) {
             return (None, carried);
@@ -279,12 +278,12 @@ impl Rewriter {
         }
     }
 
-    /// Half a step of the words of an axis, in the unit of the program.
+    /// Half a step of the words of an axis, in program units.
     fn half_step(&self, axis: usize) -> f64 {
         half_step(self.numerals(axis, None).decimals)
     }
 
-    /// What cycles that pass on leave: their axes carry no correction.
+    /// State after a cycle that is copied unchanged: its axes have no correction applied.
     pub(crate) fn after_cycles(
         &mut self,
         outcome: &Outcome,

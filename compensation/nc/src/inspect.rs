@@ -1,7 +1,7 @@
-//! The features of a part, and how a measuring machine would find them on what a virtual machine cuts.
+//! Features of a part, and the result of measuring them on the virtually machined part.
 //!
-//! The surface is where the tool was: on its axis, at each height of the feature. A tool of constant radius leaves a surface parallel to that, at
-//! the same distance everywhere, so that form, place and direction are the same; only its size differs.
+//! The surface is taken on the path of the tool axis, at each height of the feature. A tool of constant radius leaves a surface at a
+//! constant distance from that, so form, location and orientation are the same; only the size differs.
 
 use volcomp_metrology::form::{
     Axis, CoordinatePlane, DatumAxis, Feature, Form, FormError, evaluate_form,
@@ -14,60 +14,60 @@ use volcomp_model::{
 
 use crate::coordinates::{cross, dot};
 
-/// Heights along the tool at which a flank is looked at, at the most.
+/// Maximum number of heights along the tool at which a flank is evaluated.
 const MOST_HEIGHTS: usize = 100;
 
-/// No tool is longer, mm.
+/// Maximum height above the tip, mm.
 const LARGEST_HEIGHT_MM: f64 = 1e4;
 
-/// What is inspected of a feature.
+/// Property of a feature that is inspected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measured {
-    /// Form, place and direction of the surface that the tool leaves.
+    /// Form, location and orientation of the machined surface.
     Form(Feature),
-    /// The place of a drilled hole, half-way down.
+    /// Location of a drilled hole, half-way down.
     Hole,
 }
 
 /// A feature of a part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartFeature {
-    /// Its name.
+    /// Name in the part file.
     pub name: String,
-    /// What is inspected of it.
+    /// Property that is inspected.
     pub measured: Measured,
-    /// The first and the last line of the program that cut it, from 1.
+    /// First and last program line that cut it, counted from 1.
     pub lines: [usize; 2],
-    /// How far above the tip, along the tool, it is cut, mm: one height for a cut by the tip or a ball, several for a flank.
+    /// Heights above the tip, along the tool, at which it is cut, mm: one for a cut by the tip or a ball, several for a flank.
     pub above_mm: Vec<f64>,
-    /// The place of the feature, among those before it, whose axis is the datum.
+    /// Index of an earlier feature whose axis is the datum.
     pub datum: Option<usize>,
 }
 
-/// In which coordinates a part is inspected.
+/// Coordinate system of the inspection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
-    /// In those of the program: how the part lies on the machine counts as an error of place and direction.
+    /// That of the program: misplacement of the part on the machine counts as location and orientation error.
     #[default]
     Program,
-    /// In its own: moved as a rigid body so that all its points fit best by least squares, as a measuring machine does.
+    /// That of the part: after best-fit rigid-body alignment of all points (least squares), as on a measuring machine.
     BestFit,
 }
 
 /// A part to be inspected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Part {
-    /// In which coordinates.
+    /// Coordinate system of the inspection.
     pub alignment: Alignment,
-    /// Its features in the order of the file.
+    /// Features in file order.
     pub features: Vec<PartFeature>,
 }
 
 impl Part {
-    /// Reads a part file, whose name is used in messages.
+    /// Reads a part file; `file` is its name in messages.
     ///
     /// # Errors
-    /// Keys that are not known, values of another kind; with file, line and key.
+    /// Unknown keys and values of the wrong type, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
             root.allow(&["alignment", "feature"])?;
@@ -196,19 +196,19 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
     })
 }
 
-/// Points of a feature that are kept at the most: evenly spread.
+/// Maximum number of stored points per feature, evenly spaced.
 const MOST_POINTS: usize = 2000;
 
-/// The points of a feature, mm from the workpiece origin in workpiece axes: where the program wants them, with the original, and
-/// with the compensated program.
+/// One point of a feature, mm from the workpiece origin in workpiece axes: nominal, with the original program, with the compensated
+/// program.
 type Three = [[f64; 3]; 3];
 
-/// State: the points of each feature of a part, as they are cut.
+/// State: the points of each feature, collected while it is cut.
 #[derive(Clone, Debug)]
 pub(crate) struct Collector {
     part: Part,
     points: Vec<Vec<Three>>,
-    /// Of so many points of a feature one is kept, and how many there were.
+    /// Per feature: sampling stride (every n-th position is stored), and number of positions so far.
     strides: Vec<[u64; 2]>,
 }
 
@@ -222,7 +222,7 @@ impl Collector {
         }
     }
 
-    /// Takes the points of a place of the path on a line of the program; `points` gives them at a height.
+    /// Adds the points of a path position cut by a program line; `points` returns them for a height.
     pub(crate) fn take(
         &mut self,
         line: usize,
@@ -245,7 +245,7 @@ impl Collector {
             own.extend(feature.above_mm.iter().map(|above| points(*above)));
             let heights = feature.above_mm.len();
             if own.len() + heights > MOST_POINTS {
-                // Every other place of the path, with all its heights.
+                // Keep every other path position, with all its heights.
                 *stride *= 2;
                 let kept: Vec<Three> = own.chunks(heights).step_by(2).flatten().copied().collect();
                 *own = kept;
@@ -270,7 +270,7 @@ impl Collector {
             .collect()
     }
 
-    /// Moves what was cut with either program as a rigid body to where all its points together fit best; each point counts alike.
+    /// Best-fit rigid-body alignment of all points, separately for both programs; all points have equal weight.
     fn align(&mut self) {
         let motions = [1, 2].map(|which| {
             let mut sums = RigidSums::default();
@@ -326,29 +326,29 @@ impl Collector {
     }
 }
 
-/// A feature as it is with the original and with the compensated program.
+/// Inspection result of a feature, with the original and with the compensated program.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Inspected {
-    /// Its name in the part file.
+    /// Name in the part file.
     pub name: String,
-    /// How many points were looked at.
+    /// Number of points evaluated.
     pub points: usize,
-    /// With the original and with the compensated program; why nothing can be said.
+    /// Results with the original and with the compensated program, or the reason why there are none.
     pub found: Result<[Found; 2], InspectError>,
 }
 
-/// Why nothing can be said of a feature.
+/// Reason why a feature has no inspection result.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InspectError {
-    /// No motion of these lines cuts, or, for a hole, drills.
+    /// No motion of these lines cuts (or drills, for a hole).
     #[error("lines {} to {} of the program have no motion that cuts it", lines[0], lines[1])]
     NothingCut {
-        /// The first and the last line.
+        /// First and last line, counted from 1.
         lines: [usize; 2],
     },
-    /// The points do not determine it.
+    /// The points do not determine the feature.
     #[error(transparent)]
     Form(#[from] FormError),
 }
@@ -377,7 +377,7 @@ fn form(points: &[Three], which: usize, of: Feature) -> Result<Form, FormError> 
     evaluate_form(&points, of)
 }
 
-/// How far the mean of the points is from where it belongs, mm.
+/// Distance between the mean of the points and its nominal, mm.
 fn mean_distance(points: &[Three], which: usize) -> f64 {
     let mut sum = [0.0; 3];
     for three in points {
@@ -403,7 +403,7 @@ fn found(feature: &PartFeature, nominal: &Form, form: &Form, datum: Option<&Form
     let (position_um, direction_urad) = match feature.measured {
         Measured::Form(Feature::Circle { plane }) => {
             let by = [0, 1, 2].map(|k| form.position_mm[k] - nominal.position_mm[k]);
-            // Where a circle lies along its own normal is not read off its roundness.
+            // A roundness measurement does not include the position along the circle's normal.
             let normal = plane.map_or(nominal.direction, CoordinatePlane::normal);
             let out = dot(by, normal);
             let within = [0, 1, 2].map(|k| by[k] - out * normal[k]);

@@ -1,8 +1,8 @@
-//! Executes blocks as RS-274 does: in the order of its rules, whatever the order of the words.
+//! Executes blocks in the RS-274 order of execution, whatever the order of their words.
 //!
-//! On what the place of an axis rests is followed, too. What the set-up does not state is taken as zero; a place that was named under such an
-//! offset or length is known in the coordinates of the program as long as the same ones are in force, and under no others: a word that is
-//! added there would lead to a made-up place.
+//! It also tracks which assumptions each axis position depends on. What the set-up does not state is taken as zero. A position that the
+//! program named under such an offset or length is known in program coordinates only while the same ones are active: under others an added
+//! word would lead to an arbitrary position.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -29,37 +29,36 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) motion: Option<Move>,
-    /// The further holes of a row that is written by L in G91.
+    /// Further holes of a row (L in G91).
     pub(crate) row: Vec<Move>,
-    /// Its axis words say where the axes stand (G92, G10 L20): they are the words at these places.
+    /// Axis words that define the current position (G92, G10 L20): indices of the words.
     pub(crate) presets: Option<Axes<Option<usize>>>,
-    /// The work offset that they set (G10 L20), if another one than that in force: its coordinates are theirs.
+    /// The work offset set by them (G10 L20), if not the active one: the words are in its coordinates.
     pub(crate) preset_system: Option<usize>,
     pub(crate) ends: bool,
-    /// M98 or M99.
     pub(crate) calls: Option<Code>,
-    /// It stores the place of G28 (0) or G30 (1).
+    /// Stores the position of G28 (0) or G30 (1).
     pub(crate) stores_home: Option<usize>,
-    /// Compensating the radius of the tool begins or ends here (G40 to G42.1).
+    /// Cutter radius compensation starts or ends here (G40 to G42.1).
     pub(crate) switches_radius: bool,
-    /// X and Y are a distance and an angle from here on, or places again (G16, G15).
+    /// X and Y become a distance and an angle, or Cartesian again (G16, G15).
     pub(crate) switches_polar: bool,
-    /// Its words are machine coordinates (SUPA).
+    /// The words are machine coordinates (SUPA).
     pub(crate) in_machine: bool,
-    /// It says the pole: along which of X and Y relative to where the tool is.
+    /// Sets the pole; true for X and Y if relative to the tool position.
     pub(crate) pole: Option<[bool; 2]>,
-    /// A cycle that passes on as it is.
+    /// A cycle that is copied unchanged.
     pub(crate) cycle: Option<Cycle>,
-    /// The filament that a printer takes for its motion.
+    /// Filament of the motion, on a printer.
     pub(crate) extrusion: Option<Extrusion>,
 }
 
-/// State: everything that a program has set, and where its axes are.
+/// State: everything that the program has set, and the axis positions.
 #[derive(Clone, Debug)]
 pub(crate) struct Interpreter {
     pub(crate) modal: Modal,
     pub(crate) frame: Frame,
-    /// Where the axes of the machine are, mm and deg, and whether that is known.
+    /// Axis positions in machine coordinates, mm and deg, and whether they are known.
     pub(crate) position: Axes,
     pub(crate) known: Axes<bool>,
     pub(crate) rests: Rests,
@@ -67,43 +66,41 @@ pub(crate) struct Interpreter {
     pub(crate) tools: BTreeMap<u32, Axes>,
     pub(crate) notes: Notes,
     pub(crate) dialect: Dialect,
-    /// The control that runs the program, if it is stated.
+    /// Control that runs the program, if stated.
     pub(crate) control: Option<Control>,
-    /// Whether it is known which way a rotary axis that rolls over turns to a word.
+    /// True if the direction in which a rollover axis turns to a word is known.
     pub(crate) states_rotary_words: bool,
     pub(crate) points: DecimalPoints,
     pub(crate) extruder: Extruder,
-    /// The tool that M6 has put into the spindle, and whether the program has an M6.
+    /// Tool put into the spindle by M6, and whether the program has an M6.
     pub(crate) in_spindle: Option<u32>,
     pub(crate) changes_tools: bool,
     machine: Arc<Machine>,
-    /// With the tool that is in the spindle; `None` on machines whose control has no centre point to move.
+    /// Kinematics with the active tool; `None` for machines without tool centre point control.
     tip: Option<Arc<Tip>>,
 }
 
-/// Decimals of E words at least, as slicers write them.
+/// Minimum decimals of E words, as slicers write them.
 const DECIMALS: u8 = 5;
 
-/// State: where the extruder is, and how its words are read.
+/// State: position of the extruder, and the mode of its words.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Extruder {
-    /// M83 is on, whatever G90 and G91 are.
+    /// M83 is active, whatever G90 and G91 are.
     says_relative: bool,
     /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
     last_relative: bool,
-    /// E at the end of the last motion, mm; `None`: it is not known.
+    /// E at the end of the last motion, mm; `None` if unknown.
     pub(crate) at: Option<f64>,
 }
 
-/// The E word of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extrusion {
-    /// Its absolute start, in the unit of the program; `None`: the word is relative, or the start is unknown.
+    /// Absolute start, in program units; `None` if the word is relative or the start is unknown.
     from: Option<f64>,
-    /// Its value.
     to: f64,
     decimals: u8,
-    /// Why it cannot be shared.
+    /// Reason why it cannot be divided between parts.
     pub(crate) unknown: Option<&'static str>,
 }
 
@@ -114,7 +111,7 @@ impl Extruder {
 }
 
 impl Extrusion {
-    /// The word of the part of its motion between two shares; `None`: the part takes nothing.
+    /// E word of the part of the motion between two shares; `None` if the part extrudes nothing.
     pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
         let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
         let written = self.decimals.min(MOST_DECIMALS);
@@ -138,44 +135,44 @@ impl Extrusion {
     }
 }
 
-/// What lies between program and machine along an axis and is not stated: a number for the work offset, the length of the tool and the
-/// shift; 0 where it is stated.
+/// Identifiers of the unstated quantities between program and machine coordinates of an axis: work offset, tool length and shift. 0:
+/// stated.
 type Basis = [u32; 3];
 
-/// The place is stated in the coordinates of the machine.
+/// Position stated in machine coordinates.
 const OF_MACHINE: Basis = [0; 3];
 
-/// The place rests on something that no work offset, length or shift stands for: a home that is not stated.
+/// Position based on an assumption other than an offset, length or shift: a home position that is not stated.
 const ASSUMED: Basis = [u32::MAX >> 1; 3];
 
-/// A code that is not known has had the words of the axis, whose place may have been reached, without a correction.
+/// Position possibly changed, without correction, by an unknown code that had a word of this axis.
 const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
 
-/// What was set where nobody knew where the axis stood: machine coordinates would be made up.
+/// Flag of an identifier that was set while the axis position was unknown: the machine coordinates are arbitrary.
 const LOST: u32 = 1 << 31;
 
-/// State: on what the places of the axes rest.
+/// State: the unstated quantities that axis positions depend on.
 #[derive(Clone, Debug)]
 pub(crate) struct Rests {
     places: Axes<Basis>,
     offsets: Vec<Axes<u32>>,
-    /// That of a tool that the set-up does not state, or 0.
+    /// Identifier of a tool that the set-up does not state, or 0.
     pub(crate) tool: u32,
     shift: Axes<u32>,
     /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
     named: Axes<bool>,
-    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
+    /// Axes with a G92 shift from a position that was not named in this way: that position defines zero, not the work offset.
     from_elsewhere: Axes<bool>,
     /// Work offsets that the program has set (G10).
     set: [bool; SYSTEMS],
-    /// Whether the places of G28 and G30 are known, and on what they rest.
+    /// For G28 and G30: whether the position is known, and what it depends on.
     homes: [Axes<(bool, Basis)>; 2],
-    /// Numbers that nothing has yet.
+    /// Last identifier issued.
     next: u32,
 }
 
 impl Rests {
-    /// At the beginning of a program.
+    /// State at the start of a program.
     pub(crate) fn new(setup: &SetUp) -> Self {
         let number = |(system, number): (usize, u32)| match setup.offset(system) {
             Some(_) => [0; 9],
@@ -197,22 +194,22 @@ impl Rests {
         }
     }
 
-    /// Another length of the tool holds: that of a tool that the set-up does not state, or one that is known.
+    /// Another tool length becomes active: that of a tool that the set-up does not state (`Some`), or a known one.
     pub(crate) fn takes_tool(&mut self, unstated: Option<u32>) {
         self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
     }
 
-    /// The shift of all axes is stated from now on: it is none.
+    /// The shift of all axes becomes zero, and thus known.
     pub(crate) fn shift_is_zero(&mut self) {
         (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
     }
 
-    /// The shift of an axis is stated from now on.
+    /// The shift of an axis becomes known.
     pub(crate) fn shift_is_stated(&mut self, axis: usize) {
         (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
     }
 
-    /// A work offset is stated along an axis from now on.
+    /// A work offset becomes known along an axis.
     pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
         if let Some(offset) = self.offsets.get_mut(system) {
             offset[axis] = 0;
@@ -220,7 +217,7 @@ impl Rests {
         self.is_set(system);
     }
 
-    /// The program sets a work offset (G10).
+    /// Records that the program sets a work offset (G10).
     fn is_set(&mut self, system: usize) {
         if let Some(set) = self.set.get_mut(system) {
             *set = true;
@@ -234,7 +231,7 @@ impl Rests {
 }
 
 impl Interpreter {
-    /// Before the first line of a program for a machine.
+    /// State before the first line of a program.
     pub(crate) fn new(
         setup: &SetUp,
         machine: Arc<Machine>,
@@ -286,24 +283,24 @@ impl Interpreter {
         })
     }
 
-    /// Where the axes are, in the coordinates of the program.
+    /// Axis positions in program coordinates.
     pub(crate) fn program_position(&self) -> Axes {
         self.frame.to_program(&self.position)
     }
 
-    /// What lies between program and machine while this is switched on.
+    /// Transformation between program and machine for this modal state.
     fn frame_of(&self, modal: &Modal) -> Frame {
         modal.frame(self.tip.as_ref())
     }
 
-    /// The coordinates that hold with another work offset.
+    /// The frame with another active work offset.
     pub(crate) fn frame_with(&self, system: usize) -> Frame {
         let mut modal = self.modal.clone();
         modal.system = system;
         self.frame_of(&modal)
     }
 
-    /// Takes up what was switched: from now on coordinates mean what it says.
+    /// Updates the frame from the modal state; call it after every change.
     pub(crate) fn update_frame(&mut self) {
         self.frame = self.frame_of(&self.modal);
     }
@@ -312,12 +309,12 @@ impl Interpreter {
         self.control.is_some_and(Control::is_printer)
     }
 
-    /// Whether the machine has the axis at a place.
+    /// True if the machine has the axis.
     pub(crate) fn machine_has(&self, axis: usize) -> bool {
         name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
     }
 
-    /// Whether a rotary axis may roll over at the control: by the machine file it goes round, or has a travel of a turn or more.
+    /// True if a rotary axis may roll over at the control: the machine file has `modulo`, or a travel of a turn or more.
     pub(crate) fn may_roll_over(&self, axis: usize) -> bool {
         let axis = name_of(axis).and_then(|name| self.machine.axis(name));
         axis.is_some_and(|axis| {
@@ -325,19 +322,20 @@ impl Interpreter {
         })
     }
 
-    /// Whether it is not known which way the axis at a place turns to a coordinate: it may roll over, and neither the language nor the set-up says it.
+    /// True if the direction in which the axis turns to a coordinate is unknown: it may roll over, and neither the language nor the set-up
+    /// states the direction.
     pub(crate) fn may_turn_either_way(&self, axis: usize) -> bool {
         !self.states_rotary_words && is_rotary(axis) && self.may_roll_over(axis)
     }
 
-    /// Whether an axis that may roll over does so: the machine file has `modulo`, or the control is one whose rotary tables usually do.
+    /// True if an axis that may roll over does: the machine file has `modulo`, or the control is one whose rotary tables usually do.
     pub(crate) fn rolls_over(&self, axis: usize) -> bool {
         let axis = name_of(axis).and_then(|name| self.machine.axis(name));
         axis.is_some_and(|axis| axis.modulo.is_some())
             || self.control.is_some_and(Control::is_fanuc_like)
     }
 
-    /// Puts the tool of the offset that holds into the spindle.
+    /// Puts the tool with the active offset into the spindle.
     pub(crate) fn update_tool(&mut self) -> Result<(), NcError> {
         if self.tip.is_some() {
             let machine = with_tool(&self.machine, &self.modal.tool_offset)?;
@@ -346,7 +344,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Coordinates are those of the centre point of the tool from now on, or of the axes.
+    /// Switches coordinates to the tool centre point, or back to the axes.
     pub(crate) fn switch_centre_point(
         &mut self,
         to: CentrePoint,
@@ -362,8 +360,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Executes a block that was read; `line` is counted from 1.
-    /// What it did goes into `outcome`, which is that of no block.
+    /// Executes a block; `line` is counted from 1. Effects are added to `outcome`, which must be empty.
     pub(crate) fn execute(
         &mut self,
         block: &Block,
@@ -379,7 +376,7 @@ impl Interpreter {
         let given = Given::new(block, line, self.takes_polar(&codes))?;
         outcome.ends = codes.ends;
         outcome.calls = codes.calls;
-        // What is off already is not switched off.
+        // G40 without active compensation switches nothing.
         outcome.switches_radius =
             (codes.radius).is_some_and(|code| code != 400 || self.modal.radius.is_some());
         outcome.switches_polar = codes.polar.is_some();
@@ -436,7 +433,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Whether the words of axes may be the arguments of an M code that is not known: they pass on as they are.
+    /// True if axis words may be arguments of an unknown M code: they are copied unchanged.
     fn leaves_arguments(&mut self, codes: &Codes, given: &Given<'_>) -> bool {
         let names = given.names_axes() || given.polar.is_some();
         let code = codes
@@ -456,7 +453,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// Words that controls read in different ways.
+    /// Words that controls interpret differently.
     fn check_meaning(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         if self.dialect != Dialect::Rs274 {
             return Ok(());
@@ -478,7 +475,7 @@ impl Interpreter {
             return Err(given.refused("H beside G41 or G42, which older FANUC controls take for the number of the radius of the tool: write D"));
         }
         if has_own_h
-            // Of G76 it is the angle of a thread.
+            // In G76 it is the thread angle.
             && codes.motion != Some(760)
             && self.modal.length.is_some()
             && self.modal.length != given.whole(b'H')?
@@ -499,8 +496,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The tool is of another length while coordinates are those of its centre point. With the rotary axes off zero controls differ in
-    /// what X, Y and Z are then: they are not known until the program names them.
+    /// The tool length changes while tool centre point control is active. With rotary axes away from zero, controls differ in what X, Y and
+    /// Z are then: they are unknown until the program names them.
     fn has_other_centre_point(&mut self) {
         let is_off = |axis: usize| {
             self.machine_has(axis) && !(self.known[axis] && self.position[axis] == 0.0)
@@ -510,7 +507,7 @@ impl Interpreter {
         }
     }
 
-    /// What a block switches, besides its motion.
+    /// Applies the modal codes of a block, except its motion.
     fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         let modal = &mut self.modal;
         match codes.feed {
@@ -589,7 +586,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Follows E on the block of a printer, once its other words are executed.
+    /// Tracks E of a printer block, after its other words are executed.
     fn extrude(
         &mut self,
         codes: &Codes,
@@ -610,7 +607,7 @@ impl Interpreter {
             self.extruder.at = Some(value * unit);
             return Ok(());
         }
-        // Klipper and Marlin 1: by M83 or by G91. Marlin 2: by what was said last.
+        // Klipper and Marlin 1: relative by M83 or by G91. Marlin 2: by the last of these codes.
         let by_both = self.extruder.says_relative || !self.modal.absolute;
         let is_unclear =
             self.control == Some(Control::Marlin) && by_both != self.extruder.last_relative;
@@ -638,10 +635,10 @@ impl Interpreter {
         Ok(())
     }
 
-    /// On what a place rests that the program names now.
+    /// What a position depends on if the program names it now.
     fn basis(&self, axis: usize) -> Basis {
         let (rests, modal) = (&self.rests, &self.modal);
-        // The length is along Z, or along an axis that only a lathe or another plane knows.
+        // The tool length is along Z; in another plane, or on a lathe, it may be along another linear axis.
         let has_length = axis == 2 || axis < 3 && modal.plane != Plane::Xy;
         [
             rests.offsets.get(modal.system).map_or(0, |of| of[axis]),
@@ -650,20 +647,21 @@ impl Interpreter {
         ]
     }
 
-    /// Whether the coordinate of an axis in the program is known, so that a word with it leads to where it stands.
+    /// True if the program coordinate of an axis is known, so that a word with this value leads to the current position.
     #[inline]
     pub(crate) fn says_place(&self, axis: usize) -> bool {
         self.known[axis] && self.rests.places[axis] == self.basis(axis)
     }
 
-    /// Whether the active work offset of the set-up file defines the zero of the program: no G10 and no G92 shift from another position replaces it.
+    /// True if the active work offset of the set-up file defines the program zero: it is replaced by neither G10 nor a G92 shift from
+    /// another position.
     pub(crate) fn rests_on_stated_zero(&self) -> bool {
         let is_set = self.rests.set[self.modal.system.min(SYSTEMS - 1)];
         let is_elsewhere = self.modal.shifted && self.rests.from_elsewhere.contains(&true);
         !is_set && !is_elsewhere
     }
 
-    /// The program has named the place of an axis.
+    /// The program has named the position of an axis.
     pub(crate) fn is_named(&mut self, axis: usize) {
         let basis = self.basis(axis);
         self.rests.places[axis] = basis;
@@ -671,27 +669,27 @@ impl Interpreter {
         self.known[axis] = basis.iter().all(|number| number & LOST == 0);
     }
 
-    /// An axis is at a place that was stated in the coordinates of the machine.
+    /// An axis is at a position stated in machine coordinates.
     pub(crate) fn is_at_machine_place(&mut self, axis: usize) {
         self.rests.places[axis] = OF_MACHINE;
         self.rests.named[axis] = false;
         self.known[axis] = true;
     }
 
-    /// The machine coordinate of an axis is taken as known, but not its coordinate in the program.
+    /// Marks the program coordinate of an axis as unknown; the machine coordinate keeps its state.
     pub(crate) fn is_assumed(&mut self, axis: usize) {
         self.rests.places[axis] = ASSUMED;
         self.rests.named[axis] = false;
     }
 
-    /// The program coordinates of X, Y and Z are unknown: many machines stay at the place where they change tools.
+    /// Marks the program coordinates of X, Y and Z as unknown: many machines stay at the tool change position.
     pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
             self.is_assumed(axis);
         }
     }
 
-    /// A code that is not known has the words of these axes: it may have moved any of them.
+    /// An unknown code has words of the `named` axes: it may have moved any axis.
     fn may_have_moved(&mut self, named: &Axes<bool>) {
         for (axis, named) in named.iter().enumerate() {
             self.is_assumed(axis);
@@ -702,19 +700,19 @@ impl Interpreter {
         }
     }
 
-    /// Whether a code that is not known has had the words of an axis, which was not named since.
+    /// True if an unknown code had a word of the axis, and the axis has not been named since.
     pub(crate) fn is_unclaimed(&self, axis: usize) -> bool {
         self.rests.places[axis] == UNCLAIMED
     }
 
-    /// The place of G28 or G30 is where the axes are.
+    /// Stores the current position as that of G28 or G30.
     pub(crate) fn stores_home(&mut self, which: usize) {
         self.modal.homes[which] = self.position;
         self.rests.homes[which] =
             std::array::from_fn(|axis| (self.known[axis], self.rests.places[axis]));
     }
 
-    /// An axis is at the place of G28 or G30; whether the set-up or G28.1 has said where that is.
+    /// Moves an axis to the position of G28 or G30. Returns true if the set-up or G28.1 has stated that position.
     pub(crate) fn is_at_home(&mut self, which: usize, axis: usize) -> bool {
         self.position[axis] = self.modal.homes[which][axis];
         let (known, basis) = self.rests.homes[which][axis];
@@ -723,7 +721,7 @@ impl Interpreter {
         known && basis != ASSUMED
     }
 
-    /// The axes whose places a coordinate along an axis mixes.
+    /// Axes whose positions contribute to the coordinate of an axis (rotation in the plane).
     fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
         if axis < 2 && self.frame.rotation_deg != 0.0 {
             0..2
@@ -732,7 +730,7 @@ impl Interpreter {
         }
     }
 
-    /// G92 has said where axes are: the shift along them rests on what the places do.
+    /// G92 has defined the current position: the shift depends on whatever the position depends on.
     pub(crate) fn shift_is_from_place(&mut self, axis: usize, line: usize) {
         let known = self.mixed_with(axis).all(|axis| self.known[axis]);
         if !(self.mixed_with(axis)).all(|axis| self.rests.named[axis]) && self.machine_has(axis) {
@@ -747,7 +745,7 @@ impl Interpreter {
         self.rests.places[axis] = self.basis(axis);
     }
 
-    /// G10 L20 has said where axes are under a work offset.
+    /// G10 L20 has defined the current position under a work offset.
     pub(crate) fn offset_is_from_place(&mut self, system: usize, axis: usize, line: usize) {
         let mixed = self.mixed_with(axis);
         let known = mixed.clone().all(|axis| self.known[axis]);
@@ -775,7 +773,7 @@ impl Interpreter {
         }
     }
 
-    /// The work offset that holds, if it is not stated and zero was taken.
+    /// Name of the active work offset, if it is not stated and zero was assumed.
     pub(crate) fn unstated_offset(&self) -> Option<String> {
         let system = self.modal.system;
         let offset = self.rests.offsets.get(system)?;
@@ -802,7 +800,7 @@ impl Interpreter {
             "_current_tool" => Some(self.tool_in_spindle().map(f64::from)),
             "_selected_tool" => Some(modal.tool.map(f64::from)),
             "_motion_mode" => Some(modal.motion.map(f64::from)),
-            // Of the machine, and set by it.
+            // Known only at the machine.
             "_vmajor" | "_vminor" | "_line" | "_rpm" | "_task" | "_remote_call" | RETURNED
             | HAS_RETURNED => Some(None),
             _ => ["_ini[", "_hal["]
@@ -850,7 +848,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// The block may be skipped, and switches what the coordinates behind it mean.
+    /// A block that may be skipped changes the meaning of later coordinates.
     fn check_skipped(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         if given.block.begins != Begins::Slash {
             return Ok(());
@@ -868,7 +866,7 @@ impl Interpreter {
             codes.polar,
             codes.comes_back,
             codes.feed,
-            // A dwell switches nothing.
+            // A dwell changes nothing.
             codes.not_modal.filter(|code| *code != 40),
         ];
         let block = given.block;
@@ -888,7 +886,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Where the axes of a motion that may be skipped stand behind it is not known.
+    /// After a motion that may be skipped, the positions of its axes are unknown.
     pub(crate) fn may_not_have_moved(&mut self, motion: &Move) {
         let takes_along = self.frame.tip.is_some();
         for axis in 0..9 {
@@ -900,7 +898,7 @@ impl Interpreter {
     }
 }
 
-/// The axis whose place the named parameter is: `_x`.
+/// The axis of a named position parameter: `_x`.
 pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
     match name.as_bytes() {
         [b'_', letter] => axis_of(letter.to_ascii_uppercase()),
@@ -908,7 +906,7 @@ pub(crate) fn axis_of_name(name: &str) -> Option<usize> {
     }
 }
 
-/// The axis whose place the numbered parameter is.
+/// The axis of a numbered position parameter.
 pub(crate) fn axis_of_place(number: u32) -> Option<usize> {
     let axis = number.checked_sub(5420)? as usize;
     (axis < 9).then_some(axis)

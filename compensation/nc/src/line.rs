@@ -1,4 +1,4 @@
-//! A line of a program: its text, the block that was read from it, and how it is written with other words.
+//! A program line: its text, its parsed block, and edits to it.
 
 use std::ops::Range;
 
@@ -8,13 +8,12 @@ use crate::{
     number::Number,
 };
 
-/// A line that is compensated.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Line<'a> {
     pub(crate) block: &'a Block,
-    /// Its bytes without the end of line.
+    /// Bytes without the line end.
     pub(crate) text: &'a [u8],
-    /// The end of a line that is added beside it.
+    /// Line end of added lines.
     pub(crate) more: &'static [u8],
     /// Counted from 1.
     pub(crate) number: usize,
@@ -22,17 +21,16 @@ pub(crate) struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// The word at a place of the block.
     pub(crate) fn word(self, place: Option<usize>) -> Option<&'a Word> {
         self.block.words.get(place?)
     }
 
-    /// What a further word is that stands for the same as the one at a place of the block.
+    /// Manner of an added word that replaces the one at this index of the block.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }
 
-    /// How an arc turns, where its line says that behind its coordinates: with a blank before it.
+    /// Direction of an arc, in dialects that write it after the coordinates (with a leading blank).
     pub(crate) fn direction(self) -> &'static [u8] {
         if !self.script.is_heidenhain() {
             return b"";
@@ -45,55 +43,55 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The code of its motion, G0 to G3.
+    /// Motion code, G0 to G3.
     pub(crate) fn motion_code(self) -> Option<Number> {
         let mut codes = (self.block.words.iter()).filter(|word| word.letter == b'G');
         let code = codes.find_map(|word| word.value.filter(|code| (0.0..=3.0).contains(code)));
         Number::nearest(code?, 0)
     }
 
-    /// The place of the first word with this letter.
+    /// Index of the first word with this letter.
     pub(crate) fn place_of(self, letter: u8) -> Option<usize> {
         let words = &self.block.words;
         words.iter().position(|word| word.letter == letter)
     }
 }
 
-/// The end of a line that is added beside one with this end, which the last line of a program may lack.
+/// Line end of a line added next to one with this end; the last line of a program may lack its end.
 pub(crate) fn end_of_more(end: &[u8]) -> &[u8] {
     if end.is_empty() { b"\n" } else { end }
 }
 
-/// Writes a line as a comment that every control of RS-274 knows.
+/// Writes a line as a comment that every RS-274 control accepts.
 pub(crate) fn write_comment(line: &[u8], out: &mut Vec<u8>) {
     out.push(b'(');
     out.extend(line.iter().filter(|byte| !b"()".contains(byte)));
     out.push(b')');
 }
 
-/// How a word that the program does not have is written.
+/// Style of added words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Script {
     pub(crate) dialect: Dialect,
     /// Numbers have decimal commas.
     pub(crate) comma: bool,
-    /// Each line with coordinates has its code.
+    /// Every line with coordinates repeats its motion code.
     pub(crate) says_each: bool,
 }
 
-/// How a part of a motion goes to its end.
+/// How a part of a motion is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     Straight,
-    /// By the polar coordinates of its line.
+    /// Unchanged, by the polar coordinates of its line.
     AsItIs,
-    /// An arc about its centre.
+    /// An arc by its centre.
     Centre,
     /// An arc by its radius.
     Radius,
 }
 
-/// A word that the program does not have.
+/// A word to be added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct NewWord {
     pub(crate) letter: u8,
@@ -102,7 +100,7 @@ pub(crate) struct NewWord {
 }
 
 impl NewWord {
-    /// A word that means what is switched on.
+    /// A word in the active mode.
     pub(crate) fn plain((letter, number): (u8, Number)) -> Self {
         Self {
             letter,
@@ -113,12 +111,12 @@ impl NewWord {
 }
 
 impl Script {
-    /// Whether the centre of an arc stands in a block of its own before it, and each motion says how it goes.
+    /// True if the arc centre has a separate block before the arc, and each motion has a keyword.
     pub(crate) fn is_heidenhain(self) -> bool {
         self.dialect == Dialect::Heidenhain
     }
 
-    /// What begins a motion in a line of its own; nothing where that is switched on.
+    /// Keyword of a motion in an added line; empty where the motion is modal.
     pub(crate) fn keyword(self, shape: Shape) -> &'static [u8] {
         match shape {
             _ if !self.is_heidenhain() => b"",
@@ -128,7 +126,7 @@ impl Script {
         }
     }
 
-    /// Writes a word behind what is there: with a blank, unless it begins a line.
+    /// Appends a word, with a blank before it unless it begins a line.
     pub(crate) fn write_word(self, word: &NewWord, out: &mut Vec<u8>) {
         if !matches!(out.last(), None | Some(b'\r' | b'\n' | b'/')) {
             out.push(b' ');
@@ -154,7 +152,7 @@ impl Script {
         }
     }
 
-    /// The same with the decimal comma or point of the number that stood there, if it had one.
+    /// The same style, with the decimal sign of an existing number if it had one.
     fn like(self, before: &[u8]) -> Self {
         let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
         Self {
@@ -163,7 +161,7 @@ impl Script {
         }
     }
 
-    /// Writes a number; `has_sign`: also a positive one has its sign, where the language writes one.
+    /// Writes a number; with `has_sign` also the sign of positive numbers, if the dialect writes one.
     fn write_number(self, number: Number, has_sign: bool, out: &mut Vec<u8>) {
         if !self.is_heidenhain() {
             return number.write(out);
@@ -183,16 +181,16 @@ impl Script {
     }
 }
 
-/// Changes of a line.
+/// Edits to a line.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edits {
-    /// The value of the word at a place of the block.
+    /// New values of words, by index in the block.
     pub(crate) replaced: Vec<(usize, Number)>,
-    /// Words that go.
+    /// Indices of removed words.
     pub(crate) removed: Vec<usize>,
-    /// Words behind the last one.
+    /// Words added after the last one.
     pub(crate) added: Vec<(u8, Number)>,
-    /// Other text, and the number instead of it, or nothing.
+    /// Replaced text ranges, with the new number; `None` deletes.
     pub(crate) ranges: Vec<(Range<usize>, Option<Number>)>,
 }
 
@@ -211,7 +209,7 @@ impl Edits {
             && self.ranges.is_empty()
     }
 
-    /// A word of this letter with this value: in the place of the word that the line has, or behind the last one.
+    /// Sets the value of a word: replaces it, or adds it after the last word.
     pub(crate) fn set(&mut self, letter: u8, place: Option<usize>, number: Number) {
         match place {
             Some(place) => self.replaced.push((place, number)),
@@ -223,7 +221,7 @@ impl Edits {
     pub(crate) fn write(&self, line: Line<'_>, out: &mut Vec<u8>) {
         let (text, block) = (line.text, line.block);
         let (mut at, mut added) = (0, false);
-        // Further words stand before what follows their place.
+        // Added words precede the text after their position.
         let add = |at: &mut usize, out: &mut Vec<u8>| {
             out.extend_from_slice(&text[*at..block.end]);
             *at = block.end;
@@ -261,7 +259,7 @@ impl Edits {
         out.extend_from_slice(&text[at..]);
     }
 
-    /// What is done to the word at a place of the block.
+    /// Edit of the word at an index of the block.
     fn of_word(
         &self,
         place: usize,
@@ -269,7 +267,7 @@ impl Edits {
         text: &[u8],
     ) -> Option<(Range<usize>, Option<Number>)> {
         if self.removed.contains(&place) {
-            // With the blanks before it, unless it begins the line.
+            // Including the blanks before it, unless it begins the line.
             let kept = text[..word.at].trim_ascii_end().len();
             let from = if kept == 0 { word.at } else { kept };
             return Some((from..word.text.end, None));

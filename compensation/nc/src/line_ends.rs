@@ -1,11 +1,11 @@
-//! Line ends, leaders and trailers of program files, as editors, controls and tape punches write them.
+//! Line ends, leaders and trailers of program files, as written by editors, controls and tape punches.
 
 use memchr::memchr;
 
 use crate::NcError;
 
-/// Whether a byte belongs to the line end that `end` has begun: a line feed and the carriage returns after it (a tape punch
-/// needed the time), carriage returns and the line feed after them, or carriage returns alone.
+/// True if a byte continues the line end begun by `end`: a line feed and carriage returns after it (a tape punch needed the time), carriage
+/// returns and a line feed after them, or carriage returns only.
 pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
     match end {
         [] => matches!(byte, b'\r' | b'\n'),
@@ -14,14 +14,14 @@ pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
     }
 }
 
-/// How long a line is without its end.
+/// Length of a line without its end.
 pub(crate) fn length_of(text: &[u8]) -> usize {
     let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
     let end = text.iter().rev().take_while(|byte| is_end(byte)).count();
     text.len() - end
 }
 
-/// Each line and its end.
+/// Splits a text into lines and their ends.
 pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
     let mut lines = Vec::new();
     let mut rest = text;
@@ -35,7 +35,7 @@ pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
             of_end += 1;
         }
         if lines_of(&behind[..of_end]) > 1 {
-            // Carriage returns alone: each ends a line.
+            // Carriage returns only: each ends a line.
             of_end = 1;
         }
         let (end, behind) = behind.split_at(of_end);
@@ -45,7 +45,7 @@ pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
     lines
 }
 
-/// How many lines end with this end of a line.
+/// Number of lines that this line end terminates.
 pub(crate) fn lines_of(end: &[u8]) -> usize {
     if end.contains(&b'\n') {
         1
@@ -54,7 +54,7 @@ pub(crate) fn lines_of(end: &[u8]) -> usize {
     }
 }
 
-/// The end of an added line after a line with this end; `None`: keep the one before (an unusual end, or the end of the file).
+/// Line end of a line added after one with this end; `None`: keep the previous one (unusual end, or end of file).
 pub(crate) fn end_of_added(end: &[u8]) -> Option<&'static [u8]> {
     match end {
         b"\n" => Some(b"\n"),
@@ -67,7 +67,7 @@ pub(crate) fn end_of_added(end: &[u8]) -> Option<&'static [u8]> {
     }
 }
 
-/// State: whether the lines of a file end with carriage returns alone.
+/// State: whether the lines of a file end with carriage returns only.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ends {
     only_returns: Option<bool>,
@@ -75,7 +75,7 @@ pub(crate) struct Ends {
 
 impl Ends {
     /// # Errors
-    /// A carriage return alone in a file that has line feeds: what a control makes of it is not known.
+    /// A carriage return only, in a file that has line feeds (or the reverse): controls interpret it differently.
     pub(crate) fn check(&mut self, line: &[u8], end: &[u8], number: usize) -> Result<(), NcError> {
         if end.is_empty() {
             return Ok(());
@@ -99,11 +99,10 @@ impl Ends {
     }
 }
 
-/// The mark with which some editors begin a text.
+/// Byte order mark that some editors write.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// Number of bytes before the program: a byte order mark, the empty leader of a tape, and the characters that switch a tape
-/// reader on.
+/// Number of bytes before the program: byte order mark, blank tape leader, and tape reader control characters.
 pub(crate) fn leader_of(text: &[u8]) -> usize {
     let mark = if text.starts_with(BYTE_ORDER_MARK) {
         BYTE_ORDER_MARK.len()
@@ -115,7 +114,7 @@ pub(crate) fn leader_of(text: &[u8]) -> usize {
         .count()
 }
 
-/// Whether a line is nothing but such characters, or the end of a file of CP/M and DOS.
+/// True if a line consists of such characters only, or of the end-of-file mark of CP/M and DOS.
 pub(crate) fn is_trailer(line: &[u8]) -> bool {
     !line.is_empty() && (line.iter()).all(|byte| is_of_tape(*byte) || *byte == 0x1a)
 }
@@ -125,13 +124,13 @@ fn is_of_tape(byte: u8) -> bool {
     matches!(byte, 0 | 0x11..=0x14)
 }
 
-/// A longer line is refused.
+/// Maximum line length, bytes; longer lines are rejected.
 pub const LONGEST_LINE: usize = 1 << 20;
 
-/// What follows the first O-word is held in memory, so many bytes at the most.
+/// Maximum size, bytes, of the program from its first O-word on, which is held in memory.
 pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
 
-/// Refuses what no program has: a line of a megabyte, a zero byte.
+/// Rejects lines that no program has: longer than a megabyte, or with a zero byte.
 pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
     check_length(line, number)?;
     match memchr(0, line) {

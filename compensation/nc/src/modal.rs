@@ -1,4 +1,4 @@
-//! What a program has switched on and set: everything that gives a later word its meaning.
+//! Modal state: everything a program has set that gives later words their meaning.
 
 use std::sync::Arc;
 
@@ -7,28 +7,28 @@ use crate::{
     coordinates::{Axes, Frame, Tip, TipFrame, turned},
 };
 
-/// The work offsets of RS-274: G54 to G59.3. The first four are those of SINUMERIK, too.
+/// Number of RS-274 work offsets, G54 to G59.3; SINUMERIK has the first four, too.
 pub(crate) const RS274_SYSTEMS: usize = 9;
 
 /// Their codes.
 pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
     [540, 550, 560, 570, 580, 590, 591, 592, 593];
 
-/// Behind them those that SINUMERIK has: G505 to G599, and G500.
+/// Index of G505: after the RS-274 offsets follow those of SINUMERIK, G505 to G599 and G500.
 pub(crate) const G505: usize = RS274_SYSTEMS;
 
 pub(crate) const G500: usize = G505 + 95;
 
-/// Behind them those that have numbers from 1 on: `G54.1 P1` of FANUC, `G154 P1` of Haas, the presets of HEIDENHAIN.
+/// Index of the first numbered work offset: `G54.1 P1` of FANUC, `G154 P1` of Haas, the presets of HEIDENHAIN.
 pub(crate) const NUMBERED: usize = G500 + 1;
 
-/// The largest of these numbers.
+/// Largest number of a numbered work offset.
 pub(crate) const MOST_NUMBERED: u32 = 300;
 
-/// All of them.
+/// Total number of work offsets.
 pub(crate) const SYSTEMS: usize = NUMBERED + MOST_NUMBERED as usize;
 
-/// The work offset of a number from 1 to [`MOST_NUMBERED`].
+/// Index of the work offset with a number from 1 to [`MOST_NUMBERED`].
 pub(crate) fn numbered(number: u32) -> usize {
     NUMBERED + number as usize - 1
 }
@@ -36,7 +36,7 @@ pub(crate) fn numbered(number: u32) -> usize {
 /// A G or M code in tenths: 431 is G43.1.
 pub(crate) type Code = u16;
 
-/// The plane of arcs and cycles.
+/// Plane of arcs and cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Plane {
     #[default]
@@ -46,7 +46,7 @@ pub(crate) enum Plane {
 }
 
 impl Plane {
-    /// Its two axes, right-handed, and the one normal to it.
+    /// The two axes of the plane, right-handed, and the one normal to it.
     pub(crate) fn axes(self) -> [usize; 3] {
         match self {
             Self::Xy => [0, 1, 2],
@@ -55,7 +55,7 @@ impl Plane {
         }
     }
 
-    /// The letters of the centre along the first and the second axis.
+    /// Letters of the centre along the first and the second axis.
     pub(crate) fn centre_letters(self) -> [u8; 2] {
         match self {
             Self::Xy => [b'I', b'J'],
@@ -65,24 +65,24 @@ impl Plane {
     }
 }
 
-/// What an F word means.
+/// Meaning of F words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum FeedMode {
-    /// Minutes for the motion, one over.
+    /// Reciprocal of the duration of the motion in minutes.
     InverseTime,
     #[default]
     PerMinute,
     PerRevolution,
 }
 
-/// Whether coordinates are those of the centre point of the tool.
+/// Tool centre point control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum CentrePoint {
     #[default]
     Off,
-    /// Until another tool length comes into force, or none (G43.4).
+    /// Active until the tool length is changed or cancelled (G43.4).
     WithToolLength,
-    /// Until it is switched off (M428, the set-up).
+    /// Active until it is switched off (M428, the set-up).
     Switched,
 }
 
@@ -92,7 +92,7 @@ pub(crate) struct WorkOffset {
     pub(crate) rotation_deg: f64,
 }
 
-/// What a program shifts and turns its coordinates by, besides the work offset: what is last is nearest to the program.
+/// Programmed shift and rotation on top of the work offset; the last one is applied first to program coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Programmed {
     pub(crate) by: Axes,
@@ -100,7 +100,7 @@ pub(crate) struct Programmed {
 }
 
 impl Programmed {
-    /// Shifts the coordinates by a way in those that hold.
+    /// Adds a shift given in the current, rotated coordinates.
     pub(crate) fn shift(&mut self, by: &Axes) {
         for (sum, by) in self.by.iter_mut().zip(turned(by, self.angle_deg)) {
             *sum += by;
@@ -108,34 +108,33 @@ impl Programmed {
     }
 }
 
-/// What is kept of a canned cycle from hole to hole, in the coordinates of the program, mm.
+/// Values of a canned cycle that persist from hole to hole, in program coordinates, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sticky {
-    /// Where the tool was along the depth before the first hole, and whether that place is known.
+    /// Tool position along the depth axis before the first hole, and whether it is known.
     pub(crate) initial: Option<f64>,
     pub(crate) initial_is_known: Option<bool>,
-    /// The words of the depth and of R: places in G90, in G91 R from there and the depth from R.
+    /// Words of depth and R: absolute in G90; in G91 R counts from the initial position and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
-    /// Whether each of them was given in G91.
+    /// True for each of them given in G91.
     pub(crate) incremental: [bool; 2],
 }
 
-/// State of a program that is read.
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Modal {
-    /// mm for each unit of length.
+    /// mm per unit of length.
     pub(crate) unit_mm: f64,
     pub(crate) plane: Plane,
     pub(crate) absolute: bool,
-    /// The centre of an arc is a place, not a way from its beginning.
+    /// Arc centres are absolute, not relative to the start of the arc.
     pub(crate) centre_absolute: bool,
     /// X words are diameters.
     pub(crate) diameter: bool,
-    /// The motion that coordinates alone stand for.
+    /// Motion code of blocks that have coordinates only.
     pub(crate) motion: Option<Code>,
-    /// Another one may hold: the block that has switched it may be skipped.
+    /// Another one may be active: the block that set it may be skipped.
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
@@ -143,49 +142,49 @@ pub(crate) struct Modal {
     pub(crate) feed_is_grouped: bool,
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
-    /// The offset of G92 or G52, whether it holds or not.
+    /// G92 or G52 shift, active or not.
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
-    /// It is that of G52.
+    /// The shift is that of G52.
     pub(crate) shift_is_local: bool,
-    /// The program has said what it is.
+    /// The program has set the shift.
     pub(crate) shift_is_said: bool,
     pub(crate) tool_offset: Axes,
-    /// The unit that held where it was put into force, mm.
+    /// Length unit when the tool offset was activated, mm.
     pub(crate) length_unit_mm: f64,
-    /// The number of the length that G43 has put into force; `None`: none.
+    /// Number of the tool length activated by G43; `None`: none.
     pub(crate) length: Option<u32>,
-    /// Coordinates are those of the centre point of the tool, whatever the rotary axes do (G43.4, M428).
+    /// Tool centre point control, independent of rotary motion (G43.4, M428).
     pub(crate) centre_point: CentrePoint,
-    /// The rotation of G68, deg, and its centre.
+    /// Rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
-    /// No place in its plane has been named under it.
+    /// No position in its plane has been named since it was set.
     pub(crate) rotation_is_new: bool,
     /// TRANS and ROT.
     pub(crate) programmed: Programmed,
-    /// The centre of arcs and polar coordinates, where a block of its own says it: a place in X and Y.
+    /// Centre of arcs and polar coordinates set by a separate block: a position in X and Y.
     pub(crate) pole: Option<[f64; 2]>,
-    /// X and Y words are the distance from zero and the angle (G16), with those that were said last, mm and deg.
+    /// `Some` while X and Y words are a distance from zero and an angle (G16), with the last values, mm and deg.
     pub(crate) polar: Option<[Option<f64>; 2]>,
-    /// Rotary axes go the shorter way (M126).
+    /// Rotary axes take the shorter way (M126).
     pub(crate) shorter: bool,
-    /// The block goes on in the next line.
+    /// The block continues in the next line.
     pub(crate) goes_on: bool,
-    /// The number of a preset stands in one of the next lines.
+    /// A preset number follows in one of the next lines.
     pub(crate) awaits_preset: bool,
-    /// The cycle that is done where one is called.
+    /// Cycle executed by cycle calls.
     pub(crate) defined: Option<Cycle>,
-    /// A cycle that is done behind each motion.
+    /// Cycle executed after each motion.
     pub(crate) each_motion: Option<Cycle>,
-    /// The radius of the tool is compensated: 410 or 420.
+    /// Active cutter radius compensation: 410 or 420.
     pub(crate) radius: Option<Code>,
-    /// A cycle comes back to where it began, not to its clearance plane.
+    /// Cycles return to their initial position, not to the clearance plane.
     pub(crate) comes_back: bool,
-    /// The program has said which of the two.
+    /// The program has stated which of the two.
     pub(crate) says_return: bool,
     pub(crate) sticky: Sticky,
     pub(crate) tool: Option<u32>,
-    /// The places of G28 and G30, in the machine's coordinates.
+    /// Positions of G28 and G30, in machine coordinates.
     pub(crate) homes: [Axes; 2],
 }
 
@@ -233,7 +232,7 @@ impl Default for Modal {
 }
 
 impl Modal {
-    /// What lies between program and machine now; `tip` are the kinematics for the centre point of the tool.
+    /// Transformation between program and machine; `tip` are the kinematics of tool centre point control.
     pub(crate) fn frame(&self, tip: Option<&Arc<Tip>>) -> Frame {
         let work = &self.offsets[self.system.min(SYSTEMS - 1)];
         let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
@@ -256,7 +255,7 @@ impl Modal {
         }
     }
 
-    /// mm or deg for each unit of a word of this axis.
+    /// mm or deg per unit of a word of this axis.
     #[inline]
     pub(crate) fn scale(&self, axis: usize) -> f64 {
         match axis {
@@ -266,7 +265,7 @@ impl Modal {
         }
     }
 
-    /// The same of a word of a cycle that says a height along this axis: R is no diameter where X is one (G7).
+    /// The same for the height words of a cycle along this axis: R is a radius even where X is a diameter (G7).
     pub(crate) fn height_scale(&self, letter: u8, axis: usize) -> f64 {
         match letter {
             b'R' => self.unit_mm,
@@ -284,7 +283,7 @@ pub(crate) fn name_of_offset(system: usize) -> String {
     }
 }
 
-/// A G code as people write it.
+/// A G code as usually written.
 pub(crate) fn code_text(code: Code) -> String {
     if code.is_multiple_of(10) {
         format!("G{}", code / 10)

@@ -1,47 +1,45 @@
-//! What a block makes the axes do.
+//! Motions of the axes that a block commands.
 
 use crate::coordinates::{Axes, Frame};
 
-/// How a motion goes from its beginning to its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Path {
     Rapid,
     Line,
     Arc(Arc),
-    /// A cycle at its end: the tool goes down to `bottom` there and back, in the coordinates of the program, mm, along the
-    /// axis normal to the plane.
+    /// A drilling cycle at the end of the motion: down to `bottom` and back along the axis normal to the plane. Program coordinates, mm.
     Hole {
         bottom: f64,
         clearance: f64,
         /// The axis normal to the plane.
         depth: usize,
     },
-    /// To the place of G28 or G30.
+    /// To the position of G28 or G30.
     Home(usize),
-    /// A spline, or a control point of one (G5, G5.1, G5.2): its other points are ways from its ends, or other such blocks.
+    /// A spline, or one of its control points (G5, G5.1, G5.2). Its other points are relative to its ends, or in further blocks.
     Spline,
-    /// Something that is passed on as it is: a probing move, a thread.
+    /// A motion that is copied unchanged: probing, threading.
     Other,
 }
 
-/// An arc or a helix, in the coordinates of the program, mm.
+/// An arc or helix, in program coordinates, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Arc {
-    /// The two axes of its plane, and the one along which a helix rises.
+    /// The two axes of its plane, and the axis of a helix.
     pub(crate) axes: [usize; 3],
     pub(crate) centre: [f64; 2],
-    /// The angle it turns by, rad, positive counterclockwise.
+    /// Angle, rad, positive counterclockwise.
     pub(crate) turns_by: f64,
     /// It is written with a radius.
     pub(crate) by_radius: bool,
 }
 
-/// Where a hole is half as deep as it gets: across its depth, its correction is that of this place.
+/// Position half-way down a hole: its correction is used for the axes other than the depth.
 pub(crate) fn half_deep(hole: &Axes, depth: usize, [bottom, clearance]: [f64; 2]) -> Axes {
     at_height(hole, depth, 0.5 * (bottom + clearance))
 }
 
-/// Where a hole has this height, mm.
+/// Position in a hole at this height, mm.
 pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     let mut at = *hole;
     at[depth] = height;
@@ -50,49 +48,49 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Polar {
-    /// The places of the distance and of the angle in the block.
+    /// Indices of the distance and angle words in the block.
     pub(crate) words: [Option<usize>; 2],
-    /// They count from where the tool is.
+    /// They are relative to the tool position.
     pub(crate) from_here: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
     pub(crate) path: Path,
-    /// The coordinates of the axes of the machine before and after, mm and deg.
+    /// Machine coordinates before and after, mm and deg.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
-    /// The place of the word of each axis in the block.
+    /// Index of each axis word in the block.
     pub(crate) words: Axes<Option<usize>>,
-    /// Whose words are ways, not places.
+    /// Axes whose words are incremental.
     pub(crate) incremental: Axes<bool>,
-    /// Its words are the coordinates of the machine (G53, G28).
+    /// The words are machine coordinates (G53, G28).
     pub(crate) in_machine: bool,
-    /// Where polar coordinates say its place in the plane.
+    /// Polar coordinates of its end in the plane.
     pub(crate) polar: Option<Polar>,
-    /// Of which axes it is known where they are before.
+    /// Axes whose start position is known.
     pub(crate) known: Axes<bool>,
-    /// Whole turns by which `from` is another number for where a rotary axis was before, deg.
+    /// Whole turns, deg, that were added to the start position of a rotary axis to get `from`.
     pub(crate) wraps: Axes,
 }
 
 impl Move {
-    /// Whether it cuts with the work offset in force.
+    /// True if it cuts in the active work offset.
     pub(crate) fn cuts(&self) -> bool {
         !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
     }
 }
 
 impl Arc {
-    /// The radius at the beginning, and the angle there, rad.
+    /// Radius and angle (rad) at the start.
     pub(crate) fn start(&self, from: &Axes) -> (f64, f64) {
         let [first, second, _] = self.axes;
         let way = [from[first] - self.centre[0], from[second] - self.centre[1]];
         (way[0].hypot(way[1]), way[1].atan2(way[0]))
     }
 
-    /// The place at a part of the arc from 0 to 1, in the coordinates of the program. What else moves goes by the same part. The
-    /// radius goes from that of the beginning to that of the end, as a control takes it that allows for rounding.
+    /// Position at a share (0 to 1) of the arc, in program coordinates. Other axes move in proportion. The radius changes linearly from
+    /// start to end, as in controls that tolerate rounding.
     pub(crate) fn place(&self, from: &Axes, to: &Axes, part: f64) -> Axes {
         let [first, second, _] = self.axes;
         let (radius, angle) = self.start(from);
@@ -109,19 +107,19 @@ impl Arc {
     }
 }
 
-/// A motion that a program makes.
+/// An executed motion of the program.
 #[derive(Clone, Debug)]
 pub(crate) struct Made {
     pub(crate) line: usize,
     pub(crate) motion: Move,
-    /// What its coordinates mean.
+    /// Frame of its coordinates.
     pub(crate) frame: Frame,
-    /// What the control adds for the tool.
+    /// Tool offset that the control adds.
     pub(crate) tool: Axes,
     pub(crate) system: usize,
-    /// It cuts, alone or by a cycle at its end, and the set-up file defines its zero.
+    /// It cuts, itself or by a cycle at its end, and the set-up file defines its zero.
     pub(crate) cuts_from_stated_zero: bool,
-    /// It is known where X, Y and Z stand, as far as the machine has them.
+    /// The positions of X, Y and Z are known, as far as the machine has them.
     pub(crate) known: bool,
     pub(crate) in_inches: bool,
 }

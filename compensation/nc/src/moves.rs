@@ -1,4 +1,4 @@
-//! The motion of a block: where it leads, along which arc, or as which holes of a cycle.
+//! Motion of a block: its end position, its arc, or the holes of its cycle.
 
 use crate::{
     NcError,
@@ -12,12 +12,12 @@ use crate::{
     notes::Note,
 };
 
-/// A rotary axis that goes the shorter way and is this near to half a turn, deg, might go the other way round with its correction.
+/// Margin around half a turn, deg: within it a correction could change which way is the shorter one.
 const HALF_TURN_DEG: f64 = 0.5;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
-        // G80 ends a row, and what it has kept.
+        // G80 ends a row and clears its persistent values.
         if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
             self.modal.sticky = Sticky::default();
         }
@@ -67,7 +67,7 @@ impl Interpreter {
             return Ok(());
         }
         let path = match code {
-            // Arcs and cycles are made below, once their ends are known.
+            // Arcs and cycles are built below, once their ends are known.
             0 => Path::Rapid,
             _ if is_cycle(code) => Path::Rapid,
             10 | 20 | 30 => Path::Line,
@@ -100,7 +100,7 @@ impl Interpreter {
         };
         self.check_axes_of_tip(&motion, given)?;
         for axis in 0..9 {
-            // Words of RS-274 are those of a setting of each axis.
+            // In RS-274 the direction is a setting of each axis.
             let shorter = self.modal.shorter
                 && is_rotary(axis)
                 && motion.words[axis].is_some()
@@ -123,7 +123,7 @@ impl Interpreter {
         }
         self.names_places(code, codes, &motion, given);
         if code == 331 {
-            // It comes back to where it began.
+            // It returns to its start.
             (motion.to, motion.words) = (motion.from, [None; 9]);
         } else {
             self.position = outcome.row.last().map_or(motion.to, |last| last.to);
@@ -136,7 +136,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// Coordinates of a printer without a code.
+    /// Printer coordinates without a motion code.
     fn check_code(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
@@ -147,7 +147,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// A word beside a motion that does not use it: LinuxCNC refuses such, and another control may mean something by it.
+    /// A word that the motion does not use: LinuxCNC rejects it, and another control may interpret it.
     fn check_words(
         &self,
         codes: &Codes,
@@ -189,7 +189,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// An arc that begins where an M code with the words of axes may have left them, with a correction or without.
+    /// An arc that starts where an M code with axis words may have left the axes, with or without correction.
     fn check_beginning(&self, given: &Given<'_>) -> Result<(), NcError> {
         let [first, second, _] = self.modal.plane.axes();
         let Some(axis) = [first, second]
@@ -205,7 +205,7 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// A rotary axis that the machine file lacks moves while the tip of the tool is to keep its place.
+    /// A rotary axis that the machine file lacks moves while tool centre point control is active.
     fn check_axes_of_tip(&self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
         if self.modal.centre_point != CentrePoint::Off
             && let Some(axis) = (3..9).find(|axis| {
@@ -220,8 +220,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Of which axes it is known where a motion begins: of those that it moves in the coordinates of the program, of the others in those of
-    /// the machine.
+    /// Axes whose start position is known: in program coordinates for the axes that the motion moves, in machine coordinates for the
+    /// others.
     fn known_before(&self, given: &Given<'_>, code: Code) -> Axes<bool> {
         let in_plane = given.word(0).is_some() || given.word(1).is_some();
         let turns = self.frame.rotation_deg != 0.0 && in_plane || given.polar.is_some();
@@ -235,9 +235,9 @@ impl Interpreter {
         })
     }
 
-    /// A motion has ended: of which axes the place is known now.
+    /// Updates which positions are known after a motion.
     fn names_places(&mut self, code: Code, codes: &Codes, motion: &Move, given: &Given<'_>) {
-        // Where a probing move ends is only known at the machine.
+        // The end of a probing move is only known at the machine.
         let is_probe = (380..=389).contains(&code);
         // The tool does not stay at the bottom of a hole.
         let is_depth =
@@ -262,7 +262,7 @@ impl Interpreter {
         }
     }
 
-    /// What is a way turns about the place of the tool until a place has been named under a rotation.
+    /// Rejects incremental words before a position has been named under a new rotation: some controls rotate them about the tool position.
     fn checks_rotation(
         &mut self,
         given: &Given<'_>,
@@ -281,10 +281,10 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Controls turn an axis that rolls over in three ways to the same word: as a linear axis, by the shorter way, or in the direction of its sign.
+    /// Controls turn a rollover axis to the same word in three ways: as a linear axis, by the shorter way, or in the direction of the sign.
     ///
     /// # Errors
-    /// A word more than half a turn away, where the set-up does not say which way it means.
+    /// A word more than half a turn away, if the set-up does not state the direction.
     fn check_rotary_word(
         &mut self,
         axis: usize,
@@ -305,7 +305,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// A rotary axis goes to its place by the shorter way: it begins at the number from which that leads there.
+    /// Makes a rotary axis take the shorter way, by adding whole turns to its start position.
     fn goes_shorter(
         &self,
         axis: usize,
@@ -332,8 +332,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Machine coordinates at a SINUMERIK control (G53, G153, SUPA) and at a HEIDENHAIN control (M91): whether the length of the tool counts there is a setting of the
-    /// control.
+    /// Machine coordinates on a SINUMERIK (G53, G153, SUPA) or HEIDENHAIN control (M91): whether they include the tool length is a setting
+    /// of the control.
     fn suppresses(&mut self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
         if motion.incremental.contains(&true) || !self.modal.absolute {
             return Err(given.refused("machine coordinates (G53, G153, SUPA, M91) that are ways"));
@@ -353,7 +353,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Where the words of a motion lead, in the coordinates of the machine.
+    /// End position of a motion, in machine coordinates.
     fn end(
         &self,
         given: &Given<'_>,
@@ -384,8 +384,8 @@ impl Interpreter {
         Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
     }
 
-    /// Where words lead whose end this is in the coordinates of the program: what is not named stays where it is, to the last digit, unless
-    /// another axis takes it along.
+    /// Machine coordinates of an end position given in program coordinates. Axes that are not named keep their exact position, unless
+    /// another axis moves them.
     pub(crate) fn reached(
         &self,
         end: &Axes,
@@ -404,7 +404,7 @@ impl Interpreter {
         })
     }
 
-    /// The hole of a block, or the row of them; false: there is none, and the cycle is stored for the next block.
+    /// Builds the hole or row of holes of a block; returns false if there is none and the cycle is stored for the next block.
     pub(crate) fn hole(
         &mut self,
         given: &Given<'_>,
@@ -465,7 +465,7 @@ impl Interpreter {
             None => 1,
         };
         if repeats == 0 {
-            // Whether the control goes to the place of the hole is not known.
+            // Whether the control moves to the hole position is unknown.
             for axis in (0..9).filter(|axis| *axis != depth) {
                 let in_plane = axis < 2 && given.polar.is_some();
                 if given.places[axis].is_some() || in_plane {
@@ -487,7 +487,7 @@ impl Interpreter {
         };
         motion.to = self.frame.to_machine(&end);
         if !incremental {
-            // Each of them is the same hole.
+            // Repeats of the same hole.
             return Ok(true);
         }
         let way = each(|axis| match given.places[axis] {
@@ -515,7 +515,7 @@ impl Interpreter {
         Ok(true)
     }
 
-    /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.
+    /// After a hole the tool is in the plane R, or at the initial position, which may be unknown.
     fn is_behind_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
         let Sticky {
             initial,
@@ -523,13 +523,13 @@ impl Interpreter {
             ..
         } = self.modal.sticky;
         if self.modal.comes_back && initial_is_known != Some(true) {
-            // Ways lead back to a place that is as unknown as it was.
+            // Incremental words return to a position that is as unknown as before.
             self.known[depth] &= by_ways;
         } else if !by_ways {
             self.is_named(depth);
         }
         if !self.modal.says_return && initial.is_some_and(|initial| initial > clearance) {
-            // LinuxCNC begins with G99, FANUC controls with G98.
+            // The default is G99 on LinuxCNC, G98 on FANUC controls.
             self.is_assumed(depth);
             let note = Note::ReturnPlane(char::from(LETTERS[depth]));
             self.notes.add(note, line);
@@ -588,7 +588,7 @@ impl Interpreter {
         let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
         let mut turns_by = angle(end) - angle(start);
         let whole_turn = 2.0 * std::f64::consts::PI;
-        // An end that is the beginning is a full turn.
+        // An end equal to the start is a full turn.
         if clockwise {
             while turns_by > -1e-12 {
                 turns_by -= whole_turn;
@@ -613,14 +613,14 @@ impl Interpreter {
         })
     }
 
-    /// Whether the X and Y words of a block are polar coordinates: those of motions are, under G16.
+    /// True if X and Y words of the block are polar coordinates: those of motions under G16.
     pub(crate) fn takes_polar(&self, codes: &Codes) -> bool {
         let says_no_place = codes.not_modal.is_some() || codes.rotation == Some(680);
         self.modal.polar.is_some() && !codes.in_machine && !says_no_place
     }
 
     /// # Errors
-    /// What a control makes of polar coordinates is not known here.
+    /// Polar coordinates that controls interpret differently.
     fn check_polar(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         let under_g16 = self.modal.polar.is_some();
         if given.polar.is_none() && !under_g16 {
@@ -650,19 +650,19 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The polar coordinates of a block, if it has any.
+    /// Polar coordinates of a block, if any.
     fn polar_of(&self, given: &Given<'_>) -> Option<Polar> {
         let words = given.polar?;
         let says_place = |of: usize| {
             let word = given.polar_word(of);
             word.is_some() && !self.is_way(word)
         };
-        // Under G16 they count from what was said before, not from the place of the tool.
+        // Under G16 they are relative to the last values, not to the tool position.
         let from_here = self.modal.polar.is_none() && !(says_place(0) && says_place(1));
         Some(Polar { words, from_here })
     }
 
-    /// Whether a word of polar coordinates is a way from where the tool is.
+    /// True if a polar word is incremental.
     fn is_way(&self, word: Option<&Word>) -> bool {
         word.is_some_and(|word| match word.manner {
             Manner::Incremental => true,
@@ -671,7 +671,7 @@ impl Interpreter {
         })
     }
 
-    /// Where polar coordinates lead, in the coordinates of the program, mm; `None`: the block has none.
+    /// End of polar coordinates, in program coordinates, mm; `None` if the block has none.
     fn polar_end(&self, given: &Given<'_>, before: &Axes) -> Result<Option<[f64; 2]>, NcError> {
         if given.polar.is_none() {
             return Ok(None);
@@ -689,7 +689,7 @@ impl Interpreter {
             return Ok(Some([radius * cos, radius * sin]));
         }
         let pole = match self.dialect {
-            // Those of LinuxCNC, @ and ^, are about the zero of the coordinates that hold.
+            // LinuxCNC's @ and ^ are about the zero of the current coordinates.
             Dialect::Rs274 => [0.0; 2],
             _ => self.modal.pole.ok_or_else(|| given.refused(NO_POLE))?,
         };
@@ -712,7 +712,7 @@ impl Interpreter {
             let is_way = self.is_way(angle);
             angle_deg = value + if is_way { start_deg } else { 0.0 };
             if is_way && distance.is_none() && (value / 360.0).fract() == 0.0 {
-                // Whole turns end where they begin, to the last digit.
+                // Whole turns end exactly where they start.
                 return Ok(Some([before[0], before[1]]));
             }
         }
@@ -720,7 +720,7 @@ impl Interpreter {
         Ok(Some([pole[0] + radius * cos, pole[1] + radius * sin]))
     }
 
-    /// The distance (mm) and the angle (deg) under G16, once a block has said its own.
+    /// Distance (mm) and angle (deg) under G16, including the words of this block.
     fn said(
         &self,
         [mut distance, mut angle]: [Option<f64>; 2],
@@ -740,7 +740,7 @@ impl Interpreter {
         Ok([distance, angle])
     }
 
-    /// A motion has ended that polar coordinates led: where is known if both are places.
+    /// Updates which positions are known after a polar motion: they are if both words are absolute.
     fn ends_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let is_place = |of: usize| {
             given
@@ -759,13 +759,13 @@ impl Interpreter {
     }
 }
 
-/// By so much the radii at the ends of an arc may differ, mm: more LinuxCNC refuses unless it is told to, and other controls let far less pass.
+/// Maximum difference between the radii at the ends of an arc, mm: LinuxCNC's default limit; other controls accept far less.
 const MOST_SPIRAL_MM: f64 = 0.127;
 
-/// By so much the radius of a half circle may be short by its rounding, mm, as LinuxCNC takes it.
+/// Maximum rounding error of the radius of a half circle, mm, as in LinuxCNC.
 const ROUNDED_MM: f64 = 0.00127;
 
-/// The centre of an arc by its radius: a negative one means the longer way.
+/// Centre of an arc given by its radius; a negative radius selects the longer arc.
 pub(crate) fn centre_of(
     start: [f64; 2],
     end: [f64; 2],
@@ -778,13 +778,13 @@ pub(crate) fn centre_of(
         return Err("an arc with a radius R whose end is its beginning");
     }
     let rest = radius * radius - 0.25 * chord * chord;
-    // A half circle whose numbers are rounded.
+    // A half circle with rounded numbers.
     let short = 0.5 * chord - radius.abs();
     if rest < 0.0 && short > (1e-4 * radius.abs()).max(ROUNDED_MM) {
         return Err("an arc whose radius R is too small for its end");
     }
     let height = rest.max(0.0).sqrt();
-    // To the left of the way for the shorter one counterclockwise.
+    // For the shorter counterclockwise arc the centre is to the left of the chord.
     let side = if (radius > 0.0) == clockwise {
         -1.0
     } else {

@@ -1,10 +1,10 @@
-//! What a user should know of a program that was compensated: each thing once, with the first line at which it was met.
+//! Notes for the user about a compensated program: each once, with the first line that it applies to.
 
 use std::collections::BTreeMap;
 
 use crate::modal::name_of_offset;
 
-/// Something that was met in a program.
+/// A note about a compensated program.
 #[expect(missing_docs, reason = "the messages say it")]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]
@@ -91,7 +91,7 @@ pub enum Note {
 }
 
 impl Note {
-    /// `None` where the machine is off by nothing.
+    /// `None` if the error rounds to zero.
     pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
         #[expect(clippy::cast_possible_truncation, reason = "errors are mm at the most")]
         let tenths_um = off_mm.map(|mm| (1e4 * mm).round() as i64);
@@ -99,7 +99,7 @@ impl Note {
     }
 }
 
-/// Notes, each with the line at which it was met first, counted from 1.
+/// Notes, each with the first line that it applies to, counted from 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Notes(BTreeMap<Note, usize>);
 
@@ -108,7 +108,7 @@ impl Notes {
         self.0.entry(note).or_insert(line);
     }
 
-    /// Each note and its line, by line.
+    /// Each note and its line, ordered by line.
     #[must_use]
     pub fn by_line(&self) -> Vec<(usize, &Note)> {
         let mut notes: Vec<_> = self.0.iter().map(|(note, line)| (*line, note)).collect();

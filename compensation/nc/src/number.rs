@@ -1,22 +1,22 @@
-//! Decimal numbers as programs write them: read without loss of a digit, written with a fixed number of decimals.
+//! Decimal numbers of programs: read without loss of digits, written with a fixed number of decimals.
 
-/// Powers of ten that are exact in an `f64`, and as many decimals as a number is read with.
+/// Powers of ten that are exact in an `f64`; their number also limits the decimals that are read.
 const POWERS: [f64; 19] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18,
 ];
 
-/// Below this a whole number is exact in an `f64`.
+/// Integers below this are exact in an `f64`.
 const EXACT: u64 = 1 << 53;
 
-/// More decimals than this are not written.
+/// Maximum number of written decimals.
 pub(crate) const MOST_DECIMALS: u8 = 9;
 
-/// So many digits are exact in an `f64`, together with their power of ten.
+/// Number of decimal digits that are exact in an `f64`, together with their power of ten.
 const EXACT_DIGITS: usize = 15;
 
-/// A number at the beginning of a text as programs usually have it: few digits without blanks between them. Its value, its decimals and
-/// its length; `None`: it is to be read character by character.
+/// Fast path for usual numbers: few digits, without blanks. Returns value, decimals and length; `None` means that the number has to be read
+/// character by character.
 #[expect(clippy::cast_possible_truncation, reason = "15 decimals at the most")]
 #[inline]
 pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
@@ -57,11 +57,11 @@ pub(crate) fn plain(text: &[u8]) -> Option<(f64, u8, usize)> {
     Some((value, decimals as u8, text.len() - rest.len()))
 }
 
-/// Digits as they are read, one after the other.
+/// State: a number that is read digit by digit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Digits {
     mantissa: u64,
-    /// Digits behind the decimal point, of those that are in the mantissa.
+    /// Digits after the decimal point that are in the mantissa.
     decimals: u8,
     /// Digits before the point that did not fit into the mantissa.
     beyond: u8,
@@ -75,12 +75,12 @@ impl Digits {
         self.negative = !self.negative;
     }
 
-    /// Takes the next character; false: it does not belong to a number.
+    /// Takes the next character; returns false if it does not belong to a number.
     pub(crate) fn take(&mut self, byte: u8) -> bool {
         match byte {
             b'0'..=b'9' => {
                 let digit = u64::from(byte - b'0');
-                // A digit that no longer fits changes nothing that an f64 could hold.
+                // Digits that do not fit are beyond the resolution of an f64.
                 if self.mantissa < u64::MAX / 16 && usize::from(self.decimals) + 1 < POWERS.len() {
                     self.mantissa = self.mantissa * 10 + digit;
                     self.decimals += u8::from(self.point);
@@ -98,14 +98,14 @@ impl Digits {
         }
     }
 
-    /// The number; `None`: there was no digit.
+    /// Value of the number; `None` without digits.
     pub(crate) fn value(self) -> Option<f64> {
         if !self.any {
             return None;
         }
         let power = POWERS[usize::from(self.decimals)];
         let size = if self.mantissa < EXACT {
-            // Both are exact, so that the quotient is the nearest number.
+            // Both are exact, so the quotient is correctly rounded.
             self.mantissa as f64 / power
         } else {
             let digits = self.mantissa / 1000;
@@ -123,10 +123,10 @@ impl Digits {
     }
 }
 
-/// So many steps are not exact any more.
+/// Bound on the number of steps for exact arithmetic.
 const MOST_STEPS: f64 = 4e15;
 
-/// A number as so many whole steps of the last decimal; `None` where they are too many to be exact.
+/// A value in whole steps of the last decimal; `None` if it is too large to be exact.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -138,26 +138,26 @@ pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
     if exact.is_nan() || exact.abs() >= MOST_STEPS {
         return None;
     }
-    // Halves away from zero, without a call: what is cut off is exact.
+    // Rounds half away from zero without a library call; the remainder is exact.
     let whole = exact as i64;
     let rest = exact - whole as f64;
     let steps = whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5);
     (steps.unsigned_abs() < MOST_STEPS as u64).then_some(steps)
 }
 
-/// Half a step of a word with so many decimals: what rounding may take from it.
+/// Maximum rounding error of a word with this number of decimals.
 #[inline]
 pub(crate) fn half_step(decimals: u8) -> f64 {
     0.5 * of_steps(1, decimals)
 }
 
-/// What so many steps of the last decimal are.
+/// Value of this number of steps of the last decimal.
 #[inline]
 pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {
     steps as f64 / POWERS[usize::from(decimals.min(MOST_DECIMALS))]
 }
 
-/// The digits of the numbers from 0 to 99.
+/// The digit pairs 00 to 99.
 #[expect(clippy::cast_possible_truncation, reason = "digits")]
 const PAIRS: [[u8; 2]; 100] = {
     let mut pairs = [[b'0'; 2]; 100];
@@ -169,7 +169,7 @@ const PAIRS: [[u8; 2]; 100] = {
     pairs
 };
 
-/// Appends so many steps of the last decimal as a number: without an exponent, with a point where there are decimals.
+/// Appends a number given in steps of the last decimal: without exponent, with a point if there are decimals.
 #[expect(clippy::cast_possible_truncation, reason = "remainders below 100")]
 fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
     let decimals = decimals.min(MOST_DECIMALS);
@@ -211,19 +211,19 @@ fn write_steps(to: &mut Vec<u8>, steps: i64, decimals: u8) {
     to.extend_from_slice(&digits[at..]);
 }
 
-/// How coordinates are written.
+/// Number of decimals of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Decimals {
-    /// Decimals of lengths in mm.
+    /// For lengths in mm.
     pub mm: u8,
-    /// Decimals of lengths in inch.
+    /// For lengths in inches.
     pub inch: u8,
-    /// Decimals of angles in deg.
+    /// For angles in deg.
     pub deg: u8,
 }
 
 impl Default for Decimals {
-    /// What most controls take: 1 µm, 0.0001 inch and 0.001 deg.
+    /// Resolution of most controls: 1 µm, 0.0001 inch and 0.001 deg.
     fn default() -> Self {
         Self {
             mm: 3,
@@ -244,7 +244,7 @@ impl Decimals {
     }
 }
 
-/// A number as it is written: so many steps of the last decimal.
+/// A number to be written, in steps of its last decimal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Number {
     steps: i64,
@@ -254,16 +254,16 @@ pub(crate) struct Number {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
-    /// With a point where it has decimals.
+    /// With a point only if there are decimals.
     Plain,
-    /// With a point in any case.
+    /// Always with a point.
     Point,
-    /// As the number of its steps, which are least increments.
+    /// As a number of least increments, without a point.
     Increments,
 }
 
 impl Number {
-    /// The nearest number with so many decimals; `None` where it is too large to be exact.
+    /// The nearest number with this number of decimals; `None` if it is too large to be exact.
     #[inline]
     pub(crate) fn nearest(value: f64, decimals: u8) -> Option<Self> {
         Some(Self {
@@ -273,12 +273,12 @@ impl Number {
         })
     }
 
-    /// The nearest number with so many decimals at the most, without zeros at its end.
+    /// The nearest number with at most `most` decimals, without trailing zeros.
     pub(crate) fn shortest(value: f64, most: u8) -> Option<Self> {
         Self::shortest_of(value, 0, most)
     }
 
-    /// The same with so many decimals at least.
+    /// The same with at least `least` decimals.
     pub(crate) fn shortest_of(value: f64, least: u8, most: u8) -> Option<Self> {
         let mut number = Self::nearest(value, most)?;
         while number.decimals > least && number.steps % 10 == 0 {
@@ -292,7 +292,7 @@ impl Number {
         Self { form, ..self }
     }
 
-    /// The same place of an axis that turns, from 0 to less than 360.
+    /// The same angular position, from 0 to less than 360.
     pub(crate) fn in_one_turn(self) -> Option<Self> {
         let turn = steps(360.0, self.decimals)?;
         Some(Self {
@@ -321,7 +321,7 @@ impl Number {
     }
 }
 
-/// How the coordinates of a word are written.
+/// Format of the coordinates of a word.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Numerals {
     pub(crate) decimals: u8,
@@ -329,7 +329,7 @@ pub(crate) struct Numerals {
 }
 
 impl Numerals {
-    /// The nearest number, with so many decimals at least; `None` where it is too large to be exact.
+    /// The nearest number with at least `least` decimals; `None` if it is too large to be exact.
     #[inline]
     pub(crate) fn nearest(self, value: f64, least: u8) -> Option<Number> {
         Some(Number::nearest(value, self.decimals.max(least))?.form(self.form))

@@ -1,5 +1,5 @@
-//! What a block sets without moving: tools and their lengths, work offsets, rotations, the zero of the coordinates, the places of G28
-//! and G30, and what other languages say in words for which RS-274 has no code.
+//! Settings of a block that move no axis: tools and their lengths, work offsets, rotations, the coordinate zero, the positions of G28 and
+//! G30, and commands of other dialects that have no RS-274 code.
 
 use crate::{
     NcError,
@@ -17,7 +17,6 @@ use crate::{
 };
 
 impl Interpreter {
-    /// G43, G43.1, G43.2, G43.4 and G49.
     pub(crate) fn tool_length(&mut self, code: Code, given: &Given<'_>) -> Result<(), NcError> {
         let unit_mm = self.modal.unit_mm;
         if self.modal.tool_offset != [0.0; 9] && self.modal.length_unit_mm != unit_mm {
@@ -46,7 +45,7 @@ impl Interpreter {
         }
         let unstated = (offset.is_none() && number != 0).then_some(number);
         match (code, unstated) {
-            // On top of a length that may be unknown, too.
+            // Added to the active length, which may be unknown, too.
             (432, None) => {}
             (432, Some(number)) => self.rests.takes_tool(Some(number + 100_000)),
             _ => self.rests.takes_tool(unstated),
@@ -62,7 +61,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The number of the tool in the spindle: the one that M6 has put there, and of a program without M6 the one that T has named.
+    /// Number of the tool in the spindle: by M6, or by T in a program without M6.
     pub(crate) fn tool_in_spindle(&self) -> Option<u32> {
         if self.changes_tools {
             self.in_spindle
@@ -92,12 +91,12 @@ impl Interpreter {
         Ok(())
     }
 
-    /// A shift of X or Y is in force.
+    /// A shift of X or Y is active.
     fn is_shifted_in_plane(&self) -> bool {
         self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0)
     }
 
-    /// Codes that hold for their block only. Whether the axis words are theirs.
+    /// Executes non-modal codes. Returns true if they use the axis words.
     pub(crate) fn not_modal(
         &mut self,
         codes: &Codes,
@@ -122,7 +121,7 @@ impl Interpreter {
                 self.shifts_by(false, given)?;
                 self.update_frame();
                 for (axis, value) in given.axes()? {
-                    // Where the axis is, the program reads this value from now on.
+                    // The current position gets this program coordinate.
                     let at = self.program_position()[axis] - value * self.modal.scale(axis);
                     self.shift_is_from_place(axis, given.line);
                     self.modal.shift[axis] += at;
@@ -159,7 +158,7 @@ impl Interpreter {
         Ok(codes.not_modal != Some(40))
     }
 
-    /// Starts a shift of some axes by G52 (`local`) or G92: those that G92.2 has switched off do not come back.
+    /// Starts a shift of some axes by G52 (`local`) or G92; shifts that G92.2 has suspended do not return.
     ///
     /// # Errors
     /// G52 and G92 shifts together, on a control that adds them.
@@ -181,13 +180,13 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Whether the control adds the shifts of G52 and G92, and G92.1 ends those of the named axes only.
+    /// True if the control adds the shifts of G52 and G92, and G92.1 cancels those of the named axes only.
     fn has_two_shifts(&self) -> bool {
         self.control.is_some_and(Control::is_fanuc_like)
     }
 
     /// # Errors
-    /// G92.1 that ends the shift of some of the shifted axes only.
+    /// G92.1 that cancels only some of the active shifts.
     fn check_end_of_shift(&self, given: &Given<'_>) -> Result<(), NcError> {
         let stays = |axis: &usize| {
             self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
@@ -205,7 +204,7 @@ impl Interpreter {
 
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
-        // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
+        // On these controls L20 sets one of the numbered offsets; other L values set tables of the control.
         let control = self.control.filter(|control| control.is_fanuc_like());
         let has_own = control.is_some();
         match kind {
@@ -227,7 +226,7 @@ impl Interpreter {
                     self.rests.offset_is_stated(system, axis);
                 }
             }
-            // Geometry and wear of the radius of a tool, which the control compensates by itself.
+            // Geometry and wear of the tool radius, which the control compensates itself.
             Some(12 | 13) if has_own => {}
             Some(1 | 10 | 11) | None if has_own => {
                 return Err(given.refused("G10 that sets the length of a tool in the table of the control: state the length in the set-up file"));
@@ -261,7 +260,7 @@ impl Interpreter {
                         continue;
                     }
                     self.offset_is_from_place(system, axis, given.line);
-                    // The offset with which the axis is where it is at this value.
+                    // The offset that gives the current position this coordinate.
                     let frame = self.frame_with(system);
                     let mut way = [0.0; 9];
                     way[axis] = frame.to_program(&self.position)[axis] - value;
@@ -289,14 +288,14 @@ impl Interpreter {
         Ok(())
     }
 
-    /// G28 and G30: over the place that the words name to the place of the machine that is set.
+    /// G28 and G30: via the intermediate point in the words to the stored machine position.
     fn go_home(
         &mut self,
         which: usize,
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        // The place between is passed without a correction, but it must be known.
+        // The intermediate point is not corrected, but it must be known.
         for axis in 0..9 {
             given.axis(axis)?;
         }
@@ -342,7 +341,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The work offset that a code of a block chooses.
+    /// Work offset selected by a code of a block.
     pub(crate) fn system_of(
         &self,
         code: Code,
@@ -377,7 +376,7 @@ impl Interpreter {
         }
     }
 
-    /// Whether a dwell has its time in X or U: seconds, on FANUC and Mazak controls.
+    /// True if a dwell has its time (s) in X or U, as on FANUC and Mazak controls.
     pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &Given<'_>) -> bool {
         let has_time = given.has(b'X') || given.has(b'U');
         let others = (0..9).any(|axis| given.word(axis).is_some() && !matches!(axis, 0 | 6));
@@ -410,7 +409,7 @@ impl Interpreter {
         )))
     }
 
-    /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
+    /// Letter of the repeat count of a cycle, and whether 0 stores the cycle without a hole.
     pub(crate) fn repeats_by(&self) -> (u8, bool) {
         match self.control {
             Some(Control::Fanuc) => (b'K', true),
@@ -419,7 +418,7 @@ impl Interpreter {
         }
     }
 
-    /// Executes the commands of a block before its motion. Whether its axis words are theirs.
+    /// Executes the dialect commands of a block before its motion. Returns true if they use the axis words.
     pub(crate) fn commands(
         &mut self,
         given: &Given<'_>,
@@ -505,7 +504,7 @@ impl Interpreter {
                             _ => value,
                         };
                     }
-                    // Which place the pole has from now on, is not known here.
+                    // It is unknown which position the pole has after the shift.
                     self.modal.pole = None;
                 }
                 Command::GroupsFeed => self.modal.feed_is_grouped = true,
@@ -526,7 +525,7 @@ impl Interpreter {
         Ok(takes_words)
     }
 
-    /// Another tool, or another length of it.
+    /// Selects a tool or changes its length.
     fn tool_command(&mut self, command: &Command, given: &Given<'_>) -> Result<(), NcError> {
         if matches!(
             command,
@@ -585,7 +584,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// CC: along which axes the pole is relative to where the tool is.
+    /// Sets the pole (CC). Returns, for X and Y, true if it is relative to the tool position.
     fn take_pole(&mut self, given: &Given<'_>) -> Result<[bool; 2], NcError> {
         let at = self.program_position();
         let (mut pole, mut relative) = ([0.0; 2], [true; 2]);
@@ -609,7 +608,7 @@ impl Interpreter {
         Ok(relative)
     }
 
-    /// The length of the tool in the spindle holds from now on.
+    /// Activates the length of the tool in the spindle.
     fn take_length(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
@@ -623,7 +622,7 @@ impl Interpreter {
         self.update_tool()
     }
 
-    /// What a cycle that passes on leaves behind it: where the axes are.
+    /// Updates the axis positions after a cycle that is copied unchanged. Returns the axes that it may have moved.
     pub(crate) fn after_cycle(&mut self, cycle: &Cycle, line: usize) -> [bool; 9] {
         self.notes.add(Note::PassedOn(cycle.name.clone()), line);
         let [_, _, depth] = self.modal.plane.axes();

@@ -1,21 +1,21 @@
-//! Parameters of a program: numbered and named ones, with those of a subroutine for its own. A value that only the machine
-//! knows, such as a probed position, is not known here.
+//! Program parameters, numbered and named, with local ones for each subroutine. Values that only exist at the machine, such as a probed
+//! position, are unknown.
 
 use std::collections::HashMap;
 
-/// A number, or one that only the machine knows.
+/// A number; `None` if it is only known at the machine.
 pub(crate) type Value = Option<f64>;
 
-/// The first numbered parameters are a subroutine's own.
+/// Number of local numbered parameters (1 to 30).
 const LOCAL: u32 = 30;
 
-/// So many numbered parameters there are.
+/// Number of numbered parameters.
 pub(crate) const MOST: u32 = 100_000;
 
-/// Parameters that the control sets from what only it knows: probed positions, and what an input was.
+/// Parameters that the control sets from data it alone has: probed positions and input states.
 const AT_MACHINE: [std::ops::RangeInclusive<u32>; 3] = [3000..=3999, 5061..=5070, 5399..=5399];
 
-/// What a subroutine returned, and whether it did.
+/// Return value of a subroutine, and whether it returned one.
 pub(crate) const RETURNED: &str = "_value";
 
 pub(crate) const HAS_RETURNED: &str = "_value_returned";
@@ -26,12 +26,12 @@ struct Values {
     named: HashMap<String, Value>,
 }
 
-/// State: what the program has set so far.
+/// State: parameters set by the program so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Parameters {
-    /// Numbered ones from 31 on, and named ones whose names begin with an underscore.
+    /// Global parameters: numbered from 31 on, and names with a leading underscore.
     shared: Values,
-    /// The own ones of the main program, and of each subroutine that is being executed.
+    /// Local parameters of the main program, and of each active subroutine.
     main: Values,
     subs: Vec<Values>,
 }
@@ -65,8 +65,8 @@ impl Parameters {
         }
     }
 
-    /// The value of a numbered parameter: where the program has never set it, 0 for the own ones of a subroutine, and of the others what the
-    /// control keeps from program to program, which only the machine knows.
+    /// Value of a numbered parameter. One that the program has not set is 0 if it is local to a subroutine; otherwise the control keeps it
+    /// from program to program, so its value is unknown.
     pub(crate) fn numbered(&self, number: u32) -> Value {
         if let Some(value) = self.set_number(number) {
             return value;
@@ -77,7 +77,7 @@ impl Parameters {
         Self::is_local(number).then_some(0.0)
     }
 
-    /// The value of a numbered parameter, if the program has set it.
+    /// Value of a numbered parameter, if the program has set it.
     pub(crate) fn set_number(&self, number: u32) -> Option<Value> {
         let values = self.values(Self::is_local(number));
         values.numbered.get(&number).copied()
@@ -88,7 +88,7 @@ impl Parameters {
         values.numbered.insert(number, value);
     }
 
-    /// The value of a named parameter; `None`: it was never set.
+    /// Value of a named parameter; `None` if it was never set.
     pub(crate) fn named(&self, name: &str) -> Option<Value> {
         let values = self.values(Self::is_local_name(name));
         values.named.get(name).copied()
@@ -99,7 +99,7 @@ impl Parameters {
         values.named.insert(name.to_owned(), value);
     }
 
-    /// A subroutine begins with these arguments; parameters without one are 0 in it.
+    /// Enters a subroutine with these arguments; its other local parameters are 0.
     pub(crate) fn enter(&mut self, arguments: &[Value]) {
         self.subs.push(Values {
             numbered: (1..=LOCAL).zip(arguments.iter().copied()).collect(),

@@ -1,27 +1,27 @@
-//! A picture of a verified program: its path, and how far the tool is from it before and after.
+//! SVG picture of a verified program: its path, and the tool deviation before and after compensation.
 
 use std::fmt::Write as _;
 
 use crate::verify::{Place, Verification};
 
-/// How much larger deviations are drawn than the path.
+/// Magnification of deviations.
 const ENLARGED: f64 = 1000.0;
 
-/// The larger side of the drawing, and its margin, in units of the picture.
+/// Larger side of the drawing and its margin, in SVG units.
 const SIZE: f64 = 720.0;
 
 const MARGIN: f64 = 60.0;
 
-/// The radius by which a hole is drawn.
+/// Radius of the hole symbol.
 const HOLE: f64 = 3.0;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// A line of the picture: its colour, its name, and which deviation of a place it shows, µm.
+/// A curve of the picture: colour, name, and the deviation of a position that it shows, µm.
 type Kind = (&'static str, &'static str, fn(&Place) -> [f64; 3]);
 
-/// The path (grey) in the plane in which it is largest, and the deviations from it, a thousandfold: with the original program
-/// (red) and with the compensated one (blue). An SVG document that needs nothing else.
+/// The path (grey) in the plane of its largest extent, and its deviations magnified 1000 times: with the original program (red) and with
+/// the compensated one (blue). A self-contained SVG document.
 #[must_use]
 pub fn picture(of: &Verification) -> String {
     let plane = plane_of(&of.path);
@@ -68,11 +68,11 @@ pub fn picture(of: &Verification) -> String {
         for (i, place) in of.path.iter().enumerate() {
             let [x, y] = on_page(at(place, &deviation(place)));
             let verb = if i == 0 || place.begins { 'M' } else { 'L' };
-            // Writing to a text does not fail.
+            // Writing to a string cannot fail.
             let _ = write!(path, "{verb}{x:.1} {y:.1}");
             let begins = i > 0 && of.path[i - 1].begins && !place.begins;
             if begins && (x - before[0]).hypot(y - before[1]) < HOLE {
-                // A hole seen along its axis: a line without a length.
+                // A hole seen along its axis is a line of zero length.
                 let _ = write!(
                     holes,
                     "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{HOLE}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.4\"/>"
@@ -129,8 +129,8 @@ fn legend(svg: &mut String, of: &Verification, kinds: &[(&str, &str); 3]) {
     }
 }
 
-/// The two axes along which the path is longest, in their order; where rapid motions end is not drawn, and counts only where nothing else
-/// is there.
+/// The two axes of the largest extent of the path, in axis order. End points of rapid motions are not drawn, and count only if there is
+/// nothing else.
 fn plane_of(path: &[Place]) -> [usize; 2] {
     let has_drawn = path.iter().any(|place| !place.begins);
     let extent = |i: usize| {
@@ -151,7 +151,7 @@ fn plane_of(path: &[Place]) -> [usize; 2] {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, no more than the length.
+/// Largest value of 1, 2 or 5 times a power of ten that does not exceed the length.
 fn round_below(length: f64) -> f64 {
     let power = 10.0_f64.powf(length.log10().floor());
     let digit = [5.0, 2.0, 1.0]

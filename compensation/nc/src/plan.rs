@@ -1,36 +1,36 @@
-//! The commands along a path that keep the actual motion nearest to it, where corrections are rounded, limited in rate, or must not
-//! turn an axis.
+//! Commands along a path that minimize the deviation of the actual motion, where corrections are rounded, limited in rate, or must not
+//! reverse an axis.
 //!
-//! At each station candidates for the command lie on a grid along the normals of the path. Neighbouring stations' candidates are the
-//! nodes of a directed graph; the weight of an edge is how far the actual motion between the two commands is from the path, and a
-//! price on the change of the correction. The shortest way through it is the plan; the grid is refined about it until its step is
-//! that of the control, whose own places are the candidates of the last round.
+//! At each station the candidate commands are a grid along the normals of the path. Candidates of neighbouring stations are the nodes of a
+//! directed graph; the weight of an edge is the deviation of the actual motion between the two commands, plus a price on the change of the
+//! correction. The shortest path through the graph is the plan. The grid is refined about it down to the step of the control, whose own
+//! positions are the candidates of the last round.
 
 use crate::{
     coordinates::{cross, dot},
     shortest::through,
 };
 
-/// A place in space, mm.
+/// A point in space, mm.
 pub type Place = [f64; 3];
 
-/// What the commands must keep to.
+/// Constraints on the commands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The smallest step of a command, mm; 0: any command can be given.
+    /// Command resolution, mm; 0: continuous.
     pub step_mm: f64,
-    /// How far the actual motion may be from the path, mm: no finer grid is tried once it is met.
+    /// Maximum deviation of the actual motion from the path, mm: refinement stops once it is met.
     pub tolerance_mm: f64,
-    /// The most by which the correction of an axis may change from a station to the next, mm.
+    /// Maximum change of an axis correction between neighbouring stations, mm.
     pub most_change_mm: f64,
-    /// The weight of the mean square of a change of the correction against that of a deviation.
+    /// Weight of the mean square change of the correction relative to that of the deviation.
     pub price: f64,
-    /// Commands may not turn an axis that the path does not turn.
+    /// Commands may not reverse an axis that the path does not reverse.
     pub keeps_direction: bool,
 }
 
 impl Default for Limits {
-    /// Steps of 1 µm, no other limit.
+    /// Resolution 1 µm, no other limit.
     fn default() -> Self {
         Self {
             step_mm: 1e-3,
@@ -42,44 +42,44 @@ impl Default for Limits {
     }
 }
 
-/// What was planned.
+/// Planned commands and their quality.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// The command at each station, mm.
     pub commands: Vec<Place>,
-    /// How far the actual motion is from the path at the stations and half-way between, mm: root mean square.
+    /// RMS deviation of the actual motion at the stations and half-way between, mm.
     pub rms_mm: f64,
-    /// The largest, mm.
+    /// Maximum deviation there, mm.
     pub max_mm: f64,
-    /// How often the grid was refined.
+    /// Number of search rounds, with refined or re-centred grids.
     pub rounds: usize,
-    /// How many sums were compared in all rounds.
+    /// Number of edge evaluations in all rounds.
     pub operations: u64,
 }
 
-/// Places on each side of the middle, on each normal.
+/// Candidates on each side of the centre, along each normal.
 const AROUND: i32 = 2;
 
-/// The grid of the next round is so much finer.
+/// Grid refinement factor per round.
 const FINER: f64 = 0.5;
 
-/// Rounds with one step of the grid at the most, and in all.
+/// Maximum number of rounds with one grid step, and in total.
 const MOST_AT_ONE_STEP: usize = 16;
 
 const MOST_ROUNDS: usize = 400;
 
-/// No finer grid than this, mm, where any command can be given.
+/// Minimum grid step, mm, if commands are continuous.
 const FINEST_MM: f64 = 1e-7;
 
-/// Plans the commands along `path`, which has stations from its start to its target. `actual` says where the machine really is for
-/// a command, mm. `None` for fewer than two stations, for places that are no numbers, and where the limits leave no way.
+/// Plans the commands along `path`, which has stations from its start to its target. `actual` returns the real position for a command, mm.
+/// Returns `None` for fewer than two stations, for coordinates that are not finite, and if the limits permit no solution.
 pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) -> Option<Plan> {
     let is_finite = path.iter().flatten().all(|x| x.is_finite());
     if path.len() < 2 || !is_finite {
         return None;
     }
     let stations: Vec<Station> = (0..path.len()).map(|at| Station::of(path, at)).collect();
-    // The plain correction: what the machine misses by, the other way round.
+    // The plain correction: the negative error at the nominal position.
     let mut commands: Vec<Place> = path
         .iter()
         .map(|&at| add(at, sub(at, actual(at))))
@@ -97,7 +97,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     };
     let mut rounds = 0;
     let finest = limits.step_mm.max(FINEST_MM);
-    // The plain commands may leave no way, so that the first round is about the path itself.
+    // The plain commands may violate the limits, so the first round is centred on the path itself.
     let mut middles = path.to_vec();
     while rounds < MOST_ROUNDS {
         let mut candidates: Vec<Vec<Place>> = Vec::with_capacity(path.len());
@@ -110,7 +110,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
         let best = search.best(&candidates)?;
         commands.clone_from(&best);
         rounds += 1;
-        // The way may go on beyond the grid: that is laid about it anew before it becomes finer.
+        // The best solution may lie beyond the grid: re-centre it before refining.
         let stays = best == middles;
         middles = best;
         if !stays && rounds % MOST_AT_ONE_STEP != 0 {
@@ -124,7 +124,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     }
     if limits.step_mm > 0.0 {
         for _ in 0..MOST_AT_ONE_STEP {
-            // Corrections are in steps of the control, so that without one the command is the path's own place.
+            // Corrections are whole steps of the control, so that a zero correction leaves the path's own position.
             let around = commands.iter().zip(path);
             let candidates: Vec<Vec<Place>> = around
                 .map(|(at, nominal)| steps_around(*at, *nominal, limits.step_mm))
@@ -148,7 +148,7 @@ pub fn plan(path: &[Place], actual: impl Fn(Place) -> Place, limits: &Limits) ->
     })
 }
 
-/// A place of the path with the direction of the path there.
+/// A point of the path with the direction of the path there.
 struct Station {
     at: Place,
     along: Place,
@@ -166,7 +166,7 @@ impl Station {
         } else {
             [0.0; 3]
         };
-        // The axis that is most across gives the first normal.
+        // The axis most perpendicular to the path gives the first normal.
         let across = (0..3).min_by(|a, b| along[*a].abs().total_cmp(&along[*b].abs()));
         let mut first = [0.0; 3];
         first[across.unwrap_or(2)] = 1.0;
@@ -181,7 +181,7 @@ impl Station {
         }
     }
 
-    /// Places about a middle along the normals of the path.
+    /// Grid points about a centre along the normals of the path.
     fn grid(&self, middle: Place, step: f64) -> Vec<Place> {
         let mut places = Vec::new();
         for i in -AROUND..=AROUND {
@@ -197,7 +197,7 @@ impl Station {
     }
 }
 
-/// The commands about one whose corrections are whole steps.
+/// Commands about `at` whose corrections are whole steps.
 fn steps_around(at: Place, nominal: Place, step: f64) -> Vec<Place> {
     let nearest = sub(at, nominal).map(|x| (x / step).round());
     let mut places = Vec::with_capacity(27);
@@ -222,7 +222,7 @@ struct Search<'a, F> {
 }
 
 impl<F: Fn(Place) -> Place> Search<'_, F> {
-    /// The candidates of the shortest way.
+    /// The candidates of the shortest path.
     fn best(&mut self, candidates: &[Vec<Place>]) -> Option<Vec<Place>> {
         let counts: Vec<usize> = candidates.iter().map(Vec::len).collect();
         let missed: Vec<Vec<Place>> = candidates
@@ -244,7 +244,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         Some(nodes.map(|(own, node)| own[*node]).collect())
     }
 
-    /// By how much the actual place misses the path, across it; at the ends of the path in every direction.
+    /// Deviation of the actual position perpendicular to the path; at the ends of the path in all directions.
     fn missed(&self, station: &Station, command: Place) -> Place {
         let by = sub((self.actual)(command), station.at);
         if station.is_end {
@@ -253,12 +253,11 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         sub(by, scale(station.along, dot(by, station.along)))
     }
 
-    /// The mean square of what the motion between two commands misses by, and the price of its change; infinite where a limit
-    /// forbids it.
+    /// Mean square deviation of the motion between two commands, plus the price of its change; infinite if a limit forbids it.
     fn weight(&self, layer: usize, [from, to]: [Place; 2], [first, last]: [Place; 2]) -> f64 {
         let (here, there) = (&self.stations[layer], &self.stations[layer + 1]);
         let change = sub(sub(to, there.at), sub(from, here.at));
-        // A change of exactly the limit is allowed, whatever its last digit.
+        // Tolerates rounding for a change equal to the limit.
         let most = self.limits.most_change_mm * (1.0 + 1e-9);
         if change.iter().any(|x| x.abs() > most) {
             return f64::INFINITY;
@@ -289,7 +288,7 @@ impl<F: Fn(Place) -> Place> Search<'_, F> {
         sub(by, scale(way, dot(by, way) / square))
     }
 
-    /// Root mean square and largest of what the motion misses by, at the stations and half-way between.
+    /// RMS and maximum deviation of the motion, at the stations and half-way between.
     fn deviation(&self, commands: &[Place]) -> (f64, f64) {
         let at = self.stations.iter().zip(commands);
         let at = at.map(|(station, command)| length(self.missed(station, *command)));

@@ -1,4 +1,4 @@
-//! A whole program, line by line: constant memory, whatever its length.
+//! Compensates a whole program, line by line, in constant memory.
 
 use std::{
     io::{self, BufRead, Read, Write},
@@ -25,50 +25,50 @@ use crate::{
     setup::SetUp,
 };
 
-/// Bytes that are written at a time.
+/// Output buffer size, bytes.
 const PIECE: usize = 64 << 10;
 
-/// What was done to a program.
+/// Result of compensating a program.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Summary {
-    /// Lines, motions and changes.
+    /// Number of lines, motions and changes.
     pub counts: Counts,
-    /// What a user should know, each once.
+    /// Notes for the user, each once.
     pub notes: Notes,
-    /// Whether the program ended by itself, by M2, M30 or a percent sign.
+    /// True if the program has an explicit end (M2, M30 or a percent sign), not only an end of file.
     pub ended: bool,
-    /// Motions with other numbers than [`Strategy::Plain`] gives; 0: the result is the same, byte for byte.
+    /// Motions whose numbers differ from those of [`Strategy::Plain`]; if 0, the result is identical, byte for byte.
     pub rounded_otherwise: u64,
-    /// In which parts each motion was written: where each part ends, from 0 to 1 of the motion, one motion after the other;
-    /// only where [`Job::keep_shares`] asks for it.
+    /// Ends of the parts that each motion was split into, as shares (0 to 1) of the motion, concatenated over all motions. Empty unless
+    /// [`Job::keep_shares`] is set.
     pub shares: Vec<f64>,
 }
 
-/// What a program is compensated with.
+/// Options of a compensation.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// The correction of the machine.
+    /// Correction of the machine.
     pub corrector: &'a Corrector,
-    /// What the program relies on and does not say itself.
+    /// Set-up that the program relies on but does not contain.
     pub setup: &'a SetUp,
-    /// The language of the program.
+    /// Language of the program.
     pub dialect: Dialect,
-    /// How coordinates are written.
+    /// Number of decimals of coordinates.
     pub decimals: Decimals,
-    /// How the numbers of split lines are rounded.
+    /// Rounding of the numbers of split lines.
     pub strategy: Strategy,
-    /// A program with O-words is executed: so many of its lines at the most.
+    /// Maximum number of executed lines of a program with O-words.
     pub most_blocks: u64,
-    /// No axis is corrected by more: a program that needs it is refused. Where rotary axes correct, the limit is always
-    /// [`CorrectionLimit::LARGEST`]: near singular poses their shares are large, and linear axes follow them.
+    /// Maximum correction of an axis: a program that needs more is rejected. If rotary axes are corrected, the limit is always
+    /// [`CorrectionLimit::LARGEST`]: near singular poses their corrections are large, and linear axes follow them.
     pub limit: CorrectionLimit,
-    /// Keep [`Summary::shares`]: 8 bytes for each motion.
+    /// Record [`Summary::shares`]: 8 bytes per part of a motion.
     pub keep_shares: bool,
 }
 
 impl<'a> Job<'a> {
-    /// With the default decimals and limit (250 µm, 250 µrad), and at most ten million blocks.
+    /// Default decimals and limit (250 µm, 250 µrad), and at most ten million blocks.
     #[must_use]
     pub fn new(corrector: &'a Corrector, setup: &'a SetUp) -> Self {
         Self {
@@ -84,13 +84,13 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Reads a program and writes it with the correction in its coordinates. Every byte that is no changed coordinate comes out
-/// as it went in. `seen` is called now and then with the bytes that were read so far; what it returns as an error ends
-/// the work. A program with O-words is executed; the others are streamed.
+/// Reads a program and writes it with the correction in its coordinates. Every byte that is not part of a changed coordinate is copied
+/// unchanged. `seen` is called from time to time with the number of bytes read so far; an error that it returns stops the work. A program
+/// with O-words is executed; other programs are streamed.
 ///
 /// # Errors
-/// Lines that cannot be read or compensated, each with its number, and what reading and writing say. What was written
-/// before is no whole program.
+/// Lines that cannot be read or compensated, each with its number, and errors of reading and writing. The output written before an error is
+/// not a complete program.
 pub fn compensate(
     input: &mut impl BufRead,
     output: &mut impl Write,
@@ -109,7 +109,7 @@ pub fn compensate(
     execute(input, output, rewriter, job.most_blocks, seen)
 }
 
-/// Reads a program and writes what is made of it.
+/// Reads a program and writes the rewritten one.
 pub(crate) fn execute(
     input: &mut impl BufRead,
     output: &mut impl Write,
@@ -164,7 +164,7 @@ pub(crate) fn execute(
         seen(bytes)?;
         return Ok(summary(rewriter, ended));
     };
-    // From here on lines are executed in another order than they stand.
+    // From here on the order of execution differs from the order of the lines.
     let rest = read_rest(input, text, number)?;
     let mut lines = split_lines(&rest);
     let by_percent = end_by_percent(&lines, percents);
@@ -181,25 +181,25 @@ pub(crate) fn execute(
     Ok(summary(after, ends || by_percent.is_some()))
 }
 
-/// What comes behind a line.
+/// How the lines after this one are processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     Line,
-    /// The line is the first one that says which lines are executed: it and all that follow are executed, not streamed.
+    /// The first flow control line: this line and all later ones are executed, not streamed.
     Followed,
 }
 
 struct Stream {
     rewriter: Rewriter,
-    /// Bytes before the program in the line that was read last, and whether the program has begun.
+    /// Bytes before the program in the last line read, and whether the program has begun.
     leader: usize,
     has_begun: bool,
     ends: Ends,
-    /// Lines read so far, and percent signs among them.
+    /// Number of lines read so far, and of percent signs among them.
     number: usize,
     percents: usize,
     ended: bool,
-    /// What is to be written: not each line by itself.
+    /// Output buffer, written in larger pieces.
     written: Vec<u8>,
 }
 
@@ -230,7 +230,7 @@ impl Stream {
         if rewriter.interpreter.dialect == Dialect::Heidenhain
             && !matches!(end, b"" | b"\n" | b"\r\n")
         {
-            // The blocks of such lines are not numbered anew.
+            // Block renumbering does not support such line ends.
             return Err(NcError::Block {
                 line: self.number,
                 fault: Fault::Character {
@@ -265,7 +265,7 @@ impl Stream {
         let begins = written.len();
         let ends = rewriter.line(line, end, self.number, written);
         if ends.is_err() {
-            // Of a line that is refused nothing is written.
+            // A rejected line writes nothing.
             written.truncate(begins);
         }
         let ends = ends?;
@@ -286,7 +286,7 @@ fn summary(rewriter: Rewriter, ended: bool) -> Summary {
     }
 }
 
-/// All that is left, behind what was read already.
+/// Reads the rest of the input, after `text`.
 fn read_rest(
     input: &mut impl BufRead,
     mut text: Vec<u8>,
@@ -304,7 +304,7 @@ fn read_rest(
     Ok(text)
 }
 
-/// How many lines there are up to the second percent sign, behind which nothing is read; `None` without one.
+/// Number of lines up to the second percent sign, after which nothing is read; `None` without one.
 fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     let is_percent = |(line, _): &(&[u8], &[u8])| line.trim_ascii_start().starts_with(b"%");
     let percents = lines
@@ -317,10 +317,10 @@ fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     last.map(|place| place + 1)
 }
 
-/// A line with its end; false: there is none any more.
+/// Reads a line with its end; returns false at the end of the input.
 fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Result<bool, NcError> {
     text.clear();
-    // Where the line ends, once that is found.
+    // Length of the line without its end, once the end is found.
     let mut length = None;
     loop {
         let buffer = match input.fill_buf() {
@@ -346,11 +346,11 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
     }
 }
 
-/// Motions that wait between two threads.
+/// Capacity of the motion queue between two threads.
 const WAITING: usize = 1024;
 
-/// Runs programs in parallel, each with its set-up, on a machine without errors, so that no line is changed. `take` receives their
-/// motions. Returns its result, and the error of the first run that failed.
+/// Executes programs in parallel, each with its set-up, on a machine without errors, so that no line changes. `take` receives their
+/// motions. Returns its result, and the error of the first failed run.
 pub(crate) fn run_in_parallel<T>(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -372,7 +372,7 @@ pub(crate) fn run_in_parallel<T>(
             runs.push(scope.spawn(move || {
                 let mut rewriter = rewriter?;
                 rewriter.tells = Some(to);
-                // The programs have been read by now.
+                // Mixed decimal notation was already checked when the program was compensated.
                 rewriter.interpreter.points.may_mix = true;
                 execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {
                     Ok(())
@@ -380,7 +380,7 @@ pub(crate) fn run_in_parallel<T>(
             }));
         }
         let taken = take(&motions);
-        // A sender that goes on gets an error.
+        // Disconnects senders that are still running.
         drop(motions);
         let is_end = |error: &NcError| matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe);
         let mut failed = None;

@@ -1,40 +1,40 @@
-//! From which side each axis comes to where it is, where axes turn on a way, and where carriages with play are.
+//! Direction of approach of each axis, axis reversals along a motion, and carriage positions within the play.
 
 use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
 use crate::{coordinates::Axes, correction::Corrector};
 
-/// Shares that are nearer to one another are one.
+/// Shares closer than this are treated as equal.
 pub(crate) const SAME: f64 = 1e-6;
 
-/// Turning points are met to this, mm.
+/// Maximum error, mm, in locating turning points.
 const MET_WITHIN_MM: f64 = 5e-5;
 
 const MOST_STEPS: f64 = 1024.0;
 
-/// An axis turns: from here on its errors are those of the other direction.
+/// A reversal of an axis: from here on the errors of the other direction apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Turn {
-    /// Where on the way, from 0 to 1.
+    /// Share of the motion, 0 to 1.
     pub(crate) share: f64,
     pub(crate) axis: usize,
     pub(crate) side: Direction,
-    /// The furthest place of the axis in its new direction that is known so far.
+    /// Furthest known position of the axis in its new direction.
     pub(crate) furthest: f64,
-    /// That in its old direction.
+    /// Furthest position in its old direction.
     before: f64,
 }
 
-/// What axes do on a way.
+/// Reversals of the axes along a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Turns {
     pub(crate) turns: Vec<Turn>,
-    /// The furthest place of each axis in the direction that it has at the end.
+    /// Furthest position of each axis in its direction at the end of the motion.
     pub(crate) furthest: Axes,
 }
 
 impl Turns {
-    /// Leaves the turns behind this share to the next motion.
+    /// Drops the reversals from this share on; they belong to the next motion.
     pub(crate) fn keep_before(&mut self, share: f64) {
         while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
             self.furthest[turn.axis] = turn.before;
@@ -42,17 +42,16 @@ impl Turns {
     }
 }
 
-/// State: the play operator of each axis. A carriage stays where it is until the flank behind or before it takes it along.
+/// State: the play operator of each axis. A carriage rests until a flank of the play pushes it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Carriages {
     drive: Axes,
-    /// The carriage from where its drive is, mm or deg: half of the play at the most. In the middle, while it is not known how the
-    /// axis came to where it is.
+    /// Carriage minus drive position, mm or deg: at most half of the play. 0 (the middle) while the direction of approach is unknown.
     pub(crate) off: Axes,
 }
 
 impl Carriages {
-    /// The drives stand here, and it is not known how they came.
+    /// Drives at this position, direction of approach unknown.
     pub(crate) fn at(drive: &Axes) -> Self {
         Self {
             drive: *drive,
@@ -60,14 +59,14 @@ impl Carriages {
         }
     }
 
-    /// Rotary axes are where they were, which has another number now, deg.
+    /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
     pub(crate) fn wraps(&mut self, by: &Axes) {
         for (drive, by) in self.drive.iter_mut().zip(by) {
             *drive += by;
         }
     }
 
-    /// The drives go to this place; each axis goes in one direction.
+    /// Moves the drives to a position; each axis moves in one direction.
     pub(crate) fn go(&mut self, truth: &Corrector, to: &Axes) {
         let from = std::mem::replace(&mut self.drive, *to);
         let lost = truth.lost(to);
@@ -79,7 +78,7 @@ impl Carriages {
 }
 
 impl Corrector {
-    /// From which side the axes come, to be put back.
+    /// Directions of approach and furthest positions, for `put_back`.
     pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
         (self.approach, self.furthest)
     }
@@ -89,19 +88,19 @@ impl Corrector {
         (self.approach, self.furthest) = (approach, furthest);
     }
 
-    /// The axes begin here, with no direction yet.
+    /// Sets the start position, without directions of approach.
     pub(crate) fn begins(&mut self, at: &Axes) {
         self.approach = [None; MAX_AXES];
         let more = self.without_play(at);
         self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
     }
 
-    /// Whether the carriage of an axis lags somewhere.
+    /// True if the carriage of an axis lags anywhere.
     pub(crate) fn lags(&self, axis: usize) -> bool {
         self.play.has(axis)
     }
 
-    /// The axes have been so far, each in its direction.
+    /// Sets the furthest position of each axis in its direction.
     pub(crate) fn reaches(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
             if self.has(axis) {
@@ -110,7 +109,7 @@ impl Corrector {
         }
     }
 
-    /// Rotary axes are where they were, which has another number now, deg.
+    /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
     pub(crate) fn wraps(&mut self, by: &Axes) {
         for (furthest, by) in self.furthest.iter_mut().zip(by) {
             *furthest += by;
@@ -125,8 +124,8 @@ impl Corrector {
         self.furthest[turn.axis] = turn.furthest;
     }
 
-    /// What is added to the axes at a place besides their play: the carriage of an axis that lags goes with it, and where that turns, the
-    /// play is to be taken up. 0 for the others, whose direction is that of the command without its correction.
+    /// Correction at a position without the part for the play. The carriage of a lagging axis moves with it; where that reverses, the play
+    /// has to be taken up. 0 for the other axes, whose direction is that of the uncorrected command.
     pub(crate) fn without_play(&self, at: &Axes) -> Axes {
         if !self.play.any {
             return [0.0; MAX_AXES];
@@ -144,7 +143,7 @@ impl Corrector {
         })
     }
 
-    /// The axes go to this place: from now on they come from that side. Whether one of them turns.
+    /// Moves the axes to a position and updates their directions of approach. Returns true if any reverses.
     pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
@@ -170,8 +169,8 @@ impl Corrector {
         turns
     }
 
-    /// Where the axes are to be on a way whose places `at` gives: with their correction where the carriage lags, which is looked at in so
-    /// many steps and goes straight between them.
+    /// Carriage positions along a motion given by `at`: for lagging axes with their correction, which is sampled in this number of steps
+    /// and interpolated linearly.
     pub(crate) fn carriages(&self, steps: u32, at: impl Fn(f64) -> Axes) -> impl Fn(f64) -> Axes {
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let more: Vec<Axes> = if self.play.any {
@@ -203,8 +202,9 @@ impl Corrector {
         }
     }
 
-    /// The turns of the axes on a way, whose places `at` gives for shares from 0 to 1, looked at in so many steps. An axis turns where
-    /// it is furthest, once it has gone back by what counts as turning; at the beginning, where it was furthest before.
+    /// Reversals of the axes along a motion, whose positions `at` returns for shares from 0 to 1, sampled in this number of steps. The
+    /// reversal is at the extreme position, and counts once the axis has moved back by the minimum reverse travel; at the start the
+    /// previous extreme counts.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Turns {
         let mut turns = Vec::new();
         let mut furthest_of = [0.0; MAX_AXES];
@@ -230,7 +230,7 @@ impl Corrector {
                     continue;
                 }
                 let value = |share: f64| sign * at(share)[axis];
-                // By thirds around it: one extremum is there.
+                // Ternary search around the sample: it brackets a single extremum.
                 let (mut low, mut high) = (
                     share(of_furthest.saturating_sub(1)),
                     share((of_furthest + 1).min(step)),
@@ -271,7 +271,7 @@ impl Corrector {
     }
 }
 
-/// In how many steps a way that bends by this is to be followed so that no turning point is missed.
+/// Number of steps with which no reversal is missed on a motion with this bulge.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
     (bulge_mm / MET_WITHIN_MM).sqrt().clamp(1.0, MOST_STEPS)
 }

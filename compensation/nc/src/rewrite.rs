@@ -1,4 +1,4 @@
-//! A line in, the lines with its correction out.
+//! Rewrites a line as the lines with its correction.
 
 use std::{
     io,
@@ -32,77 +32,77 @@ use crate::{
     siemens::read_siemens,
 };
 
-/// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
+/// Maximum line length without the end; LinuxCNC accepts 256 characters with the end.
 pub(crate) const LONGEST: usize = 254;
 
-/// What was done to a program so far.
+/// Counters of a compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// Lines that were read.
+    /// Lines read.
     pub lines: u64,
     /// Motions in them.
     pub motions: u64,
-    /// Lines that were changed.
+    /// Lines changed.
     pub changed: u64,
-    /// Lines that were added, since a motion was split.
+    /// Lines added for split motions.
     pub added: u64,
 }
 
-/// State: a program that is read, and the correction that its axes carry.
+/// State: the program read so far, and the correction applied at its axes.
 #[derive(Clone, Debug)]
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
-    /// The E word of the motion that is being written, and up to which share of it E is written.
+    /// E word of the current motion, and the share of it that is already written.
     pub(crate) extrusion: Option<Extrusion>,
     pub(crate) extruded: f64,
-    /// What was computed last.
+    /// Cache of the last corrections.
     pub(crate) seen: Seen,
     pub(crate) bounds: Bounds,
     pub(crate) decimals: Decimals,
     pub(crate) strategy: Strategy,
-    /// Motions with other numbers than [`Strategy::Plain`] gives.
+    /// Motions whose numbers differ from those of [`Strategy::Plain`].
     pub(crate) rounded_otherwise: u64,
-    /// The correction that the axes of the machine have, mm and deg.
+    /// Correction applied at the machine axes, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) settled: Settled,
-    /// At the zero of which work offsets it was noted how far the machine is off, or nothing is to be noted.
+    /// Work offsets for which the error at zero was noted, or needs no note.
     zeros_noted: [bool; SYSTEMS],
-    /// Where axes turn on the motion that is being written.
+    /// Axis reversals on the current motion.
     pub(crate) turns: Turns,
-    /// By what the depth and the plane R of a cycle, which are kept from hole to hole, are other numbers than in the program, mm.
+    /// Corrections contained in the modal depth and plane R of a cycle, mm.
     pub(crate) carried_by_cycle: [f64; 2],
-    /// What of it was in the axis of its depth where the first hole of a row began, mm.
+    /// Correction along the depth axis at the start of the first hole of a row, mm.
     pub(crate) carried_at_initial: Option<f64>,
-    /// What of it is in the places of G28 and G30.
+    /// Corrections contained in the positions of G28 and G30.
     carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
-    /// Compensating the radius of the tool has been switched, and no motion in the plane has begun or ended it yet.
+    /// Cutter radius compensation was switched, and no motion in the plane has started or ended it yet.
     pub(crate) switches_radius: bool,
-    /// What gave words their meaning before a block that may be an arc.
+    /// Modal meaning of words before a block that may be an arc.
     pub(crate) before: Option<Meaning>,
-    /// The pole that the control has, in the coordinates of the program, mm.
+    /// Pole active in the control, in program coordinates, mm.
     pub(crate) pole: Option<[f64; 2]>,
-    /// The result has switched to X and Y as places (G15) where the program has polar coordinates (G16).
+    /// The output is in Cartesian mode (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
     comma: bool,
     pub(crate) computed: Computed,
     pub(crate) folders: Arc<[PathBuf]>,
-    /// The end of lines that are added.
+    /// Line end of added lines.
     more: &'static [u8],
     pub(crate) counts: Counts,
-    /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
+    /// Ends of the parts of each motion (0 to 1), concatenated; `None` if not requested.
     pub(crate) shares: Option<Vec<f64>>,
     /// Receives each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
-    /// The line that was read last; `None` while it is looked at.
+    /// The last block; `None` while it is processed.
     block: Option<Box<Block>>,
     pub(crate) edits: Edits,
-    /// Where the parts of a motion end, used for all motions.
+    /// Reused buffer of the part ends of a motion.
     parts: Vec<f64>,
 }
 
-/// What coordinates and F mean.
+/// Modal state that coordinates and F depend on.
 #[derive(Clone, Debug)]
 pub(crate) struct Meaning {
     frame: Frame,
@@ -116,7 +116,7 @@ pub(crate) struct Meaning {
 }
 
 impl Meaning {
-    /// What holds before a block that may be an arc.
+    /// The state before a block that may be an arc.
     pub(crate) fn before(interpreter: &Interpreter, block: &Block) -> Option<Self> {
         let modal = &interpreter.modal;
         let says_arc = (block.words.iter())
@@ -134,8 +134,8 @@ impl Meaning {
         })
     }
 
-    /// Whether a straight motion can be written before a block with what holds behind its codes: the control reads coordinates in the plane
-    /// in the same way then, and has a feed, or gets that of the block.
+    /// True if a straight motion can be written before a block in the modes active after its codes: the control then reads the coordinates
+    /// of the plane in the same way, and has a feed or gets that of the block.
     pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
         let has_other_feed = match (self.feed_mode, self.feed) {
             (FeedMode::InverseTime, None) => true,
@@ -145,7 +145,7 @@ impl Meaning {
         self.polar.is_some() == after.polar.is_some() && !has_other_feed
     }
 
-    /// Puts this meaning in the place of the one that holds, which it gets.
+    /// Exchanges this state with that of the interpreter.
     pub(crate) fn swap(&mut self, interpreter: &mut Interpreter) {
         let modal = &mut interpreter.modal;
         swap(&mut self.frame, &mut interpreter.frame);
@@ -162,43 +162,43 @@ impl Meaning {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Contour {
     None,
-    /// It begins or ends to do so with this motion, which must stay one.
+    /// Compensation starts or ends with this motion, which must not be split.
     Switches,
-    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
-    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
+    /// Compensation is active: each motion in the plane is a contour element, and is neither split nor preceded by others. At an inside
+    /// corner the control shortens an element by up to the tool radius, which may exceed the length of a part.
     Follows,
 }
 
-/// Whether the correction that the axes carry is the one that belongs to where they are.
+/// Whether the applied correction is the one of the current position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Settled {
     Yes,
     No,
-    /// It is not, since an axis has turned.
+    /// No, because an axis has reversed.
     Turned,
 }
 
-/// Words that say where the axes stand have so many further decimals where they need them.
+/// Maximum number of additional decimals of words that define the current position.
 const FINER: u8 = 3;
 
-/// Which values that the program computes are written as numbers.
+/// Which computed values are written as numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Computed {
     Kept,
-    /// Those with what a subroutine returned: its call is written out.
+    /// Those that depend on the return value of a subroutine, because its call is unrolled.
     ReturnedWritten,
-    /// All: the lines that compute them are not executed in this order.
+    /// All, because the lines that compute them are not executed in this order.
     Written,
 }
 
-/// How the numbers of the parts of a line are rounded.
+/// Rounding of the numbers of the parts of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
     /// Each to the nearest.
     #[default]
     Plain,
-    /// Together, so that the motion is nearest to the line: along it a part may end a little sooner or later, since the next one
-    /// goes on from there. The shortest way through the graph of the numbers that are next to the exact ones.
+    /// Jointly, to minimize the deviation from the line. A part may end slightly earlier or later along the line, since the next one
+    /// continues from there. The solution is the shortest path through the graph of the numbers next to the exact ones.
     Floyd,
 }
 
@@ -248,14 +248,14 @@ impl Rewriter {
         })
     }
 
-    /// Whether the line that was read last is a percent sign.
+    /// True if the last line read is a percent sign.
     pub(crate) fn is_percent(&self) -> bool {
         let block = self.block.as_ref();
         block.is_some_and(|block| block.begins == Begins::Percent)
     }
 
-    /// Reads a line without its end (`number` counts from 1), and appends what is to be written instead, whose lines are separated by
-    /// `end`, and the last of which has none. Whether the program ends here.
+    /// Reads a line without its end (`number` counts from 1) and appends its replacement: lines separated by `end`, the last one without.
+    /// Returns true if the program ends here.
     pub(crate) fn line(
         &mut self,
         text: &[u8],
@@ -301,7 +301,7 @@ impl Rewriter {
         ends
     }
 
-    /// A line behind the end of the program, with its end: only the number of its block may change.
+    /// Copies a line after the end of the program, with its line end; only its block number may change.
     pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
         let begins = out.len();
         out.extend_from_slice(text);
@@ -342,7 +342,7 @@ impl Rewriter {
         self.switches_radius |= outcome.switches_radius;
         self.contour = match self.interpreter.modal.radius {
             _ if self.switches_radius => Contour::Switches,
-            // Each end of a motion would be drilled.
+            // A modal cycle would drill at the end of every part.
             _ if self.interpreter.modal.each_motion.is_some() => Contour::Switches,
             Some(_) => Contour::Follows,
             None => Contour::None,
@@ -410,7 +410,7 @@ impl Rewriter {
         Ok(outcome.ends)
     }
 
-    /// Sends a motion of the program to the receiver, if there is one.
+    /// Sends a motion of the program to the receiver, if any.
     pub(crate) fn tell(&mut self, motion: &Move, number: usize, cuts: bool) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
             return Ok(());
@@ -429,7 +429,7 @@ impl Rewriter {
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 
-    /// Whether it is known where X, Y and Z stand, as far as the machine has them.
+    /// True if the positions of X, Y and Z are known, as far as the machine has them.
     fn knows_place(&self) -> bool {
         (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis))
     }
@@ -466,14 +466,14 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Whether nothing is to be noted of the work offset that holds.
+    /// True if the active work offset needs no note.
     pub(crate) fn is_zero_noted(&self) -> bool {
         let system = self.interpreter.modal.system;
         self.zeros_noted.get(system).is_none_or(|noted| *noted)
             || !self.interpreter.rests_on_stated_zero()
     }
 
-    /// Notes, where the program first cuts with a work offset that the set-up states, how far the machine is off at its zero.
+    /// Adds a note about the error at zero, when the program first cuts with a work offset that the set-up states.
     pub(crate) fn notes_zero(&mut self, line: usize) {
         if self.is_zero_noted() || !self.knows_place() {
             return;
@@ -487,7 +487,7 @@ impl Rewriter {
         }
     }
 
-    /// Notes axes that the machine lacks or that leave their travel.
+    /// Adds notes about axes that the machine lacks or that leave their travel.
     pub(crate) fn note_axes(&mut self, motion: &Move, line: Line<'_>) {
         let has_tip = self.interpreter.frame.tip.is_some();
         for (axis, place) in motion.words.iter().enumerate() {
@@ -510,37 +510,37 @@ impl Rewriter {
         }
     }
 
-    /// The correction at a place, both in the coordinates of the program.
+    /// The correction at a position, both in program coordinates.
     pub(crate) fn delta_in_program(&self, at: &Axes) -> Axes {
         let frame = &self.interpreter.frame;
         let machine = frame.to_machine(at);
         frame.moved_in_program(&machine, &self.corrector.at(&machine).delta)
     }
 
-    /// Where a motion begins and ends, in the coordinates of the program.
+    /// Start and end of a motion in program coordinates.
     pub(crate) fn ends_of(&self, motion: &Move) -> [Axes; 2] {
         let frame = &self.interpreter.frame;
         [&motion.from, &motion.to].map(|at| frame.to_program(at))
     }
 
-    /// How far the axes are from their straight way where the centre point of the tool goes straight between two places of the
-    /// program, mm.
+    /// Maximum deviation of the axes from their straight motion while the tool centre point moves straight between two program positions,
+    /// mm.
     pub(crate) fn bulge_mm(&self, from: &Axes, to: &Axes) -> f64 {
         self.corrector
             .bulge_in_frame_mm(&self.interpreter.frame, from, to)
     }
 
-    /// Whether a motion leads elsewhere in the plane of arcs and of the tool's radius.
+    /// True if a motion moves in the plane of arcs and cutter radius compensation.
     fn moves_in_plane(&self, motion: &Move) -> bool {
         let [from, to] = self.ends_of(motion);
         let [first, second, _] = self.interpreter.modal.plane.axes();
-        // A turned or tilted frame brings back what stands still to some 1e-12 mm.
+        // A rotated or tilted frame reproduces resting coordinates to about 1e-12 mm.
         let moves = |axis: usize| (to[axis] - from[axis]).abs() > 1e-9;
         moves(first) || moves(second)
     }
 
-    /// Axes that keep the correction that they have: while the control compensates the radius of the tool, it takes each motion in the plane, of
-    /// however few µm, for an element of the contour, and so turns the tool about its corner. A motion without a way in the plane gets none.
+    /// Axes that keep their current correction. During cutter radius compensation the control treats any motion in the plane, even of a few
+    /// µm, as a contour element, and moves the tool around its corner. So a motion without travel in the plane gets none.
     pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
         let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
         if !compensates || self.moves_in_plane(motion) {
@@ -550,7 +550,7 @@ impl Rewriter {
         each(|axis| axis == first || axis == second)
     }
 
-    /// Whether any of these axes carries a correction, so that the control has another place for it.
+    /// True if any of these axes has a correction applied, so that the control's position for it differs from the program's.
     pub(crate) fn carries(&self, axes: &Axes<bool>) -> bool {
         if *axes == [false; 9] {
             return false;
@@ -561,7 +561,7 @@ impl Rewriter {
         (0..9).any(|axis| axes[axis] && carried[axis].abs() > 1e-9)
     }
 
-    /// A motion has been written: the axes have done what they do on it.
+    /// Updates directions of approach after a motion was written.
     pub(crate) fn has_moved(&mut self, motion: &Move) {
         let turns = std::mem::take(&mut self.turns);
         if self.corrector.bidirectional {
@@ -574,14 +574,15 @@ impl Rewriter {
         };
     }
 
-    /// The correction that the axes carry may be that of another place, or of another tool.
+    /// Marks the applied correction as possibly that of another position or tool.
     pub(crate) fn unsettles(&mut self) {
         if self.settled == Settled::Yes {
             self.settled = Settled::No;
         }
     }
 
-    /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
+    /// Updates the state after a motion that is copied unchanged: no correction is applied afterwards, except for axes with incremental
+    /// words.
     pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
         self.corrector.goes(&motion.to);
         self.settled = Settled::No;
@@ -606,7 +607,7 @@ impl Rewriter {
         };
     }
 
-    /// Every computed value as the number that it is here.
+    /// Writes computed values as numbers.
     fn write_values(&mut self, block: &Block, also_set: bool) {
         for (place, word) in block.words.iter().enumerate() {
             let value = word.value.filter(|_| word.decimals.is_none());
@@ -628,7 +629,7 @@ impl Rewriter {
         if !in_sub && !also_set {
             return;
         }
-        // What a subroutine sets for itself must not be set for the program.
+        // A local variable of a subroutine must not be set in the program.
         for assignment in &block.assignments {
             let is_local = match &assignment.parameter {
                 Parameter::Numbered(number) => Parameters::is_local(*number),
@@ -645,7 +646,7 @@ impl Rewriter {
         }
     }
 
-    /// Words that say where the axes stand: there is a correction in the axes.
+    /// Corrects words that define the current position, since the axes have a correction applied.
     pub(crate) fn presets(
         &mut self,
         words: &Axes<Option<usize>>,
@@ -654,14 +655,14 @@ impl Rewriter {
     ) {
         let interpreter = &self.interpreter;
         let modal = &interpreter.modal;
-        // A work offset that is not in force may be turned otherwise.
+        // An inactive work offset may have a different rotation.
         let frame = interpreter.frame_with(system.unwrap_or(modal.system));
         let carried = frame.moved_in_program(&interpreter.position, &self.carried);
         for axis in 0..9 {
             let Some(word) = line.word(words[axis]) else {
                 continue;
             };
-            // The control keeps what is rounded here for all motions behind it.
+            // The control keeps the rounding error of this word for all later motions.
             let numerals = self.numerals(axis, Some(word));
             let decimals = numerals.decimals;
             let finest = if numerals.form == Form::Increments {
@@ -680,14 +681,14 @@ impl Rewriter {
         }
     }
 
-    /// Why the axes may not have this correction at a place, both in the coordinates of the program.
+    /// Bound violated by this correction at a position, both in program coordinates.
     pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
         let frame = &self.interpreter.frame;
         let by = frame.moved_in_machine(at, carried);
         self.violation_in_machine(&frame.to_machine(at), &by)
     }
 
-    /// The same in the coordinates of the machine.
+    /// The same in machine coordinates.
     pub(crate) fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
         let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {
@@ -700,15 +701,14 @@ impl Rewriter {
         })
     }
 
-    /// Checks the correction that the axes get at a place, both in the coordinates of the program: the line is refused where
-    /// it is beyond the bounds.
+    /// Checks the correction applied at a position, both in program coordinates; the line is rejected if it is out of bounds.
     pub(crate) fn check_bounds(&mut self, at: &Axes, carried: &Axes) {
         if self.bounds.violated.is_none() {
             self.bounds.violated = self.bound_violation(at, carried);
         }
     }
 
-    /// How the number of an axis is written: in the place of a word that the block has, or as a further one.
+    /// Number format of an axis: of the word that it replaces, or of an added one.
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;
@@ -732,7 +732,7 @@ impl Rewriter {
     }
 
     /// # Errors
-    /// A motion that is split has an E that cannot be shared over its parts.
+    /// A motion that is split has an E word that cannot be divided between its parts.
     pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),
@@ -743,7 +743,7 @@ impl Rewriter {
         }
     }
 
-    /// The E word of a part that ends at a share of its motion, where the block has one and the part is not all of it.
+    /// E word of the part that ends at a share of its motion; `None` if the block has none or the part extrudes nothing.
     pub(crate) fn extrusion_up_to(&mut self, share: f64) -> Option<Number> {
         let from = std::mem::replace(&mut self.extruded, share);
         self.extrusion?.of_part([from, share])

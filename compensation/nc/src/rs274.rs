@@ -1,7 +1,7 @@
-//! Lines of RS-274 as blocks, and what controls and printers have besides its words.
+//! RS-274 lines, and additional syntax of controls and printers.
 //!
-//! What Marlin and Klipper make of a line is from their sources: a line is one command, and its arguments are no words of RS-274
-//! (`M117 Z is 5`, `G28 X Y`).
+//! The behaviour of Marlin and Klipper is taken from their sources: a line is one command, and its arguments are not RS-274 words (`M117 Z
+//! is 5`, `G28 X Y`).
 
 use crate::{
     block::{Assignment, Begins, Block, Command, Manner, Parameter, Scanner, Word},
@@ -14,7 +14,7 @@ use crate::{
 };
 
 impl Block {
-    /// Reads a line without its end of line. O-words are read elsewhere: none may be in it.
+    /// Reads a line without its end. The line must not contain O-words, which are read elsewhere.
     pub(crate) fn read(&mut self, line: &[u8], expressions: &Expressions<'_>) -> Result<(), Fault> {
         self.clear();
         let mut scanner = Scanner::new(line);
@@ -76,7 +76,7 @@ impl Block {
         self.end = 0;
     }
 
-    /// `#12 = 3` or `#<name> = 3`, whose `#` is passed.
+    /// Reads `#12 = 3` or `#<name> = 3` after the `#`.
     fn assignment(
         &mut self,
         at: usize,
@@ -109,7 +109,7 @@ impl Block {
         Ok(())
     }
 
-    /// The last word with this letter.
+    /// Last word with this letter.
     pub(crate) fn word(&self, letter: u8) -> Option<&Word> {
         self.words.iter().rev().find(|word| word.letter == letter)
     }
@@ -127,7 +127,7 @@ fn skip_comment(scanner: &mut Scanner<'_>, column: Column) -> Result<(), Fault> 
 /// FANUC and Haas controls end a block at a semicolon, where others begin a comment.
 ///
 /// # Errors
-/// Anything but comments behind the semicolon in `rest`, what of a line is behind its last word, from column `from` on.
+/// Anything but comments after the semicolon in `rest`, the text after the last word, which starts at column `from`.
 pub(crate) fn check_end_of_block(rest: &[u8], from: usize) -> Result<(), Fault> {
     let (mut in_comment, mut ended) = (false, false);
     for (place, byte) in rest.iter().enumerate() {
@@ -156,7 +156,7 @@ const SIEMENS: &str = "that is the language of SINUMERIK controls: --dialect sie
 const HEIDENHAIN: &str =
     "that is the conversational language of HEIDENHAIN controls: --dialect heidenhain";
 
-/// With what a line of another language begins, behind the number of its block.
+/// Line beginnings, after the block number, that identify another language.
 const OTHERS: [(&str, &str); 3] = [
     (
         HEIDENHAIN,
@@ -169,10 +169,10 @@ const OTHERS: [(&str, &str); 3] = [
     ),
 ];
 
-/// What stands only in lines of SINUMERIK.
+/// Text that only occurs in SINUMERIK lines.
 const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
 
-/// Why a comma cannot be read, where it is that of a corner.
+/// The fault for a comma of a corner (chamfer or rounding).
 pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
     let Fault::Character { column, found: ',' } = *fault else {
         return None;
@@ -188,7 +188,7 @@ pub(crate) fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
     Some(Column(column).not_followed(&format!(",{}", char::from(letter)), why))
 }
 
-/// Why a line that RS-274 does not know cannot be read, where it plainly is of another language.
+/// The fault for a line that RS-274 cannot read but is clearly in another language.
 pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
     let text = String::from_utf8_lossy(text).to_ascii_uppercase();
     let text = text.trim_start().trim_start_matches('/').trim_start();
@@ -200,7 +200,7 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
             return false;
         };
         match word {
-            // R1=5, as no word of RS-274 is written.
+            // R1=5, which is not an RS-274 word.
             "R" => behind.trim_start_matches(is_number).starts_with('='),
             _ => word.starts_with("L ") || !behind.starts_with(|c: char| c.is_ascii_alphabetic()),
         }
@@ -213,10 +213,10 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
     Some(Column(1).not_followed(found.trim(), why))
 }
 
-/// Gives the coordinates of a block that count in least increments their value in the unit of the program.
+/// Converts coordinates in least increments to program units.
 ///
 /// # Errors
-/// A program that has coordinates with and without a point, on a control of which it is not stated what that means.
+/// Coordinates both with and without a decimal point, if the meaning on the control is not stated.
 pub(crate) fn read_increments(
     block: &mut Block,
     text: &[u8],
@@ -243,13 +243,13 @@ pub(crate) fn read_increments(
         (_, true) => 1.0,
         _ => interpreter.modal.unit_mm,
     };
-    // Codes that contradict each other are refused where the block is interpreted.
+    // Contradictory codes are rejected when the block is interpreted.
     let codes = Codes::of(block, interpreter.control, 0).ok();
     if codes
         .as_ref()
         .is_some_and(|codes| codes.with_arguments().is_some())
     {
-        // The meaning of the words of an unknown M code is not known.
+        // The words of an unknown M code have an unknown meaning.
         return Ok(());
     }
     let drills = codes.is_some_and(|codes| {
@@ -264,7 +264,7 @@ pub(crate) fn read_increments(
     for word in &mut block.words {
         let is_coordinate = match word.letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'U' | b'V' | b'W' | b'I' | b'J' => true,
-            // In a cycle it is how often it is done.
+            // In a cycle K is the repeat count.
             b'K' => !drills,
             b'R' => names_axes || is_table,
             _ => false,
@@ -283,7 +283,7 @@ pub(crate) fn read_increments(
             }
             last = Some(without_point);
         } else if last != Some(true) {
-            // Zero is zero in either way, and may get a point.
+            // Zero is the same in both forms.
             continue;
         }
         if !without_point {
@@ -316,7 +316,7 @@ pub(crate) fn read_increments(
     Ok(())
 }
 
-/// M codes of printers that neither move an axis nor change what coordinates mean, from the first to the last of each range.
+/// M codes of printers that move no axis and do not change the meaning of coordinates: pairs of first and last code.
 const HARMLESS_M: [u16; 94] = [
     0, 1, 3, 5, 7, 11, 16, 17, 20, 34, 42, 43, 73, 73, 75, 78, 80, 81, 85, 85, 100, 100, 104, 115,
     117, 123, 126, 129, 140, 141, 143, 143, 145, 145, 149, 150, 154, 155, 163, 166, 190, 193, 200,
@@ -325,22 +325,22 @@ const HARMLESS_M: [u16; 94] = [
     504, 569, 569, 572, 572, 575, 575, 592, 593, 900, 900, 906, 919,
 ];
 
-/// G codes of printers that are executed as those of RS-274 are.
+/// Printer G codes executed as in RS-274.
 const WORDS_G: [f64; 21] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 17.0, 18.0, 19.0, 20.0, 21.0, 53.0, 54.0, 55.0, 56.0, 57.0, 58.0,
     59.0, 90.0, 91.0, 92.0,
 ];
 
-/// Those that retract the filament without a coordinate.
+/// Filament retraction without coordinates.
 const HARMLESS_G: [f64; 2] = [10.0, 11.0];
 
-/// Those whose motions are not in the program: homing, probing, parking, cleaning, a saved position.
+/// Codes whose motions are not in the program: homing, probing, parking, cleaning, restoring a position.
 const MOVES_G: [f64; 17] = [
     12.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0, 38.0, 42.0, 60.0, 61.0, 76.0,
     80.0,
 ];
 
-/// Commands of Klipper that neither move an axis nor change what coordinates mean.
+/// Klipper commands that move no axis and do not change the meaning of coordinates.
 const HARMLESS_COMMANDS: &str = "ECHO EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_END EXCLUDE_OBJECT_RESET EXCLUDE_OBJECT_START \
     GET_POSITION GET_RETRACTION HELP QUERY_ENDSTOPS QUERY_FILAMENT_SENSOR RESPOND SAVE_GCODE_STATE \
     SET_DISPLAY_GROUP SET_DISPLAY_TEXT SET_EXTRUDER_ROTATION_DISTANCE SET_FAN_SPEED SET_FILAMENT_SENSOR \
@@ -348,7 +348,7 @@ const HARMLESS_COMMANDS: &str = "ECHO EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLU
     SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO SET_RETRACTION SET_SERVO SET_STEPPER_ENABLE \
     SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT STATUS TEMPERATURE_WAIT TURN_OFF_HEATERS";
 
-/// Reads a line that does not consist of G-code words; false if it does.
+/// Reads a line that does not consist of G-code words; returns false if it does.
 pub(crate) fn read_control_line(
     control: Control,
     block: &mut Block,
@@ -418,7 +418,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     Ok(true)
 }
 
-/// A command of Klipper: a name, and arguments with names.
+/// Reads a Klipper command: a name with named arguments.
 fn command(block: &mut Block, name: &str, column: Column) -> Result<bool, Fault> {
     let refused = match name {
         "SET_GCODE_OFFSET" => {
@@ -436,7 +436,7 @@ fn command(block: &mut Block, name: &str, column: Column) -> Result<bool, Fault>
     Ok(true)
 }
 
-/// The name of a command in capital letters, where a text begins with one: two letters or underscores at least.
+/// Command name at the start of a text, in upper case: at least two letters or underscores.
 fn name_at(text: &[u8]) -> String {
     let of_name = |byte: &&u8| byte.is_ascii_alphanumeric() || **byte == b'_';
     let name: String = (text.iter().take_while(of_name))
@@ -449,7 +449,7 @@ fn name_at(text: &[u8]) -> String {
     }
 }
 
-/// Settings and commands of Grbl: `$H`, `$X`, `$100=80`.
+/// Reads settings and commands of Grbl: `$H`, `$X`, `$100=80`.
 fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     let mut scanner = Scanner::new(text);
     if scanner.peek() != Some(b'$') {
@@ -463,7 +463,7 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         Some(b'J') => {
             return Err(column.not_followed("$J", "a jog moves the axes: write G1 or G0"));
         }
-        // Homing; steps for each mm; settings as they were delivered.
+        // Homing; steps per mm; factory settings.
         Some(letter @ (b'H' | b'R')) => block
             .commands
             .push(Command::MayMove(format!("${}", char::from(letter)))),

@@ -1,5 +1,5 @@
-//! A program with O-words, executed: each of its lines as often as it comes. Where a line is corrected differently from time to time, what
-//! calls or repeats it is written out, pass by pass.
+//! Executes a program with O-words, line by line in execution order. If the same line needs different corrections at different times, the
+//! calls or loops that contain it are unrolled.
 
 use std::io::Write;
 
@@ -13,7 +13,7 @@ use crate::{
     rewrite::{Computed, Rewriter},
 };
 
-/// Subroutines that call one another, so many at the most.
+/// Maximum nesting depth of subroutine calls.
 const DEEPEST: usize = 100;
 
 struct Run<'r, 't> {
@@ -27,16 +27,15 @@ struct Run<'r, 't> {
 
 #[derive(Clone, Copy, Debug)]
 struct Call {
-    /// The line after it.
+    /// Line to return to.
     back: usize,
-    /// Where a program that is called by its number begins, and how often it is still to be executed; `None`: an O-word called
-    /// it, with parameters of its own.
+    /// Start of a program called by number, and remaining executions; `None` for an O-word call, which has local parameters.
     program: Option<(usize, u64)>,
-    /// The file in which it stands, 0 being the program.
+    /// File of the called subroutine; 0 is the program.
     file: usize,
 }
 
-/// Executes the lines and writes them with their corrections; gives the state at the end and where that was.
+/// Executes the lines and writes them with their corrections. Returns the final state, and whether the program ended explicitly.
 pub(crate) fn run(
     rewriter: Rewriter,
     lines: &Listing<'_>,
@@ -48,7 +47,7 @@ pub(crate) fn run(
     let mut recorded = Recorded::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
     if recorded.conflicts.contains(&true) {
-        // A call that is written out returns nothing to the control.
+        // An unrolled call returns no value to the control.
         before.computed = Computed::ReturnedWritten;
         recorded = Recorded::new(lines);
         Run::new(before.clone(), lines, &flow, most).go(&mut recorded)?;
@@ -56,7 +55,7 @@ pub(crate) fn run(
         recorded.write(output)?;
         return Ok((after, ends));
     }
-    // A second time: what executes a line with a conflict is written out.
+    // Second run: unroll whatever executes a line with a conflict.
     let mut unrolled = Run::new(before, lines, &flow, most);
     unrolled.rewriter.computed = Computed::Written;
     unrolled.loops.some_are_written_out = true;
@@ -78,7 +77,7 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
-    /// Executes all; the state at the end, and whether the program ended there.
+    /// Executes all lines. Returns the final state, and whether the program ended there.
     fn go(mut self, sink: &mut impl Sink) -> Result<(Rewriter, bool), NcError> {
         let (mut at, mut executed) = (0, 0_u64);
         let mut text = Vec::new();
@@ -109,7 +108,7 @@ impl<'r, 't> Run<'r, 't> {
                 continue;
             }
             if o_line(line).is_some() {
-                // The number of the program.
+                // Program number.
                 at += 1;
                 continue;
             }
@@ -119,7 +118,7 @@ impl<'r, 't> Run<'r, 't> {
                 continue;
             }
             text.clear();
-            // What is said about a line in another file is said about the line of the program that calls it.
+            // Notes about a line of another file refer to the calling line of the program.
             let place = match (file, self.calls.first()) {
                 (Some(_), Some(call)) => call.back - 1,
                 _ => at,
@@ -139,11 +138,11 @@ impl<'r, 't> Run<'r, 't> {
         Ok((self.rewriter, false))
     }
 
-    /// The line after one with an O-word.
+    /// The line executed after one with an O-word.
     fn follow(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let flow = self.flow;
         match statement.keyword {
-            // One that is not called is passed by.
+            // A subroutine is skipped unless called.
             Keyword::Sub => Ok(flow.partner(at) + 1),
             Keyword::Call => self.call(at, statement, line),
             Keyword::EndSub | Keyword::Return => self.end_sub(at, statement, line),
@@ -184,7 +183,7 @@ impl<'r, 't> Run<'r, 't> {
                     (branch, statement, line) = (next, of_next, self.lines.lines[next].0);
                 }
             }
-            // The branch before was executed.
+            // An earlier branch was executed.
             Keyword::ElseIf | Keyword::Else => Ok(flow.end_of_if(at) + 1),
             Keyword::Repeat => {
                 let times = self.number(at, statement, line)?.round_ties_even().max(0.0);
@@ -224,7 +223,7 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
-    /// The line after one at which a loop goes on behind its beginning or has been done until its end.
+    /// The next line of a loop: its first line, or the line after its end.
     fn loop_goes_on(
         &self,
         at: usize,
@@ -257,7 +256,7 @@ impl<'r, 't> Run<'r, 't> {
         Ok(begin)
     }
 
-    /// The line after the call of a subroutine that ends here.
+    /// The line to continue at when a subroutine ends.
     fn end_sub(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let value = self.values(at, statement, line)?.first().copied();
         let Some(Call {
@@ -276,7 +275,7 @@ impl<'r, 't> Run<'r, 't> {
         Ok(back)
     }
 
-    /// The line after the end of a program that was called by its number: its beginning, where it is to be executed again.
+    /// The line to continue at when a numbered program ends: its start if it is repeated.
     fn end_program(&mut self, at: usize) -> Result<usize, NcError> {
         match self.calls.last_mut() {
             Some(Call {
@@ -335,7 +334,7 @@ impl<'r, 't> Run<'r, 't> {
         values.map_err(|error| self.lines.at(at, error))
     }
 
-    /// The same; whose errors are at no line yet.
+    /// The same, with errors that have no line number yet.
     fn values_of(&self, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
         let expressions = Expressions::new(&self.rewriter.interpreter);
         let mut scanner = Scanner::new(line);
@@ -379,15 +378,15 @@ impl<'r, 't> Run<'r, 't> {
     }
 }
 
-/// What is done with lines as they are executed.
+/// Receives lines as they are executed.
 trait Sink {
-    /// A line is executed, and this is written instead of it.
+    /// A line was executed; `text` is its replacement.
     fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
-    /// The main program is at this line.
+    /// The main program reaches this line.
     fn at(&mut self, place: usize) -> Result<(), NcError>;
 }
 
-/// What each line becomes, and which become different things from time to time.
+/// Replacement of each line, and the lines with conflicting replacements.
 struct Recorded<'r, 't> {
     lines: &'r Listing<'t>,
     texts: Vec<Option<Vec<u8>>>,
@@ -403,7 +402,7 @@ impl<'r, 't> Recorded<'r, 't> {
         }
     }
 
-    /// Writes the program with what each line always becomes.
+    /// Writes the program with these replacements.
     pub(crate) fn write(&self, output: &mut impl Write) -> Result<(), NcError> {
         for (place, (line, end)) in self.lines.lines[..self.lines.own].iter().enumerate() {
             let text = self.texts[place].as_deref();
@@ -420,7 +419,7 @@ impl Sink for Recorded<'_, '_> {
             Some(before) if before != text => self.conflicts[place] = true,
             Some(_) => {}
             None => {
-                // A line of another file stays as it is: other programs call it, too.
+                // Lines of other files must not change: other programs may call them.
                 let may_change = place < self.lines.own;
                 self.conflicts[place] |= !may_change && text != self.lines.lines[place].0;
                 self.texts[place] = Some(text.to_vec());
@@ -434,15 +433,16 @@ impl Sink for Recorded<'_, '_> {
     }
 }
 
-/// Writes the program; what the main program calls or repeats is held until it is known whether a line with a conflict is in it.
+/// Writes the program. The output of calls and loops of the main program is held back until it is known whether they contain a line with a
+/// conflict.
 struct Unrolled<'a, W> {
     lines: &'a Listing<'a>,
     flow: &'a Flow,
     recorded: &'a Recorded<'a, 'a>,
     output: &'a mut W,
-    /// The next line of the text that is to be written.
+    /// Next program line to be written.
     next: usize,
-    /// Where what is executed now begins and ends in the main program.
+    /// First and last line of the call or loop being executed.
     open: Option<[usize; 2]>,
     pending: Vec<u8>,
     conflicts: bool,
@@ -462,7 +462,7 @@ impl<'a, W: Write> Unrolled<'a, W> {
         }
     }
 
-    /// The lines of the text up to this one, as they are, or with what they always become.
+    /// Writes the program lines up to this one, with their replacements if these are unique.
     fn write_to(&mut self, end: usize) -> Result<(), NcError> {
         while self.next < end.min(self.lines.own) {
             let (line, end_of_line) = self.lines.lines[self.next];
@@ -475,7 +475,7 @@ impl<'a, W: Write> Unrolled<'a, W> {
         Ok(())
     }
 
-    /// What was executed has ended: it stays as it is, or is written out with the original as comments.
+    /// Ends a call or loop: it is copied, or unrolled with the original lines as comments.
     fn close(&mut self) -> Result<(), NcError> {
         let Some([begin, end]) = self.open.take() else {
             return Ok(());
@@ -483,7 +483,7 @@ impl<'a, W: Write> Unrolled<'a, W> {
         self.write_to(begin)?;
         if self.conflicts {
             for (line, end_of_line) in &self.lines.lines[begin..=end.min(self.lines.own - 1)] {
-                // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
+                // Controls with M98 only accept comments in ( ): there a ; ends the block.
                 let of_program = program_line(line).is_some();
                 if of_program {
                     let mut comment = Vec::new();

@@ -1,4 +1,4 @@
-//! The set-up of a machine that a program relies on: work offsets, tool lengths, and where the axes stand at its beginning.
+//! Set-up of the machine that a program relies on: work offsets, tool lengths, and start position.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -10,25 +10,25 @@ use crate::{
     modal::{CentrePoint, Modal, SYSTEMS, name_of_offset},
 };
 
-/// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
+/// Set-up data that the program does not contain. Lengths in mm, angles in deg; missing values are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
-    /// What holds at the beginning of a program.
+    /// Modal state at the start of a program.
     pub(crate) modal: Modal,
-    /// Which of the work offsets it states.
+    /// Work offsets that the file states.
     stated: [bool; SYSTEMS],
     pub(crate) tools: BTreeMap<u32, Axes>,
-    /// Of which axes it states the places of G28 and G30.
+    /// Axes whose G28 and G30 positions the file states.
     pub(crate) states_homes: [Axes<bool>; 2],
     start: Option<(Axes, Axes<bool>)>,
     pub(crate) folders: Vec<PathBuf>,
     control: Option<Control>,
     rotary_words: Option<RotaryWords>,
-    /// Whether X60 is 60 least increments instead of 60 mm, inch or degrees.
+    /// True if X60 means 60 least increments instead of 60 mm, inches or degrees.
     without_point: Option<bool>,
 }
 
-/// How a control with RS-274 words turns a rotary axis to a coordinate.
+/// How an RS-274 control turns a rotary axis to a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RotaryWords {
     /// As a linear axis: from 350 to 10 by -340.
@@ -54,10 +54,10 @@ impl Default for SetUp {
 }
 
 impl SetUp {
-    /// Reads a set-up file, whose name is used in messages.
+    /// Reads a set-up file; `file` is its name in messages.
     ///
     /// # Errors
-    /// Keys that are not known, values of another kind; with file, line and key.
+    /// Unknown keys and values of the wrong type, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
             root.allow(&[
@@ -104,7 +104,7 @@ impl SetUp {
             if let Some(offsets) = root.section("work_offset")? {
                 let names: Vec<String> = (0..SYSTEMS).map(name_of_offset).collect();
                 let allowed: Vec<&str> = names.iter().map(String::as_str).collect();
-                // Names that another dialect has are no help: G560 for G60.
+                // List only names of this dialect: suggesting G560 for G60 would not help.
                 for (key, _) in offsets.values() {
                     if !allowed.contains(&key) {
                         return Err(offsets.error(format!(
@@ -125,7 +125,7 @@ impl SetUp {
                 }
             }
             if setup.control.is_some_and(Control::is_printer) {
-                // Printers have none, or zero is its place.
+                // Printers have no work offset, or it is zero.
                 setup.stated[0] = true;
             }
             if let Some(tools) = root.section("tool")? {
@@ -154,21 +154,21 @@ impl SetUp {
         })
     }
 
-    /// Subroutines that a program calls and does not have itself are looked for in these folders, in their order: o&lt;name&gt; in `name.ngc`,
-    /// the program of `M98 P1000` in files such as `O1000` or `1000.nc`.
+    /// Sets the folders, in search order, for subroutines that the program calls but does not contain: o&lt;name&gt; in `name.ngc`, the
+    /// program of `M98 P1000` in files such as `O1000` or `1000.nc`.
     #[must_use]
     pub fn with_subroutines(mut self, folders: Vec<PathBuf>) -> Self {
         self.folders = folders;
         self
     }
 
-    /// The control that runs the program, if it is stated.
+    /// Control that runs the program, if stated.
     #[must_use]
     pub fn control(&self) -> Option<Control> {
         self.control
     }
 
-    /// Whether it states how rotary words are meant.
+    /// True if the file states the direction of rotary words.
     pub(crate) fn states_rotary_words(&self) -> bool {
         self.rotary_words.is_some()
     }
@@ -187,7 +187,7 @@ impl SetUp {
         is_stated.then(|| self.modal.offsets[system].offset)
     }
 
-    /// The same with these sums added to X, Y and Z of its work offsets, mm.
+    /// A copy with these amounts added to X, Y and Z of its work offsets, mm.
     pub(crate) fn with_offsets_moved(&self, by: &[[f64; 3]]) -> Self {
         let mut moved = self.clone();
         for (offset, by) in moved.modal.offsets.iter_mut().zip(by) {
@@ -198,13 +198,13 @@ impl SetUp {
         moved
     }
 
-    /// Where the axes stand at the beginning, and of which it is known.
+    /// Start position of the axes, and for each whether it is known.
     pub(crate) fn start(&self) -> (Axes, Axes<bool>) {
         self.start.unwrap_or_default()
     }
 }
 
-/// Coordinates by the letters of axes, and which were given.
+/// Coordinates by axis letter, and which of them were given.
 fn axes_of(section: &Section<'_>, others: &[&str]) -> Result<(Axes, Axes<bool>), InputError> {
     let mut known: Vec<&str> = vec!["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
     known.extend(others);

@@ -1,49 +1,49 @@
 //! Shortest paths through a weighted directed graph: between all pairs of nodes, and through layers of them.
 //!
-//! All pairs by R. W. Floyd, Algorithm 97, Communications of the ACM 5 (1962), 345; through layers by R. Bellman's principle
-//! of optimality (Dynamic Programming, 1957). On a graph of layers both find the same way; the second in a time that grows with the
-//! number of layers instead of with its cube.
+//! All pairs by R. W. Floyd, Algorithm 97, Communications of the ACM 5 (1962), 345; through layers by R. Bellman's principle of optimality
+//! (Dynamic Programming, 1957). On a layered graph both find the same path; the time of the second is linear, not cubic, in the number of
+//! layers.
 
-/// What is wrong with a graph.
+/// Why a graph is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GraphError {
-    /// A row of the matrix is not as long as there are rows.
+    /// The length of a matrix row differs from the number of rows.
     #[error("found {found} weights from node {node}, expected {expected}: one to each node")]
     NotSquare {
         /// The node, from 0.
         node: usize,
-        /// How many weights its row has.
+        /// Number of weights in its row.
         found: usize,
-        /// How many nodes there are.
+        /// Number of nodes.
         expected: usize,
     },
-    /// A weight is negative or no number.
+    /// A weight is negative or NaN.
     #[error(
         "found a weight of {found} from node {from} to node {to}, expected 0 or more, or infinity where no edge is"
     )]
     Weight {
-        /// Where the edge begins, from 0.
+        /// Start of the edge, from 0.
         from: usize,
-        /// Where it ends.
+        /// End of the edge.
         to: usize,
-        /// Its weight.
+        /// Weight of the edge.
         found: f64,
     },
 }
 
-/// The shortest way between each two nodes.
+/// Shortest paths between all pairs of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AllPairs {
     distances: Vec<Vec<f64>>,
-    /// The node after the first on the shortest way.
+    /// Second node of the shortest path.
     next: Vec<Vec<Option<usize>>>,
-    /// How many sums were compared: n³ for n nodes.
+    /// Number of path lengths compared: n³ for n nodes.
     pub operations: u64,
 }
 
 impl AllPairs {
-    /// The length of the shortest way; infinite where there is none or a node is not there.
+    /// Length of the shortest path; infinite if there is none or a node does not exist.
     pub fn distance(&self, from: usize, to: usize) -> f64 {
         let row = self.distances.get(from);
         row.and_then(|row| row.get(to))
@@ -51,8 +51,7 @@ impl AllPairs {
             .unwrap_or(f64::INFINITY)
     }
 
-    /// The nodes of the shortest way, both ends included; `None` where there is none. Of ways of equal length it is the one
-    /// found first.
+    /// Nodes of the shortest path, both ends included; `None` if there is none. Of paths of equal length it is the one found first.
     pub fn path(&self, from: usize, to: usize) -> Option<Vec<usize>> {
         let mut path = vec![from];
         let mut at = from;
@@ -67,11 +66,11 @@ impl AllPairs {
     }
 }
 
-/// Finds the shortest ways between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite where there is none.
-/// `seen` receives each round: how many nodes may be passed on the way so far, and all distances: D(0), D(1) … D(n).
+/// Finds the shortest paths between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite if there is none.
+/// `seen` receives each round: the number of nodes allowed as intermediate ones so far, and all distances: D(0), D(1) … D(n).
 ///
 /// # Errors
-/// A matrix that is not square, a weight that is negative or no number.
+/// The matrix is not square, or a weight is negative or NaN.
 pub fn all_pairs(
     weights: &[Vec<f64>],
     mut seen: impl FnMut(usize, &[Vec<f64>]),
@@ -121,20 +120,20 @@ pub fn all_pairs(
     })
 }
 
-/// The shortest way through layers of nodes.
+/// Shortest path through layers of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Through {
-    /// The node of each layer.
+    /// Node in each layer.
     pub nodes: Vec<usize>,
-    /// The sum of the weights on the way.
+    /// Sum of the weights along the path.
     pub length: f64,
-    /// How many sums were compared.
+    /// Number of path lengths compared.
     pub operations: u64,
 }
 
-/// Finds the shortest way from any node of the first layer to any of the last. `counts` says how many nodes each layer has;
-/// `weight(layer, from, to)` is the weight of the edge from a node of a layer to one of the next, infinite where there is none.
-/// Of ways of equal length it is that of the first nodes. `None` where there is no way, or no layer.
+/// Finds the shortest path from any node of the first layer to any of the last. `counts` is the number of nodes of each layer;
+/// `weight(layer, from, to)` is the weight of the edge from a node of a layer to one of the next, infinite if there is none. Of paths of
+/// equal length the one with the first nodes wins. `None` if there is no path, or no layer.
 pub fn through(
     counts: &[usize],
     mut weight: impl FnMut(usize, usize, usize) -> f64,

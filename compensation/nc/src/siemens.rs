@@ -1,7 +1,7 @@
-//! The language of SINUMERIK controls: its lines as blocks.
+//! The language of SINUMERIK controls.
 //!
-//! Words that mean the same as in RS-274 have its letters and codes: `CR=` is R, G71 is G21. What is not known to move nothing is
-//! refused with its column. What its codes and names mean is from memory of its programming manual, unproven on a control.
+//! Words with the meaning of RS-274 ones get their letters and codes: `CR=` is R, G71 is G21. Everything not known to leave the axes alone
+//! is rejected with its column. The meaning of codes and names is from memory of the programming manual, not verified on a control.
 
 use crate::{
     block::{
@@ -42,7 +42,7 @@ struct Reader<'a, 'b> {
     block: &'b mut Block,
     scanner: Scanner<'a>,
     interpreter: &'b Interpreter,
-    /// The groups of which a G code was read, and which.
+    /// G code groups read so far, and the code of each.
     groups: Vec<(u8, u32)>,
     dwells: bool,
     limits: bool,
@@ -61,7 +61,7 @@ impl Reader<'_, '_> {
                         .not_followed("$", "variables of the control may shift its coordinates"));
                 }
                 b'%' if self.block.end == 0 => {
-                    // The name of the program in an archive.
+                    // Program name in an archive.
                     self.scanner.go_to(usize::MAX);
                 }
                 other => {
@@ -79,7 +79,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// `/3 N10 LABEL:`.
+    /// Reads `/3 N10 LABEL:`.
     fn begins(&mut self) {
         let scanner = &mut self.scanner;
         if scanner.takes(b'/') {
@@ -155,19 +155,19 @@ impl Reader<'_, '_> {
         self.lettered(letter, at, column)
     }
 
-    /// Whether `==` is next, a comparison.
+    /// True if `==` is next, a comparison.
     fn next_is_equal(&self) -> bool {
         let rest = self.scanner.bytes().get(self.scanner.at()..);
         rest.is_some_and(|rest| rest.starts_with(b"=="))
     }
 
-    /// The text of an address, for messages.
+    /// Text of an address, for messages.
     fn found(&self, at: usize) -> String {
         let text = self.scanner.bytes().get(at..self.scanner.at());
         String::from_utf8_lossy(text.unwrap_or_default().trim_ascii()).into_owned()
     }
 
-    /// A value that means nothing for coordinates; its address is passed. It is to be executed with the motion of its block.
+    /// Skips a value that does not affect coordinates, after its address. It has to be executed with the motion of its block.
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();
@@ -176,7 +176,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// Passes a value of any kind: a formula, a text, a name with arguments.
+    /// Skips a value of any kind: a formula, a text, a name with arguments.
     fn skip_value(&mut self) -> Result<(), Fault> {
         if self.scanner.takes_text()? {
             return Ok(());
@@ -187,7 +187,7 @@ impl Reader<'_, '_> {
             .ok_or(column.malformed("expected a value here"))
     }
 
-    /// `R5=...`, `R[5]=...`.
+    /// Reads `R5=...` or `R[5]=...`.
     fn r_parameter(&mut self, at: usize) -> Result<(), Fault> {
         let column = self.scanner.column();
         let values = Values {
@@ -203,7 +203,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// `= ...` behind a parameter.
+    /// Reads `= ...` after a parameter.
     fn assign(&mut self, parameter: Parameter, at: usize) -> Result<(), Fault> {
         let column = self.scanner.column();
         if !self.scanner.takes(b'=') {
@@ -226,19 +226,19 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// What was read from a place on, without the blanks behind it.
+    /// Range of the text read since `from`, without trailing blanks.
     fn without_blanks(&self, from: usize) -> std::ops::Range<usize> {
         let text = self.scanner.bytes().get(from..self.scanner.at());
         from..from + text.unwrap_or_default().trim_ascii_end().len()
     }
 
-    /// A formula, or a number with its decimals.
+    /// Reads a formula, or a number with its decimals.
     fn value(&mut self, what: &'static str) -> Result<WordValue, Fault> {
         let column = self.scanner.column();
         self.read()?.ok_or(column.malformed(what))
     }
 
-    /// A number with a sign, as it stands behind a letter without `=`.
+    /// Reads a signed number that follows a letter without `=`.
     fn number(&mut self) -> Option<(f64, u8)> {
         let sign = match self.scanner.peek() {
             Some(b'-') => -1.0,
@@ -255,7 +255,7 @@ impl Reader<'_, '_> {
         number.map(|(value, decimals)| (sign * value, decimals))
     }
 
-    /// What begins with a name of several letters, which is passed.
+    /// Reads what follows a name of several letters.
     pub(crate) fn named(&mut self, name: &str, at: usize, column: Column) -> Result<(), Fault> {
         match name {
             "CR" => {
@@ -352,7 +352,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// `TRAORI`, `TRAORI(1)`.
+    /// Reads the argument of `TRAORI`, `TRAORI(1)`.
     fn traori(&mut self, column: Column) -> Result<(), Fault> {
         if self.scanner.takes(b'(') {
             let (number, _) = self.value("expected the number of a transformation here")?;
@@ -367,7 +367,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// `MCALL`, `MCALL CYCLE81(...)`.
+    /// Reads the rest of `MCALL`, `MCALL CYCLE81(...)`.
     pub(crate) fn each_motion(&mut self) -> Result<(), Fault> {
         let cycle = if matches!(self.scanner.peek(), None | Some(b';')) {
             None
@@ -383,7 +383,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// The arguments of a cycle, whose name is passed.
+    /// Reads the arguments of a cycle after its name.
     pub(crate) fn cycle(&mut self, name: &str, only_drills: bool) -> Result<Cycle, Fault> {
         let mut inside = self.scanner.clone();
         let column = inside.column();
@@ -405,7 +405,7 @@ impl Reader<'_, '_> {
         })
     }
 
-    /// `DEF REAL A=5, B`: variables of the program.
+    /// Reads `DEF REAL A=5, B`: variables of the program.
     fn define(&mut self) -> Result<(), Fault> {
         loop {
             let column = self.scanner.column();
@@ -429,7 +429,7 @@ impl Reader<'_, '_> {
             };
             let parameter = Parameter::Named(name.to_ascii_lowercase());
             if passes_brackets(&mut self.scanner, b'[', b']') {
-                // The values of a field are not followed.
+                // The values of an array are not tracked.
                 self.set(parameter, None, at);
                 self.skip_line();
                 return Ok(());
@@ -455,7 +455,7 @@ impl Reader<'_, '_> {
         });
     }
 
-    /// Passes the rest of the line up to its comment.
+    /// Skips the rest of the line up to its comment.
     fn skip_line(&mut self) {
         let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let mut in_text = false;
@@ -466,7 +466,7 @@ impl Reader<'_, '_> {
         self.scanner.go_to(at + ends.unwrap_or(rest.len()));
     }
 
-    /// `S1=1000`, `M2=3`, `I1=5`, whose `=` is next.
+    /// Reads the value of `S1=1000`, `M2=3`, `I1=5`, from the `=` on.
     pub(crate) fn numbered(&mut self, letter: u8, at: usize, column: Column) -> Result<(), Fault> {
         let found = self.found(at);
         match letter {
@@ -484,7 +484,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// A word of one letter, which is passed.
+    /// Reads a word of one letter, after that letter.
     fn lettered(&mut self, letter: u8, at: usize, column: Column) -> Result<(), Fault> {
         match letter {
             b'G' => self.g_code(at, column),
@@ -529,7 +529,7 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// `X10`, `X=10`, `X=IC(10)`.
+    /// Reads `X10`, `X=10`, `X=IC(10)`.
     pub(crate) fn coordinate(
         &mut self,
         letter: u8,
@@ -572,7 +572,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// `IC(`, `AC(` or `DC(`, where one is next.
+    /// Consumes `IC(`, `AC(` or `DC(`, if one is next.
     pub(crate) fn manner(&mut self, letter: u8, column: Column) -> Result<Manner, Fault> {
         let is_axis = axis_of(letter).is_some();
         for (name, manner) in [
@@ -663,13 +663,13 @@ impl Reader<'_, '_> {
     }
 }
 
-/// The number of a parameter; `None`: only the machine knows which.
+/// Number of a parameter; `None` if it is only known at the machine.
 type Number = Option<u32>;
 
-/// Values of a block: parameters have the values that they had before it.
+/// Values of a block; parameters have their values from before the block.
 pub(crate) struct Values<'b> {
     pub(crate) interpreter: &'b Interpreter,
-    /// What the block has set so far.
+    /// Parameters set by the block so far.
     pub(crate) set: &'b [Assignment],
 }
 
@@ -716,7 +716,7 @@ impl Formulas for Values<'_> {
         let is_element = passes_brackets(scanner, b'[', b']');
         let has_arguments = passes_brackets(scanner, b'(', b')');
         if is_system || is_element || has_arguments {
-            // Only the control knows it.
+            // Only known to the control.
             return Ok(Some(None));
         }
         let name = name.to_ascii_lowercase();
@@ -730,7 +730,7 @@ impl Formulas for Values<'_> {
 }
 
 impl Values<'_> {
-    /// Whether the block has not set the parameter: in which order it does so is not known here.
+    /// Rejects reading a parameter that the same block sets: the order of evaluation is unknown.
     fn is_settled(&self, parameter: Option<&Parameter>, column: Column) -> Result<(), Fault> {
         let is_set = |parameter: &Parameter| self.set.iter().any(|set| set.parameter == *parameter);
         if parameter.is_some_and(is_set) {
@@ -742,7 +742,7 @@ impl Values<'_> {
     }
 }
 
-/// A number without a sign, which may have a power of ten: 1.5EX-3.
+/// Reads an unsigned number with an optional power of ten: 1.5EX-3.
 fn exponent_number(scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
     let (value, decimals) = plain_number(scanner, b".")?;
     if !scanner.is_next("EX") {
@@ -752,14 +752,14 @@ fn exponent_number(scanner: &mut Scanner<'_>) -> Option<(f64, u8)> {
     let sign = if scanner.takes(b'-') { -1 } else { 1 };
     scanner.takes(b'+');
     let power = plain_number(scanner, b"").filter(|(power, _)| *power <= 300.0);
-    // A power of ten up to 300.
+    // Powers of ten up to 300.
     let power = power.and_then(|(power, _)| format!("{power:.0}").parse::<i32>().ok());
     let value = power.map(|power| value * 10_f64.powi(sign * power));
     let value = value.filter(|value| value.is_finite());
     value.map(|value| (value, 0))
 }
 
-/// The number of an R parameter, `R5` or `R[5]`; the outer `None`: it is none, the inner: only the machine knows which.
+/// Number of an R parameter, `R5` or `R[5]`. Outer `None`: not an R parameter; inner `None`: only known at the machine.
 fn r_parameter(
     values: &Values<'_>,
     scanner: &mut Scanner<'_>,
@@ -795,7 +795,7 @@ fn r_parameter(
     Ok(Some(Some(whole)))
 }
 
-/// A name: letters, digits and underscores, in capitals. `None`: none begins here.
+/// Reads a name of letters, digits and underscores, in upper case; `None` if none begins here.
 fn identifier(scanner: &mut Scanner<'_>) -> Option<String> {
     let first = scanner.peek()?;
     if !first.is_ascii_alphabetic() && first != b'_' {
@@ -809,7 +809,7 @@ fn identifier(scanner: &mut Scanner<'_>) -> Option<String> {
     Some(name.map(char::from).collect())
 }
 
-/// Passes brackets with all that is in them, where they are next; strings in them may hold anything. Whether they were there.
+/// Skips brackets with their content, if they are next; strings in them may contain anything. Returns true if it did.
 fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
     if scanner.peek() != Some(opens) {
         return false;
@@ -835,16 +835,16 @@ fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
     false
 }
 
-/// What a G code or a name does.
+/// Meaning of a G code or a name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Meaning {
-    /// What RS-274 has this code for.
+    /// As this RS-274 code.
     Code(f64),
     Command(Command),
     Nothing,
     /// A dwell: its F and S are times.
     Dwell,
-    /// Limits: its coordinates move nothing.
+    /// Working area limits: the coordinates move no axis.
     Limits,
     Refused(&'static str),
 }
@@ -867,7 +867,7 @@ const APPROACH: &str = "soft approach and retraction make motions of their own";
 
 const TRANSFORMATION: &str = "no transformation other than TRAORI is followed";
 
-/// What a G code means, and the group of which one may stand in a block.
+/// Meaning of a G code, and its modal group; a block may have one code per group.
 fn g_code(code: u32) -> (u8, Meaning) {
     match code {
         0..=3 => (1, Meaning::Code(f64::from(code))),
@@ -894,7 +894,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
         71 | 710 => (13, Meaning::Code(21.0)),
         90 | 91 => (14, Meaning::Code(f64::from(code))),
         93..=95 => (15, Meaning::Code(f64::from(code))),
-        // Surface speeds, exact stops, path control, the manner of approach and of corners.
+        // Surface speeds, exact stops, path control, approach and corner behaviour.
         96 | 97 | 961 | 962 | 971..=973 => (15, Meaning::Nothing),
         9 => (11, Meaning::Nothing),
         60 | 64 | 641..=645 => (10, Meaning::Nothing),
@@ -909,7 +909,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
     }
 }
 
-/// Names that move nothing, alone, with a value, or with arguments.
+/// Names that move no axis, alone, with a value, or with arguments.
 const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC CFIN CFTCP CLEARM COMPCAD COMPCURV COMPOF COMPON \
     COMPSURF CP CTOL CUT2D CUT2DD CUT2DF CUT2DFD CUT3DC CUT3DCC CUT3DF CUT3DFF CUT3DFS CUTCONOF CYCLE832 \
     DIAMOF DISC DISPLOF DISPLON DRIVE DRIVEA DYNFINISH DYNNORM DYNPOS DYNROUGH DYNSEMIFIN FA FCUB \
@@ -917,7 +917,7 @@ const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC C
     MSG NORM ORIAXES ORIMKS OTOL OVR OVRRAP RTLIOF RTLION SAVE SBLOF SBLON SETM SETMS SOFT SOFTA SPATH SPCOF \
     SPCON SPOS SPOSA STARTFIFO STOPFIFO STOPRE UPATH WAITM WAITS WORKPIECE";
 
-/// Why names are not followed.
+/// Unsupported names, by reason.
 const REFUSED: [(&str, &str); 10] = [
     (
         FLOW,
@@ -964,7 +964,7 @@ fn meaning_of(name: &str) -> Meaning {
     }
 }
 
-/// Whether a call with this name is a cycle that moves along the tool only, and ends at its first argument; `None`: it is no cycle.
+/// True if the call is a cycle that only moves along the tool and ends at its first argument; `None` if it is not a cycle.
 pub(crate) fn only_drills(name: &str) -> Option<bool> {
     const DRILLING: &str =
         "CYCLE81 CYCLE82 CYCLE83 CYCLE84 CYCLE85 CYCLE86 CYCLE87 CYCLE88 CYCLE89 CYCLE840";

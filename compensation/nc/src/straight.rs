@@ -1,4 +1,4 @@
-//! Straight motions with their correction, in as many parts as it needs: the words that lead each part to its end.
+//! Corrected straight motions, split into as many parts as needed, and the words for the end of each part.
 
 use std::ops::Range;
 
@@ -17,10 +17,10 @@ use crate::{
     shortest::through,
 };
 
-/// A motion is split into so many parts at the most.
+/// Maximum number of parts of a motion.
 pub(crate) const MOST_PARTS: usize = 4096;
 
-/// After each so many mm or deg a motion is looked at for axes that turn, so often at the most.
+/// Sampling interval in the search for axis reversals, mm or deg; `MOST_LOOKED_AT` limits the number of samples that it requires.
 const LOOKED_AT_EACH: f64 = 5.0;
 
 const MOST_LOOKED_AT: f64 = 64.0;
@@ -35,13 +35,13 @@ pub(crate) struct Part<'a> {
     pub(crate) share: f64,
     pub(crate) motion: &'a Move,
     pub(crate) numbers: &'a Axes<Option<Number>>,
-    /// Words behind these in a line of its own: the circle of an arc.
+    /// Words after these in an added line: the circle of an arc.
     pub(crate) others: &'a [(u8, Number)],
-    /// G2 or G3 before them, where another code has come in between, or G93.
+    /// G2 or G3 if another code was written in between, or G93.
     pub(crate) code: Option<Number>,
     pub(crate) feed: Option<Number>,
     pub(crate) shape: Shape,
-    /// A line that must stand before it, without its end: the centre of an arc.
+    /// A line to precede the part, without its end: the centre of an arc.
     pub(crate) before: &'a [u8],
 }
 
@@ -66,61 +66,61 @@ impl<'a> Part<'a> {
 pub(crate) struct Leg<'a> {
     pub(crate) motion: &'a Move,
     pub(crate) line: Line<'a>,
-    /// Where it begins and ends, in the coordinates of the program.
+    /// Start and end, in program coordinates.
     pub(crate) from: Axes,
     pub(crate) to: Axes,
-    /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
+    /// Machine coordinates at which the correction is evaluated: the end, or half-way down a hole.
     pub(crate) at: Axes,
     pub(crate) writes: Axes<Writes>,
-    /// Axes that end with the correction that they have, whatever belongs to the end.
+    /// Axes that keep their correction from the start.
     pub(crate) keeps: Axes<bool>,
-    /// The correction with which the numbers come out as they were rounded together; `None`: each is the nearest.
+    /// Correction from joint rounding, which yields the chosen numbers; `None`: round each number separately.
     pub(crate) rounded: Option<Axes>,
 }
 
 /// When the word of an axis is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Writes {
-    /// It is no coordinate of the end: the depth of a cycle.
+    /// Never: it is not a coordinate of the end, but the depth of a cycle.
     Never,
-    /// Where its number changes.
+    /// If its number changes.
     IfChanged,
-    /// Where it is to leave the place where it stands: in a line of its own, which has no word yet.
+    /// If the axis moves: in an added line, which has no words yet.
     IfMoves,
-    /// Whatever its number is, if the block has it: the motion is in parts.
+    /// Always if the block has it: the motion is split.
     Anew,
-    /// Also if the block does not have it.
+    /// Even if the block does not have it.
     Always,
 }
 
-/// One axis on a motion or a part of it, in the coordinates of the program.
+/// One axis on a motion or a part of it, in program coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisWay {
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// The correction that belongs to its end, and the one that it has before.
+    /// Correction required at the end, and the one applied at the start.
     pub(crate) delta: f64,
     pub(crate) carried: f64,
     pub(crate) incremental: bool,
     pub(crate) manner: Manner,
-    /// It ends with the correction that it has, whatever belongs to the end.
+    /// The axis keeps its correction from the start.
     pub(crate) keeps: bool,
-    /// `None`: no word stands there.
+    /// Word of the program; `None` if there is none.
     pub(crate) written: Option<Written>,
     pub(crate) numerals: Numerals,
 }
 
-/// A word as it stands in the program.
+/// A word of the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Written {
-    /// The decimals of a plain number.
+    /// Decimals of a plain number.
     pub(crate) decimals: u8,
-    /// It must be written anew even where nothing changes: the motion is split.
+    /// It is written even if nothing changes, because the motion is split.
     pub(crate) anew: bool,
 }
 
 impl AxisWay {
-    /// The number to be written, if any, and the correction that is in the axis then. `scale` is mm or deg for each unit of a word.
+    /// The number to be written, if any, and the correction applied afterwards. `scale` is mm or deg per unit of the word.
     #[inline]
     fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
         let nominal = if self.incremental {
@@ -137,7 +137,7 @@ impl AxisWay {
         let half = half_step(self.numerals.decimals);
         let carried_by = |value: f64| base + value * scale - self.to;
         let Some(written) = self.written else {
-            // The axis stays where it is, with what is in it.
+            // The axis stays in place with its current correction.
             let needed = (self.to + self.delta) - (self.from + self.carried);
             if !may_be_added || (needed / scale).abs() < half {
                 return (None, self.carried + self.from - self.to);
@@ -162,13 +162,12 @@ impl AxisWay {
 }
 
 impl Rewriter {
-    /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
-    /// ends at 0 takes up what the axes lack of the correction where the line begins; a second part that ends at the same place
-    /// takes up the play of an axis that turns there.
-    /// `at_ends` are its ends in the coordinates of the program.
+    /// Splits a straight motion into parts within which the correction is linear, and appends the end of each as a share (0 to 1). A first
+    /// part that ends at 0 applies the correction missing at the start; a second part that ends at the same share takes up the play of an
+    /// axis that reverses there. `at_ends` are the ends in program coordinates.
     ///
     /// # Errors
-    /// More parts than a motion may have; an F of the parts that is not known.
+    /// More parts than a motion may have, or an unknown F of the parts.
     pub(crate) fn parts(
         &mut self,
         motion: &Move,
@@ -177,7 +176,7 @@ impl Rewriter {
         parts: &mut Vec<f64>,
     ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
-        // Also where it begins: parts of a way from elsewhere would lead elsewhere.
+        // The start must be known, too: parts of a motion from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour != Contour::None {
@@ -210,7 +209,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// The axes turn that turn up to this share of the motion, from the next turn on. Whether there is any.
+    /// Applies the reversals up to this share of the motion, beginning with index `next`. Returns true if there were any.
     pub(crate) fn turn_up_to(&mut self, next: &mut usize, share: f64) -> bool {
         let first = *next;
         while let Some(turn) = self
@@ -231,7 +230,7 @@ impl Rewriter {
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // What is added to an axis that stands may turn on the way, too.
+        // The correction added to a resting axis may also reverse during the motion.
         let least = if self.corrector.play.any {
             let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
             (ways.fold(0.0, f64::max) / LOOKED_AT_EACH).min(MOST_LOOKED_AT)
@@ -246,7 +245,7 @@ impl Rewriter {
         )]
         let steps = steps.ceil().max(1.0) as u32;
         if motion.path == Path::Rapid {
-            // It is not split: the carriages go as the control leads them from the one corrected place to the other.
+            // A rapid motion is not split: the carriages follow the control's path between the two corrected positions.
             let [from, to] = [&motion.from, &motion.to].map(|at| {
                 let more = frame.moved_in_program(at, &self.corrector.without_play(at));
                 let at = frame.to_program(at);
@@ -310,7 +309,7 @@ impl Rewriter {
         if is_straight([begins, ends]) {
             parts.push(ends);
         } else {
-            // Halves of halves, from the beginning on.
+            // Bisect repeatedly, from the start on.
             let mut open = halves([begins, ends]).to_vec();
             while let Some([from, to]) = open.pop() {
                 if parts.len() + open.len() >= MOST_PARTS {
@@ -326,9 +325,9 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Whether the axes stand further from where a motion is to begin than they may: where an axis `turns`, than words round, since
-    /// its play is to be taken up; with another tool in the spindle, or where the axes came here without a correction, than the
-    /// tolerance and the rounding of words let them.
+    /// True if the correction missing at the start of a motion exceeds its limit. After a reversal (`turns`) the limit is the rounding of
+    /// words, since the play has to be taken up. With another tool, or if the axes arrived without correction, it is the tolerance plus the
+    /// rounding.
     pub(crate) fn lacks_correction(&self, motion: &Move, turns: bool) -> bool {
         if self.settled == Settled::Yes && !turns || self.contour != Contour::None {
             return false;
@@ -350,8 +349,8 @@ impl Rewriter {
         squared.sqrt() > self.corrector.split_beyond_mm + self.step_mm()
     }
 
-    /// A spline, or a control point of one: its end goes by the correction that the axes have where it begins, as its other points do, which
-    /// are ways from its ends.
+    /// Writes a spline or one of its control points. The end keeps the correction applied at the start, since the other points are relative
+    /// to the ends.
     pub(crate) fn spline(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) {
         let [from, to] = self.ends_of(motion);
         let frame = &self.interpreter.frame;
@@ -373,7 +372,7 @@ impl Rewriter {
         self.settled = Settled::No;
     }
 
-    /// A straight motion in parts, whose ends are these in the coordinates of the program.
+    /// Writes a straight motion in parts, between these ends in program coordinates.
     pub(crate) fn straight(
         &mut self,
         motion: &Move,
@@ -392,7 +391,7 @@ impl Rewriter {
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;
-        // What is not taken up by a block of its own is spread over the motion.
+        // Reversals without a separate block are spread over the motion.
         let is_cut =
             (self.turns.turns.iter()).all(|turn| turn.share == 0.0 || parts.contains(&turn.share));
         self.turn_up_to(&mut next, if is_cut { 0.0 } else { 1.0 });
@@ -445,7 +444,7 @@ impl Rewriter {
                 carried[..2].fill(0.0);
             }
             if place > 0 && share == passed && words.iter().all(Option::is_none) {
-                // There is nothing to take up.
+                // Nothing is missing.
                 continue;
             }
             let mut feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
@@ -483,11 +482,11 @@ impl Rewriter {
         Ok(())
     }
 
-    /// How far a feed motion goes by which no word of the program moves X, Y or Z: mm, inch or deg of the axes whose feed F is then. `None`: F is that
-    /// of X, Y and Z with and without a correction, or the control takes mm and deg together.
+    /// Length of a feed motion in which the program does not move X, Y or Z, in mm, inch or deg of the axes that F applies to. `None` if F
+    /// applies to X, Y and Z both with and without correction, or the control combines mm and deg.
     ///
-    /// LinuxCNC (and NIST IR 6556, 2.1.2.5) takes F for the way of X, Y and Z wherever one of them moves, and turns the rotary axes in the same time: with
-    /// a correction of 1 µm in Y an axis that was to turn at F600 would turn as fast as it can.
+    /// LinuxCNC (and NIST IR 6556, 2.1.2.5) applies F to X, Y and Z whenever one of them moves, and turns the rotary axes in the same time.
+    /// With a correction of 1 µm in Y, an axis programmed to turn at F600 would turn as fast as it can.
     pub(crate) fn way_without_tool(&self, [from, to]: &[Axes; 2]) -> Option<f64> {
         let modal = &self.interpreter.modal;
         let way = |axes: Range<usize>| {
@@ -508,7 +507,7 @@ impl Rewriter {
         way(6..9).or_else(|| way(3..6)).filter(|_| !takes_together)
     }
 
-    /// The time that a motion of this way takes.
+    /// Duration of a motion of this length, minutes.
     ///
     /// # Errors
     /// Its F or its way is not known, or F means something else on the control.
@@ -586,7 +585,7 @@ impl Rewriter {
     }
 
     /// # Errors
-    /// The F of the parts of a motion (G93) is not known, or their E.
+    /// F (in G93) or E of the parts of a motion is unknown.
     pub(crate) fn check_shares(&self, line: Line<'_>) -> Result<(), NcError> {
         self.check_extrusion(line)?;
         let modal = &self.interpreter.modal;
@@ -599,7 +598,7 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Where F is one over the time of a motion, the F of a part of it.
+    /// F of a part, in inverse time mode.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;
         let feed = modal
@@ -608,7 +607,7 @@ impl Rewriter {
         Number::nearest(feed / share_of_time(share), 4)
     }
 
-    /// The first part goes into the line itself, each other one into a line of its own.
+    /// Writes a part: the first one into the program's own line, each other one into an added line.
     pub(crate) fn write_part(&mut self, part: &Part<'_>, line: Line<'_>, out: &mut Vec<u8>) {
         if part.share < 1.0 {
             self.ends_part(part.share);
@@ -618,7 +617,7 @@ impl Rewriter {
         let stops = |word: &&Word| match (word.letter, word.value) {
             (LAST, _) => true,
             (b'M', Some(code)) => is_stop(code) || ends_late && is_switched_off(code),
-            // An exact stop is meant for the end.
+            // An exact stop applies to the end of the motion.
             (b'G', Some(code)) => code == 9.0,
             _ => false,
         };
@@ -660,7 +659,7 @@ impl Rewriter {
         }
         self.begin_line(line, out);
         out.extend_from_slice(script.keyword(part.shape));
-        // Where each motion says how it goes, its keyword has said it.
+        // The keyword already states the motion type, if every motion has one.
         let code = if script.says_each {
             line.motion_code()
         } else {
@@ -703,16 +702,15 @@ impl Rewriter {
         self.counts.added += 1;
     }
 
-    /// A part of a motion, or all of it, ends at this share.
+    /// Records the end of a part of a motion.
     pub(crate) fn ends_part(&mut self, share: f64) {
         if let Some(shares) = &mut self.shares {
             shares.push(share);
         }
     }
 
-    /// The words that lead a motion, or a part of it, to its end: their numbers, and in `carried` the correction that the
-    /// axes have there, in the coordinates of the program. What the rotary axes really do, with rounded numbers, the linear
-    /// ones follow, so that the tip is where it belongs.
+    /// The words that lead a motion, or a part of it, to its end. `carried` becomes the correction applied there, in program coordinates.
+    /// The linear axes compensate the rounded rotary positions, so that the tip is in place.
     pub(crate) fn words_to(&mut self, leg: &Leg<'_>, carried: &mut Axes) -> Axes<Option<Number>> {
         let mut numbers = [None; 9];
         self.words_at(
@@ -727,8 +725,8 @@ impl Rewriter {
         numbers
     }
 
-    /// The same for the correction of a place, `rounded` or as it is: `numbers` makes the words of some axes with the correction that belongs
-    /// to them. The correction of the linear axes at the end.
+    /// The same for the correction at a position, `rounded` or exact: `numbers` makes the words of a range of axes with their correction.
+    /// Returns the correction of the linear axes at the end.
     #[inline]
     pub(crate) fn words_at(
         &mut self,
@@ -795,7 +793,7 @@ impl Rewriter {
         }
     }
 
-    /// The number to be written for an axis, if any, and the correction that is in it then.
+    /// The number to be written for an axis, if any, and the correction applied afterwards.
     #[inline]
     pub(crate) fn axis_word(
         &mut self,
@@ -829,7 +827,7 @@ impl Rewriter {
         AxisWay { delta, ..*way }.word(scale, may_be_added)
     }
 
-    /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
+    /// True if the words of an axis include a correction; with tool centre point control X, Y and Z do if any linear axis is corrected.
     #[inline]
     fn corrects(&self, axis: usize) -> bool {
         if axis < 3 && self.interpreter.frame.tip.is_some() {
@@ -838,9 +836,9 @@ impl Rewriter {
         self.corrector.corrects[axis]
     }
 
-    /// By how much the axes are to differ from the line at the end of each part, in the coordinates of the program, so that the
-    /// numbers are those of the shortest way; `None` where each number is the nearest: lines of one part, rotary axes that correct,
-    /// coordinates that are ways, lines whose play is taken up on the way, and beside contours.
+    /// Corrections at the end of each part, in program coordinates, that yield jointly rounded numbers (shortest path). `None` if each
+    /// number is rounded separately: unsplit lines, corrected rotary axes, tool centre point control, incremental coordinates, lines that
+    /// take up play, and contours.
     fn rounded_together(
         &mut self,
         motion: &Move,
@@ -861,7 +859,7 @@ impl Rewriter {
             return None;
         }
         let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        // The step of each axis whose words are free; of the others the nearest number is taken.
+        // Step of each axis with a free choice of number; the others are rounded to nearest.
         let step: Axes<Option<f64>> = each(|axis| {
             let word = line.word(motion.words[axis])?;
             let decimals = self.numerals(axis, Some(word)).decimals;
@@ -875,7 +873,7 @@ impl Rewriter {
         }
         let way: Axes = each(|axis| end[axis] - from[axis]);
         let square: f64 = free.iter().map(|axis| way[*axis] * way[*axis]).sum();
-        // What a number is off by across the line.
+        // Deviation of a number perpendicular to the line.
         let across = |off: &Axes| -> Axes {
             let along: f64 = free.iter().map(|axis| off[*axis] * way[*axis]).sum();
             each(|axis| off[axis] - along / square * way[axis])
@@ -911,7 +909,7 @@ impl Rewriter {
                 } else {
                     nearest - 1.0
                 };
-                // The next line begins at the end of this one and may go anywhere.
+                // The next line starts at the end of this one and may have any direction.
                 let numbers = if share == 1.0 {
                     vec![nearest]
                 } else {
@@ -938,7 +936,7 @@ impl Rewriter {
         let dot = |a: &Axes, b: &Axes| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let lengths = [0.0].iter().chain(parts).zip(parts);
         let lengths: Vec<f64> = lengths.map(|(from, to)| to - from).collect();
-        // The mean square of a motion that is off by a at its beginning and b at its end, straight between.
+        // Mean square deviation of a part with deviation a at its start and b at its end, linear in between.
         let found = through(&counts, |layer, from, to| {
             let (a, b) = (&layers[layer][from].1, &layers[layer + 1][to].1);
             lengths[layer] * (dot(a, a) + dot(a, b) + dot(b, b)) / 3.0
@@ -950,7 +948,7 @@ impl Rewriter {
         Some(nodes.map(|(layer, node)| layer[*node].0).collect())
     }
 
-    /// Whether a word may be added for an axis that a block does not name; a note where it is left out.
+    /// True if a word may be added for an axis that the block does not name; adds a note if it is left out.
     fn may_add(&mut self, axis: usize, way: &AxisWay, line: usize) -> bool {
         if way.incremental || self.interpreter.says_place(axis) {
             return true;
@@ -963,7 +961,7 @@ impl Rewriter {
         false
     }
 
-    /// Notes a motion that passes on as it is, or in one part, since it is in machine coordinates or begins where nobody knows.
+    /// Adds a note about a motion that is copied or not split, because it is in machine coordinates or starts at an unknown position.
     pub(crate) fn note_unknown(&mut self, motion: &Move, line: usize) {
         if motion.in_machine || matches!(motion.path, Path::Home(_)) {
             self.interpreter.notes.add(Note::InMachine, line);
@@ -997,7 +995,7 @@ impl Rewriter {
         }
     }
 
-    /// Notes what a correction rests on that nobody has stated, once a motion is written.
+    /// Adds a note if a written correction relies on an unstated work offset.
     pub(crate) fn notes_unstated(&mut self, line: usize) {
         if self.carried != [0.0; 9]
             && let Some(name) = self.interpreter.unstated_offset()
@@ -1026,7 +1024,7 @@ fn share_of_time(share: f64) -> f64 {
     if share == 0.0 { 1e-3 } else { share }
 }
 
-/// The words of axes, and F behind them.
+/// The words of axes, followed by F.
 pub(crate) fn words_of(
     numbers: &Axes<Option<Number>>,
     manners: &Axes<Manner>,
@@ -1043,17 +1041,17 @@ pub(crate) fn words_of(
     words.chain(feed.map(|feed| NewWord::plain((b'F', feed))))
 }
 
-/// Whether an M code stops the program once the motion of its block has ended.
+/// True if an M code stops the program after the motion of its block.
 fn is_stop(code: f64) -> bool {
     [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
 }
 
-/// Whether an M code stops the spindle or the coolant: FANUC and Haas controls do so once the motion of its block has ended, LinuxCNC before it.
+/// True if an M code stops the spindle or the coolant: FANUC and Haas controls do so after the motion of its block, LinuxCNC before it.
 fn is_switched_off(code: f64) -> bool {
     [5.0, 9.0, 19.0].contains(&code)
 }
 
-/// When X and Y of a motion in polar coordinates are written.
+/// How X and Y of a motion in polar coordinates are written.
 pub(crate) fn polar_writes(keeps: bool) -> Writes {
     if keeps { Writes::Never } else { Writes::Always }
 }

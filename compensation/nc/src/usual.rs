@@ -1,7 +1,7 @@
-//! The usual line: a straight motion to a place that plain numbers say, of which long programs consist.
+//! Fast path for the usual line: a straight motion to a position in plain numbers, of which long programs consist.
 //!
-//! It is compensated in one pass, in a fraction of the time that the way of all lines takes ([`Rewriter::line`]), and comes out and leaves
-//! all as that does. What is in any way unusual is left to it, before anything has changed.
+//! It compensates such a line in one pass, in a fraction of the time of the general path ([`Rewriter::line`]), with identical output and
+//! state. Anything unusual is left to that path, before any state has changed.
 
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ use crate::{
     straight::{AxisWay, Written},
 };
 
-/// A word of an axis: its value, and where that stands.
+/// A word of an axis: its value and byte range.
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisWord {
     value: f64,
@@ -33,20 +33,20 @@ impl AxisWord {
     }
 }
 
-/// A line of G0, G1 or neither, and of words of axes.
+/// A line of G0, G1 or neither, and axis words.
 #[derive(Clone, Copy, Debug, Default)]
 struct UsualLine {
     code: Option<Code>,
     words: Axes<AxisWord>,
     order: Axes<u8>,
     count: usize,
-    /// A bit for each axis that has a word.
+    /// One bit per axis that has a word.
     named: u16,
     end: usize,
 }
 
 impl UsualLine {
-    /// `None`: it is not a usual one.
+    /// `None` if the line is not a usual one.
     #[expect(clippy::cast_possible_truncation, reason = "said beside them")]
     #[inline]
     fn read(text: &[u8], needs_points: bool) -> Option<Self> {
@@ -81,7 +81,7 @@ impl UsualLine {
                 return None;
             }
             line.named |= 1 << axis;
-            // A line is shorter than 256 bytes, and has nine axes at the most.
+            // A line is shorter than 256 bytes and has at most nine axes.
             line.words[axis] = AxisWord {
                 value,
                 from: from as u8,
@@ -104,7 +104,7 @@ impl UsualLine {
             .map(|axis| usize::from(*axis))
     }
 
-    /// Writes the line with other numbers, and behind its words those of axes that it does not name.
+    /// Writes the line with other numbers, followed by words of axes that it does not name.
     fn write(
         &self,
         text: &[u8],
@@ -140,8 +140,8 @@ fn without_blanks(mut text: &[u8]) -> &[u8] {
 }
 
 impl Interpreter {
-    /// Whether words of axes alone say places, and all axes of the machine are where they are known to be. What is switched is named one
-    /// by one: whoever adds to it must say here what it means for a usual line.
+    /// True if axis words alone are absolute positions, and all axes of the machine are at known positions. All modal fields are named one
+    /// by one: a new field must be classified here.
     fn takes_usual(&self) -> bool {
         let Self {
             modal,
@@ -158,10 +158,10 @@ impl Interpreter {
             polar,
             motion: _,
             motion_unsure,
-            // The scale of words.
+            // Scale of words.
             unit_mm: _,
             diameter: _,
-            // In the frame.
+            // Part of the frame.
             system: _,
             offsets: _,
             shift: _,
@@ -175,7 +175,7 @@ impl Interpreter {
             rotation: _,
             rotation_is_new,
             programmed: _,
-            // Of arcs, cycles and other words only.
+            // Only relevant to arcs, cycles and other words.
             plane: _,
             centre_absolute: _,
             feed_mode: _,
@@ -204,7 +204,7 @@ impl Interpreter {
 }
 
 impl Rewriter {
-    /// Writes a line without its end as it is compensated, where it is a usual one; `None`: nothing was done.
+    /// Compensates a usual line, without its end; `None`: not a usual line, nothing was changed.
     pub(crate) fn usual(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
         let is_settled = self.settled == Settled::Yes
             && self.computed == Computed::Kept
@@ -224,7 +224,7 @@ impl Rewriter {
         }
         let code = line.code.or(self.interpreter.modal.motion);
         let code = code.filter(|code| matches!(code, 0 | 10))?;
-        // The first motion that cuts with a work offset is noted.
+        // The first motion that cuts with a work offset may need a note.
         if code == 10 && !self.is_zero_noted() {
             return None;
         }
@@ -253,7 +253,7 @@ impl Rewriter {
             return None;
         }
         let after = frame.to_program(&to);
-        // F is that of the rotary axes, and must stay so.
+        // F applies to the rotary axes, and must stay so.
         if code != 0 && self.way_without_tool(&[before, after]).is_some() {
             return None;
         }
@@ -284,11 +284,11 @@ impl Rewriter {
                     }),
                     numerals: this.numerals(axis, None),
                 };
-                // All axes are known, so that there is nothing to be noted of the line.
+                // All axes are known, so the line needs no note.
                 (numbers[axis], carried[axis]) = this.axis_word(axis, &way, 0);
             }
         });
-        // The way of all lines refuses it.
+        // The general path rejects it.
         if self.bound_violation(&after, &carried).is_some() {
             return None;
         }

@@ -1,7 +1,7 @@
-//! How far the tool of a virtual machine is from where a program wants it, with the program as it is and with its result.
+//! Deviation of the tool of a virtual machine from its programmed path, with the original and with the compensated program.
 //!
-//! Both are compared at the same shares of each motion of the program. Where these places are is a matter of the program alone, so that what
-//! is found before is the same whatever the result is and whatever else is asked for.
+//! Both are evaluated at the same shares of each motion of the original. These positions depend on the original program only, so the
+//! deviation before compensation is independent of the result and of all options.
 
 use std::{io::BufRead, sync::mpsc::Receiver};
 
@@ -60,29 +60,29 @@ pub struct Further {
     pub line: Option<usize>,
 }
 
-/// What a verification needs to know besides the two programs.
+/// Inputs of a verification besides the two programs.
 #[derive(Clone, Copy, Debug)]
 pub struct Virtual<'a> {
-    /// The machine whose errors are the real ones.
+    /// The machine with the real errors.
     pub truth: &'a Machine,
-    /// The temperatures of the machine.
+    /// Temperatures of the machine.
     pub temperatures: &'a Temperatures,
-    /// What the programs rely on.
+    /// Set-up of the programs.
     pub setup: &'a SetUp,
-    /// Blocks that are executed at the most.
+    /// Maximum number of executed blocks.
     pub most_blocks: u64,
-    /// The language of the programs.
+    /// Language of the programs.
     pub dialect: Dialect,
-    /// The part whose features are to be inspected, and the correction of the result: of each work offset that the set-up states, the zero
-    /// is probed on the machine without correction, and the error that this correction has there is added to it for the result.
+    /// Part to be inspected, and the correction used for the result. The zero of each work offset that the set-up states is probed on the
+    /// machine without correction; for the result the error that this correction has there is added to it.
     pub part: Option<(&'a Part, &'a Corrector)>,
 }
 
-/// Runs a program and its result through a virtual machine. `shares` are those of
-/// [`Summary`](crate::Summary): in which parts each motion was written.
+/// Runs a program and its result on a virtual machine. `shares` are those of [`Summary`](crate::Summary): the parts each motion was written
+/// in.
 ///
 /// # Errors
-/// What executing the programs says; a result whose motions are others than those of the program.
+/// The programs cannot be executed, or the result has other motions than the program.
 pub fn verify(
     original: &mut (impl BufRead + Send),
     result: &mut (impl BufRead + Send),
@@ -92,7 +92,7 @@ pub fn verify(
     compare(original, result, &mut shares.iter().copied(), of, None)
 }
 
-/// The same for the result of [`average`](crate::average) and the mean corrections that it has returned.
+/// The same for the result of [`average`](crate::average) and the mean corrections that it returned.
 ///
 /// # Errors
 /// As [`verify`].
@@ -125,7 +125,7 @@ fn compare(
     failed.map_or(compared, Err)
 }
 
-/// The result has other motions than the program, at a line of it.
+/// The error for a result that has other motions than the program.
 fn other_motions(line: usize) -> NcError {
     NcError::not_compensated(
         line,
@@ -133,39 +133,40 @@ fn other_motions(line: usize) -> NcError {
     )
 }
 
-/// Places of a path that are kept at the most.
+/// Maximum number of stored path positions.
 const MOST_PLACES: usize = 20_000;
 
-/// On a line or an arc so many places are looked at for each of these lengths that it begins, the last one at its end.
+/// Number of evaluated positions per started `LENGTH_MM` of a line or an arc, the last one at its end.
 const PLACES: u32 = 8;
 
 const LENGTH_MM: f64 = 100.0;
 
-/// As if no motion were longer than so many lengths.
+/// Maximum number of such lengths per motion.
 const MOST_LENGTHS: f64 = 64.0;
 
-/// Between two places of an arc the machine is followed in so many steps, and a circle that is to be inspected is cut in each of them.
+/// Number of steps between two evaluated positions of an arc in which the machine is followed; a circle to be inspected has a point at each
+/// of them.
 const STEPS_OF_ARC: u32 = 9;
 
-/// The places of a hole besides its plane R: half-way down and at its bottom.
+/// Evaluated positions of a hole besides its plane R: half-way down and at its bottom.
 const PLACES_OF_HOLE: u32 = 2;
 
-/// The share of a motion over which its direction is taken.
+/// Share of a motion, to either side, from which its direction is computed.
 const NEAR: f64 = 1e-6;
 
-/// A tip that goes less far, mm, within twice that share stands still but for the rounding of numbers.
+/// Tip travel, mm, within twice that share, below which the tip is at rest except for rounding.
 const STANDS_STILL_MM: f64 = 1e-11;
 
-/// Motions that are further off than before by less are not: µm.
+/// Minimum increase of the deviation, µm, to count a motion as worse than before.
 const SEEN_UM: f64 = 0.01;
 
-/// Where a motion is followed: at equal shares of it.
+/// Positions at equal shares of a motion.
 #[derive(Clone, Copy, Debug)]
 struct Stations {
-    /// Which is the first one: share 0 is followed by holes only.
+    /// Index of the first one: only holes start at share 0.
     first: u32,
     last: u32,
-    /// At each so many one is looked at.
+    /// Every `stride`-th station is evaluated.
     stride: u32,
 }
 
@@ -210,7 +211,7 @@ impl Stations {
     }
 }
 
-/// How long a line or an arc is in the coordinates of the program; rotary axes do not count.
+/// Length of a line or an arc in program coordinates; rotary axes do not count.
 fn length_mm(original: &Made) -> f64 {
     let Made { motion, frame, .. } = original;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
@@ -224,7 +225,7 @@ fn length_mm(original: &Made) -> f64 {
     }
 }
 
-/// A motion of the result, which is the part of a motion of the program from one share of it to another.
+/// A motion of the result, with its start and end as shares of a motion of the program.
 #[derive(Debug)]
 struct PartOfMotion {
     made: Made,
@@ -232,31 +233,31 @@ struct PartOfMotion {
     to: f64,
 }
 
-/// State: the virtual machine, and what was found.
+/// State: the virtual machine, and the results so far.
 struct Comparison {
     truth: Corrector,
-    /// With the original program, and the result.
+    /// Carriages with the original program, and with the result.
     before: Carriages,
     after: Carriages,
-    /// Where axes turn on the rest of the motion that is looked at.
+    /// Axis reversals on the rest of the current motion.
     turns: Turns,
-    /// The parts of the motion, in which of them the result is, and how far in it.
+    /// Parts of the motion, index of the one that the result is in, and the share of it that is done.
     parts: Vec<PartOfMotion>,
     at_part: usize,
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
-    /// The correction of the result, and the work offsets that the set-up states.
+    /// Correction of the result, and the work offsets that the set-up states.
     corrector: Option<Corrector>,
-    /// The mean corrections, where the result has these in its work offsets.
+    /// The mean corrections, if the result has these in its work offsets.
     averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
-    /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
-    /// whose work offset the error there was added; mm in workpiece axes.
+    /// Distance of each zero, as probed on the machine with its errors, from its work offset, with the original program and with the result
+    /// (whose work offset includes the error there); mm in workpiece axes.
     zeros: Vec<Option<[[f64; 3]; 2]>>,
-    /// Of so many places one is kept.
+    /// Every `stride`-th position is stored.
     stride: u64,
-    /// With the original and with the compensated program: all places, and those of the motion.
+    /// With the original and with the compensated program: all positions, and those of the current motion.
     sums: [Sums; 2],
     of_motion: [Lengths; 2],
 }
@@ -321,7 +322,7 @@ impl Comparison {
         Ok(self.found)
     }
 
-    /// The motions of the result that are parts of the next motion of the program.
+    /// Takes the motions of the result that are parts of the next motion of the program.
     fn take_parts(
         &mut self,
         line: usize,
@@ -344,7 +345,7 @@ impl Comparison {
         Ok(())
     }
 
-    /// Probes the zero of the work offset with which a motion cuts, if it was not yet.
+    /// Probes the zero of the work offset that a motion cuts with, unless already done.
     fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
         let system = original.system;
         let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
@@ -365,7 +366,7 @@ impl Comparison {
                 of.map_or([0.0; 3], |of| of.off_at_zero_mm)
             }
         };
-        // What is added to the work offset moves the part by as much.
+        // A change of the work offset moves the part by the same amount.
         let off = each(|axis| off_mm.get(axis).copied().unwrap_or(0.0));
         let [zero, added] = [[0.0; 9], off].map(|at| of_offset.to_machine(&at));
         let probed = self.truth.tip_error_mm(&zero);
@@ -403,7 +404,7 @@ impl Comparison {
         let mut passed = 0.0;
         for station in stations.first..=stations.last {
             let share = stations.share(station);
-            // The side from which an axis comes is that of the programmed motion; a carriage that lags is where its drive left it.
+            // The direction of approach is that of the programmed motion; a lagging carriage is where its drive left it.
             let turned = self.turns.turns.iter();
             let turned = turned.take_while(|turn| only_end || turn.share < share - SAME);
             let count = turned.map(|turn| self.truth.turn(turn)).count();
@@ -427,12 +428,12 @@ impl Comparison {
         self.judge(original.line);
     }
 
-    /// The result goes on to a share of the motion of the program; where its axes are commanded to there.
+    /// Moves the result on to a share of the program's motion. Returns the commanded axis positions there.
     fn result_goes(&mut self, share: f64) -> Axes {
         while let Some(part) = self.parts.get(self.at_part) {
             let is_last = self.at_part + 1 == self.parts.len();
-            // A part that ends where an axis turns ends before it does, however the two shares are rounded. One that begins where it ends
-            // takes up the play of an axis.
+            // A part that ends at a reversal ends before it, however the two shares are rounded. One of zero length takes up the play of an
+            // axis.
             let is_behind = share > part.to + SAME && !is_last || part.to == part.from;
             let of_part = if is_behind || share >= part.to {
                 1.0
@@ -451,7 +452,7 @@ impl Comparison {
                 self.after.wraps(&next.made.motion.wraps);
             }
         }
-        // There is a last part, which ends behind every share.
+        // Unreachable: the last part covers every share.
         [0.0; 9]
     }
 
@@ -477,7 +478,7 @@ impl Comparison {
         self.keep(place);
     }
 
-    /// The direction of the path of the tip at a share of a motion, in workpiece axes; zero where there is none.
+    /// Direction of the tip path at a share of a motion, in workpiece axes; zero if there is none.
     fn direction(&self, original: &Made, share: f64) -> [f64; 3] {
         if original.motion.path == Path::Rapid {
             return [0.0; 3];
@@ -486,14 +487,14 @@ impl Comparison {
             .map(|share| self.truth.ideal_tip_mm(&place_of(original, share)));
         let way: [f64; 3] = std::array::from_fn(|i| behind[i] - before[i]);
         let length = dot(way, way).sqrt();
-        // What rounding makes of a tip that stands still is no direction.
+        // The rounding error of a resting tip is not a direction.
         if length < STANDS_STILL_MM {
             return [0.0; 3];
         }
         way.map(|way| way / length)
     }
 
-    /// Whether the tool is further off with the result on the motion that has ended.
+    /// Counts the motion that has ended if its deviation is larger with the result.
     fn judge(&mut self, line: usize) {
         let [before, after] = &self.of_motion;
         let by_um = (after.rms() - before.rms()).max(after.max() - before.max());
@@ -550,19 +551,19 @@ impl Comparison {
     }
 }
 
-/// A place of the path, in workpiece axes.
+/// A position on the path, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Place {
-    /// The line of the original program.
+    /// Line of the original program.
     pub line: usize,
-    /// Where the program wants the tip of the tool, mm from the workpiece origin.
+    /// Nominal tip position, mm from the workpiece origin.
     pub tip_mm: [f64; 3],
-    /// How far from there the tip is with the original program, µm.
+    /// Tip deviation with the original program, µm.
     pub before_um: [f64; 3],
-    /// How far from there the tip is with the compensated program, µm.
+    /// Tip deviation with the compensated program, µm.
     pub after_um: [f64; 3],
-    /// It is the end of a rapid motion, or the plane R of a hole: no path leads to it from the place before.
+    /// True at the end of a rapid motion and in the plane R of a hole: no path leads there from the previous position.
     pub begins: bool,
 }
 
@@ -591,7 +592,7 @@ pub struct Deviation {
     pub form_max_um: f64,
 }
 
-/// State: the deviations of all places, summed up.
+/// State: accumulated deviations of all positions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sums {
     whole: Lengths,
@@ -599,12 +600,12 @@ pub(crate) struct Sums {
     line: usize,
     tip_mm: [f64; 3],
     form: RigidSums,
-    /// The places where the deviation towards plus and minus X, Y and Z is largest.
+    /// Positions with the largest deviation towards plus and minus X, Y and Z.
     farthest: [Option<Place>; 6],
 }
 
 impl Sums {
-    /// Takes a place; `along` is the direction of the path there, of length 1 or, where there is none, 0.
+    /// Adds a position; `along` is the unit direction of the path there, or zero if there is none.
     pub(crate) fn take(&mut self, place: &Place, of: DeviationOf, along: [f64; 3]) {
         let deviation_um = of(place);
         let largest = self.whole.max();
@@ -625,7 +626,7 @@ impl Sums {
         }
     }
 
-    /// What they are; `path` are the places that were kept.
+    /// Evaluates the sums; `path` are the stored positions.
     pub(crate) fn deviation(&self, path: &[Place], of: DeviationOf) -> Deviation {
         let motion = self.form.motion();
         let mut left = Lengths::default();
@@ -646,7 +647,7 @@ impl Sums {
     }
 }
 
-/// Which deviation of a place, µm.
+/// Selects a deviation of a position, µm.
 type DeviationOf = fn(&Place) -> [f64; 3];
 
 /// With the original and with the compensated program.
@@ -656,7 +657,7 @@ fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
     [place.tip_mm, of(place).map(|um| 1e-3 * um)].map(Vector3::from)
 }
 
-/// The axes at a share of a motion; of a hole, on its way down from its plane R.
+/// Axis positions at a share of a motion; for a hole, on its way down from plane R.
 pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
     let Made { motion, frame, .. } = made;
     let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
@@ -675,7 +676,7 @@ pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
     }
 }
 
-/// The places of a motion from one share of it to another that show every turning point, the last one at the end.
+/// Positions between two shares of a motion that include every turning point; the last one is at the end.
 pub(crate) fn places<'a>(
     truth: &Corrector,
     made: &'a Made,
@@ -692,14 +693,14 @@ pub(crate) fn places<'a>(
     })
 }
 
-/// In how many steps a motion is followed so that no turning point of an axis is missed.
+/// Number of steps with which no axis reversal of a motion is missed.
 pub(crate) fn steps(truth: &Corrector, made: &Made, share: f64) -> u32 {
     let Made { motion, frame, .. } = made;
     let from = frame.to_program(&motion.from);
     let mut steps = 1.0_f64;
     if let Path::Arc(arc) = motion.path {
         let (radius, _) = arc.start(&from);
-        // The sagitta of the whole of it, as if it were a parabola.
+        // Sagitta of the whole arc, approximated by a parabola.
         let turns = arc.turns_by.abs() * share;
         steps = steps_of(0.125 * radius * turns * turns);
     }

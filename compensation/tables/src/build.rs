@@ -1,5 +1,5 @@
-//! A map from a field: what is asked for, in whole steps; the choice of the grid, as few lines as keep the bound; and how far the map
-//! is from the field.
+//! Builds a map from a field: checks the request, converts it to whole steps, chooses the smallest grid that keeps the error bound, and
+//! evaluates the error of the map.
 
 use volcomp_guard::{ceiling, protocol::Layout};
 use volcomp_model::{ModelError, halton};
@@ -10,17 +10,17 @@ use crate::map::{
     SCALES,
 };
 
-/// A correction over the work space: for the coordinates of the axes of the grid (mm or deg) and the direction in which each
-/// came (`None`: the mean of both), what is added to each output, mm.
+/// A correction over the work space. It depends on the coordinates of the grid axes (mm or deg) and the direction of approach of each
+/// (`None`: mean of both); the result is added to each output, mm.
 pub trait Field {
-    /// The correction of each output, mm.
+    /// Correction of each output, mm.
     fn correction_mm(
         &self,
         at: &[f64; GRID_AXES],
         directions: &[Option<Direction>; GRID_AXES],
     ) -> [f64; OUTPUTS];
 
-    /// Whether it depends on the directions.
+    /// True if it depends on the directions.
     fn is_bidirectional(&self) -> bool {
         false
     }
@@ -36,80 +36,80 @@ impl<F: Fn(&[f64; GRID_AXES]) -> [f64; OUTPUTS]> Field for F {
     }
 }
 
-/// An axis that a map goes over.
+/// An input axis of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridAxis {
-    /// The axis.
+    /// Name of the axis.
     pub name: AxisName,
-    /// Its travel, mm or deg.
+    /// Travel, mm or deg.
     pub travel: [f64; 2],
-    /// A step of the position that the control's program has, mm or deg.
+    /// Resolution of the position in the control's program, mm or deg.
     pub step: f64,
 }
 
-/// An axis that a map corrects.
+/// An axis corrected by a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// The axis, a linear one.
+    /// Name of the linear axis.
     pub name: AxisName,
-    /// A step of its correction, mm.
+    /// Resolution of its correction, mm.
     pub step_mm: f64,
-    /// The largest correction, mm: 2 at the most, the ceiling of the guard.
+    /// Maximum correction, mm: at most 2, the ceiling of the guard.
     pub limit_mm: f64,
 }
 
-/// What is asked of a map: its axes, the error that it may have and the memory that it may take.
+/// Requirements on a map: axes, error bound and memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    /// The axes of the grid, one to five.
+    /// Input axes, one to five.
     pub axes: Vec<GridAxis>,
-    /// The axes that are corrected, one to three.
+    /// Corrected axes, one to three.
     pub outputs: Vec<Output>,
-    /// The largest error between the map and the field, mm.
+    /// Maximum error between the map and the field, mm.
     pub within_mm: f64,
-    /// The words that the control has for one map.
+    /// Memory of the control for one map, words.
     pub words: usize,
-    /// The number of the map, 1 to 65535.
+    /// Number of the map, 1 to 65535.
     pub counter: u16,
-    /// What tells the model, see [`Header::model`].
+    /// Identifier of the model, see [`Header::model`].
     pub model: u32,
 }
 
-/// A map and how far it is from its field.
+/// A map and its error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     /// The map.
     pub map: Map,
-    /// Its error, found on a dense sample between the lines and in both directions of approach.
+    /// Its error, evaluated on a dense sample between the lines and in both directions of approach.
     pub misfit: Misfit,
-    /// The largest change of a correction along an axis of the grid, mm for each mm or deg.
+    /// Maximum change of a correction along an axis of the grid, mm per mm or deg.
     pub steepest: f64,
 }
 
 impl Request {
-    /// The travel of each axis, mm or deg.
+    /// Travel of each axis, mm or deg.
     pub(crate) fn travels(&self) -> Vec<[f64; 2]> {
         self.axes.iter().map(|axis| axis.travel).collect()
     }
 }
 
-/// Why a map cannot be made.
+/// Reason why a map cannot be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TablesError {
-    /// The model cannot answer.
+    /// The model cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The lines and values make no map.
+    /// Lines and values do not form a valid map.
     #[error(transparent)]
     Map(#[from] NoMap),
-    /// A rotary axis among the corrected ones.
+    /// A corrected axis is rotary.
     #[error("axis {axis} is rotary: a map corrects linear axes only")]
     Rotary {
         /// The axis.
         axis: AxisName,
     },
-    /// An axis of the grid that rolls over.
+    /// An axis of the grid rolls over.
     #[error(
         "axis {axis} has a modulo: outside its travel of {lower} to {upper} a map holds the value of its end, where the machine \
          has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
@@ -118,76 +118,76 @@ pub enum TablesError {
     RollsOver {
         /// The axis.
         axis: AxisName,
-        /// The lower end of its travel, mm or deg.
+        /// Lower end of its travel, mm or deg.
         lower: f64,
-        /// The upper end of its travel, mm or deg.
+        /// Upper end of its travel, mm or deg.
         upper: f64,
     },
-    /// A step or a bound that is no number above zero, or cannot be told in millionths.
+    /// A step or bound is not a positive number, or not a multiple of one millionth.
     #[error("{what} is {found}, expected {expected}")]
     Number {
-        /// What it is, with the axis where there is one.
+        /// Name of the number, with the axis if there is one.
         what: String,
-        /// The value that was given.
+        /// The given value.
         found: f64,
-        /// What was expected, in words.
+        /// The valid values, as text.
         expected: &'static str,
     },
-    /// A correction beyond what the axis may be given.
+    /// A correction exceeds the limit of its axis.
     #[error(
         "the correction of {axis} is {found_um:.1} µm {at}, expected {limit_um} µm at the most"
     )]
     BeyondLimit {
         /// The corrected axis.
         axis: AxisName,
-        /// The correction.
+        /// The correction, µm.
         found_um: f64,
-        /// The limit.
+        /// The limit, µm.
         limit_um: f64,
-        /// Where it is, in words.
+        /// Location, as text.
         at: String,
     },
-    /// The bound is finer than what any grid can reach.
+    /// The bound is tighter than any grid can achieve.
     #[error(
         "no grid keeps {within_um} µm: the steps of the values alone leave {rounding_um:.3} µm, and a reversal that is not the same \
          everywhere {reversal_um:.3} µm"
     )]
     Unreachable {
-        /// The bound that was asked for.
+        /// The requested bound, µm.
         within_um: f64,
-        /// What rounding the values leaves at the most.
+        /// Maximum rounding error of the values, µm.
         rounding_um: f64,
-        /// What of the reversals is not constant.
+        /// Non-constant part of the reversals, µm.
         reversal_um: f64,
     },
-    /// The bound needs more memory.
+    /// The bound needs more memory than available.
     #[error(
         "{within_um} µm need {} ({lines}), expected at most the {words} that there are{}",
         needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
         reached_um.map_or_else(String::new, |um| format!(": with these the error is {um:.3} µm"))
     )]
     Memory {
-        /// The bound that was asked for.
+        /// The requested bound, µm.
         within_um: f64,
-        /// The words of one map that the bound needs; `None`: more than 32767.
+        /// Words needed for one map; `None`: more than 32767.
         needed: Option<usize>,
-        /// The lines that it needs, in words.
+        /// Lines needed, as text.
         lines: String,
-        /// The words that there are for one map.
+        /// Words available for one map.
         words: usize,
-        /// The error of the best map that the words have room for; `None` where there is room for none.
+        /// Error of the best map that fits, µm; `None` if none fits.
         reached_um: Option<f64>,
     },
 }
 
-/// The length of a correction of all outputs together, in the unit of its values.
+/// Euclidean norm of the corrections of all outputs, in the unit of the values.
 pub(crate) fn norm(values: &[f64; OUTPUTS]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Shares 0 to 1 on a lattice of so many places along each of so many axes, ends included; the first axis is the fastest.
+/// Shares 0 to 1 on a regular lattice with up to `most` points along each of `axes` axes, ends included; the first axis varies fastest.
 pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GRID_AXES]> {
-    // Fewer places where there are many axes.
+    // Fewer points if there are many axes.
     let places = if axes > 3 { most.min(5) } else { most };
     let count = (0..axes).fold(1, |count, _| count * places);
     (0..count).map(move |number| {
@@ -201,7 +201,7 @@ pub(crate) fn lattice(axes: usize, most: usize) -> impl Iterator<Item = [f64; GR
     })
 }
 
-/// Every combination of directions along these axes, where the field depends on them.
+/// All combinations of directions along these axes, if the field depends on them.
 pub(crate) fn directions_of<F: Field>(
     field: &F,
     axes: usize,
@@ -215,16 +215,16 @@ pub(crate) fn directions_of<F: Field>(
     })
 }
 
-/// The length of the difference of two corrections, in the unit of their values.
+/// Euclidean norm of the difference of two corrections, in the unit of their values.
 pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
     norm(&core::array::from_fn(|output| one[output] - other[output]))
 }
 
-/// A request whose numbers are whole steps.
+/// A request in whole steps.
 struct Wanted {
     grid: Layout,
     outputs: Layout,
-    /// First position, number of steps of the travel, size of a step in millionths.
+    /// First position, number of steps of the travel, step size in millionths.
     travels: Vec<(i32, i32, u32)>,
     output_step_nm: [u32; OUTPUTS],
     limits: [f64; OUTPUTS],
@@ -263,7 +263,7 @@ fn value(number: f64) -> i16 {
 }
 
 impl Wanted {
-    /// The request in whole steps.
+    /// Converts the request to whole steps.
     fn of(request: &Request) -> Result<Self, TablesError> {
         let layout = |names: Vec<AxisName>, most: usize| {
             if names.len() > most {
@@ -306,7 +306,7 @@ impl Wanted {
             let step = millionths(format!("step of the position of {}", axis.name), axis.step)?;
             let [low, high] = axis.travel.map(|end| end / axis.step);
             let most = f64::from(FURTHEST) / 2.0;
-            // Also refuses NaN.
+            // Also rejects NaN.
             if !(low < high && low >= -most && high <= most) {
                 return Err(TablesError::Number {
                     what: format!("travel of {}, in steps of its position,", axis.name),
@@ -332,7 +332,7 @@ impl Wanted {
         f64::from(self.output_step_nm[output]) * 1e-6
     }
 
-    /// Whether a correction is beyond the limit of its output, or is no number.
+    /// True if a correction exceeds the limit of its output, or is NaN.
     fn is_beyond(&self, output: usize, found_mm: f64) -> bool {
         found_mm.is_nan() || found_mm.abs() > self.limits[output]
     }
@@ -342,7 +342,7 @@ impl Wanted {
         (f64::from(first) + steps) * f64::from(step) * 1e-6
     }
 
-    /// Looks over the work space, and gives the largest correction of each output; one beyond its limit is refused.
+    /// Samples the work space and returns the largest correction of each output; one beyond its limit is rejected.
     fn survey(&self, request: &Request, field: &impl Field) -> Result<[f64; OUTPUTS], TablesError> {
         let mut largest = [0.0_f64; OUTPUTS];
         for shares in lattice(self.travels.len(), 9) {
@@ -377,7 +377,7 @@ impl Wanted {
         })
     }
 
-    /// As many parts of a step as the values leave room for, with a tenth to spare.
+    /// Chooses the largest number of parts per step that the value range permits, with a tenth to spare.
     fn choose_scale(&mut self, largest: [f64; OUTPUTS]) {
         let mut scale = SCALES[0];
         let steps = (0..self.outputs.count()).map(|output| largest[output] / self.step_mm(output));
@@ -388,14 +388,14 @@ impl Wanted {
         self.scale = scale;
     }
 
-    /// The most that rounding leaves: of the values, of the way along each axis, and of the reversals.
+    /// Maximum rounding error: of the values, of the interpolation along each axis, and of the reversals.
     fn rounding_mm(&self) -> f64 {
         let roundings = 0.5 * (1.0 + self.travels.len() as f64);
         let steps = (0..self.outputs.count()).map(|output| self.step_mm(output).powi(2));
         roundings * steps.sum::<f64>().sqrt() / f64::from(self.scale)
     }
 
-    /// Takes the reversals where they are constant, and gives what they are not, mm.
+    /// Stores the constant part of the reversals; returns the sum of the remainders of all axes, mm.
     fn take_reversals(&mut self, field: &impl Field) -> f64 {
         if !field.is_bidirectional() {
             return 0.0;
@@ -429,14 +429,14 @@ impl Wanted {
         left
     }
 
-    /// So many lines over the travel of an axis. From line to line it is a whole number of places, which a control can
-    /// reckon with, so the last line may be a little beyond the end.
+    /// Places `count` lines over the travel of an axis. The pitch is a whole number of places that a control can compute with, so the last
+    /// line may be slightly beyond the end.
     fn lines(&self, axis: usize, count: u16) -> Lines {
         let (origin, steps, step_millionths) = self.travels[axis];
         let gaps = i32::from(count) - 1;
         let pitch = (steps + gaps - 1) / gaps;
         let mut best = (i32::MAX, 1, 1);
-        // As many places as a control can reckon with, or a quarter of them, where that meets the end of the travel.
+        // Try place counts from the maximum that a control can compute with down to a quarter, for one that meets the end of travel.
         let least = pitch.div_euclid(32767) + 1;
         for part in (least..=(pitch / 8192).clamp(least, 32767)).take(2000) {
             let parts = (pitch + part - 1) / part;
@@ -513,14 +513,13 @@ impl Wanted {
     }
 }
 
-/// The smallest map that keeps the bound.
+/// Builds the smallest map that keeps the error bound.
 ///
-/// The number of lines along each axis follows from the second differences of the field along lines through the work space;
-/// then the map is made, and held against the field on a dense sample between its lines; where that shows more than the
-/// bound, more lines are taken.
+/// The number of lines along each axis follows from the second differences of the field along lines through the work space. Then the map is
+/// made and compared with the field on a dense sample between its lines; if the error exceeds the bound, lines are added.
 ///
 /// # Errors
-/// Numbers that make no sense, a correction beyond its limit, a bound that no grid keeps or that needs more words than there are.
+/// Invalid numbers, a correction beyond its limit, a bound that no grid keeps or that needs more words than available.
 pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError> {
     let mut wanted = Wanted::of(request)?;
     let largest = wanted.survey(request, field)?;
@@ -555,7 +554,7 @@ pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError
     }
 }
 
-/// `lines along X 21, Y 11`.
+/// Formats the number of lines: `lines along X 21, Y 11`.
 fn said(request: &Request, table: Option<&Table>) -> String {
     let Some(table) = table else {
         return "more lines than a grid has".to_owned();
@@ -570,15 +569,14 @@ fn said(request: &Request, table: Option<&Table>) -> String {
     format!("lines along {}", each.join(", "))
 }
 
-/// A number of lines along an axis, and the error that they alone make, mm.
+/// A number of lines along an axis, and the error that results from this axis alone, mm.
 #[derive(Clone, Copy, Debug)]
 struct Rung {
     count: u16,
     error_mm: f64,
 }
 
-/// The smallest grid whose errors of all axes together keep the target: where more lines are needed, the axis that gains most for
-/// the words gets them.
+/// The smallest grid whose combined error keeps the target: lines are added to the axis with the largest gain per word.
 fn lines_for(ladders: &[Vec<Rung>], target_mm: f64) -> Option<Vec<u16>> {
     let mut at = vec![0; ladders.len()];
     loop {
@@ -603,11 +601,11 @@ fn lines_for(ladders: &[Vec<Rung>], target_mm: f64) -> Option<Vec<u16>> {
 }
 
 impl Wanted {
-    /// The errors of more and more lines along one axis.
+    /// Errors for increasing numbers of lines along one axis.
     fn ladder(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Rung> {
         let mut ladder = Vec::new();
         let mut count = 2_u16;
-        // As many as a control can count where every other axis has two.
+        // Maximum that a control can count if every other axis has two lines.
         let most = MOST_WORDS / (self.outputs.count() << (self.travels.len() - 1));
         loop {
             let error_mm = self.error_along(axis, count, field);
@@ -619,8 +617,8 @@ impl Wanted {
         }
     }
 
-    /// The largest error of straight lines between so many lines of an axis: half of the second difference over two halves of a
-    /// pitch, with as many again between.
+    /// Largest linear interpolation error with this number of lines along an axis, sampled at 1/4, 1/2 and 3/4 of every pitch (at 1/2 it
+    /// is half of the second difference).
     fn error_along(&self, axis: usize, count: u16, field: &impl Field) -> f64 {
         const WITHIN: [f64; 3] = [0.25, 0.5, 0.75];
         let axes = self.travels.len();
@@ -630,7 +628,7 @@ impl Wanted {
         let others = lattice(axes - 1, if axes <= 3 { 3 } else { 2 });
         for shares in others {
             let mut shares = shares;
-            // The axis itself stands in between.
+            // Inserts an entry for the axis itself; `look` sets its coordinate.
             shares[axis..].rotate_right(1);
             let mut at = self.place(&shares);
             let mut look = |steps: f64| {
@@ -655,10 +653,10 @@ impl Wanted {
         largest
     }
 
-    /// The smallest map that keeps the bound, whatever words there are; `None` where it would have too many for any control.
+    /// The smallest map that keeps the bound, regardless of the available words; `None` if it would have too many for any control.
     ///
-    /// The errors along single axes add up to more than the error of the map, so the target is loosened where the map is
-    /// better than it has to be, and tightened where it is worse.
+    /// The errors along single axes add up to more than the error of the map. So the target is loosened while the map is better than
+    /// required, and tightened while it is worse.
     fn smallest(
         &self,
         request: &Request,
@@ -696,7 +694,7 @@ impl Wanted {
         Ok(best)
     }
 
-    /// The map on so many lines, and its error.
+    /// The map on these numbers of lines, and its error.
     fn table(
         &self,
         request: &Request,
@@ -713,7 +711,7 @@ impl Wanted {
         })
     }
 
-    /// The best map that the words have room for; `None` where they have room for none.
+    /// The best map that fits into the available words; `None` if none fits.
     fn best_within(
         &self,
         request: &Request,
@@ -721,7 +719,7 @@ impl Wanted {
         field: &impl Field,
     ) -> Result<Option<Table>, TablesError> {
         let fits = |counts: &Vec<u16>| self.words(counts) <= request.words.min(MOST_WORDS);
-        // Two lines along each axis keep this one.
+        // Two lines along each axis meet this target.
         let most = ladders
             .iter()
             .filter_map(|ladder| ladder.first())
@@ -743,28 +741,28 @@ impl Wanted {
     }
 }
 
-/// The most positions between the lines that are looked at.
+/// Maximum number of evaluated positions between the lines.
 const MOST: usize = 400_000;
-/// Positions spread over the work space besides those.
+/// Additional positions spread over the work space.
 const SPREAD: u32 = 20_000;
 
-/// The error of a map: the length of the difference between what a control looks up and the field. The step of the output is
-/// not in it: what is applied is rounded to it, by 0.6 of a step at the most.
+/// Error of a map: norm of the difference between the control's look-up and the field. It excludes the output step: the applied correction
+/// is rounded to it, with an error of at most 0.6 steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Misfit {
-    /// The largest, mm.
+    /// Maximum error, mm.
     pub max_mm: f64,
-    /// Root of the mean square, mm.
+    /// RMS error, mm.
     pub rms_mm: f64,
-    /// Where the largest is: mm or deg along the axes of the grid.
+    /// Position of the maximum, mm or deg along the axes of the grid.
     pub at: [f64; GRID_AXES],
-    /// In which directions the axes came there.
+    /// Directions of approach at the maximum.
     pub directions: [Option<Direction>; GRID_AXES],
-    /// How many positions were looked at.
+    /// Number of evaluated positions.
     pub positions: usize,
 }
 
-/// Sums up errors.
+/// Accumulates errors.
 #[derive(Default)]
 struct Sum {
     found: Misfit,
@@ -791,13 +789,13 @@ impl Sum {
     }
 }
 
-/// The error of a map within these travels (mm or deg): on its lines and in the middle between them, in every direction of approach,
-/// and at positions spread over the work space.
+/// Error of a map within these travels (mm or deg): on its lines and half-way between them, in all directions of approach, and at positions
+/// spread over the work space.
 fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
     let axes = travels.len();
     let lines = &map.header().lines;
     let directions: Vec<_> = directions_of(field, axes).collect();
-    // As the control has them: whole steps within the travel.
+    // Positions as in the control: whole steps within the travel.
     let ends: Vec<[i32; 2]> = (0..axes)
         .map(|axis| {
             let step = lines[axis].coordinate(1.0);
@@ -844,7 +842,7 @@ fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
     sum.found
 }
 
-/// The largest change of an output from line to line along one axis, mm for each mm or deg.
+/// Maximum change of an output between neighbouring lines of one axis, mm per mm or deg.
 fn steepest(map: &Map) -> f64 {
     let header = map.header();
     let (axes, outputs) = (header.grid.count(), header.outputs.count());

@@ -1,12 +1,10 @@
-//! The control's half of the map mode, as a reference that a control's program is held against.
+//! The control's side of the map mode: a reference implementation to test control programs against.
 //!
-//! By the rules of the [`protocol`](volcomp_guard::protocol) the control alone decides what it takes. A map comes in pieces through one mailbox, in
-//! their order, into the buffer that is not in use; a last frame swaps the buffers, and only where the checksum of all
-//! that arrived fits. What the axes get moves at a rate of its own, to another map as well as to zero, where it goes when
-//! nobody sends any more.
+//! By the rules of the [`protocol`](volcomp_guard::protocol) only the control decides what it accepts. A map arrives in pieces through one
+//! mailbox, in order, into the inactive buffer. A final frame swaps the buffers, provided that the checksum of all received words is
+//! correct. The applied corrections move at a limited rate, both to another map and to zero, where they go when frames stop.
 //!
-//! Everything is 16-bit words and whole numbers. [`Lookup::scan`] allocates nothing, waits for nothing and reads no clock:
-//! the time is the number of scans.
+//! Everything is in 16-bit words and whole numbers. [`Lookup::scan`] does not allocate, wait or read a clock: time is the number of scans.
 
 use volcomp_guard::{
     barrier,
@@ -18,52 +16,52 @@ use crate::map::{
     FURTHEST, GRID_AXES, HEADER_WORDS, Header, MOST_WORDS, OUTPUTS, Position, look_up,
 };
 
-// The numbers that the messages tell.
+// The numbers in the messages below.
 const _: () = assert!(HEADER_WORDS == 68 && MOST_WORDS == 32767);
 
-/// What a control is set to. Positions and corrections are whole steps.
+/// Settings of a control. Positions and corrections are whole steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// The axes that maps go over, in the order of [`Position`](crate::Position).
+    /// Input axes of the maps, in the order of [`Position`](crate::Position).
     pub grid: Layout,
-    /// The axes that are corrected, the machine, and how the corrections are bounded: as of a barrier, 1 to 32767 of each.
+    /// Corrected axes, machine number and bounds of the corrections: as for a barrier, 1 to 32767 each.
     pub outputs: barrier::Settings,
-    /// A step of the position of each axis of the grid, millionths of a mm (nm) or of a deg.
+    /// Position step of each axis of the grid, millionths of a mm (nm) or of a deg.
     pub position_step_millionths: [u32; GRID_AXES],
-    /// A step of each output, nm.
+    /// Step of each output, nm.
     pub output_step_nm: [u32; OUTPUTS],
-    /// Words of one of the two buffers, 69 to 32767.
+    /// Size of each of the two buffers, words, 69 to 32767.
     pub capacity: u16,
-    /// Travel against its direction after which an axis of the grid counts as turned, steps of the position, 1 to 1000000.
+    /// Minimum reverse travel after which an axis of the grid counts as reversed, position steps, 1 to 1000000.
     pub turned: [i32; GRID_AXES],
 }
 
-/// The largest step: a number that a DINT holds.
+/// Maximum step: the range of a DINT.
 const MOST_STEP: i64 = 2_000_000_000;
 
-/// Why settings make no sense.
+/// Reason why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
-    /// One of those that a barrier has, too.
+    /// A setting in common with a barrier.
     #[error(transparent)]
     Outputs(#[from] barrier::SettingsError),
-    /// A number.
+    /// A number out of range.
     #[error("{what} is {found}, expected {expected}")]
     Number {
-        /// Of what.
+        /// Name of the setting.
         what: &'static str,
         /// The number.
         found: i64,
-        /// The numbers that can be.
+        /// The valid range.
         expected: &'static str,
     },
 }
 
 impl Settings {
-    /// Whether the settings can be worked with.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// The first that makes no sense.
+    /// The first invalid setting.
     pub fn check(&self) -> Result<(), SettingsError> {
         self.outputs.check()?;
         let (axes, outputs) = (self.grid.count(), self.outputs.axes.count());
@@ -109,8 +107,7 @@ impl Settings {
         Ok(())
     }
 
-    /// The scans within which every output is at zero, counted from the last frame that was taken; scans in which the control
-    /// holds are not counted.
+    /// Maximum number of scans from the last accepted frame until every output is at zero, not counting scans in which the control holds.
     #[must_use]
     pub fn zero_within_scans(&self) -> u32 {
         let of = &self.outputs;
@@ -140,55 +137,55 @@ fn within(
     })
 }
 
-/// Words of a map in one frame.
+/// Map words per frame.
 pub const DATA: usize = 64;
-/// Words of a frame: head, body, checksum. Every frame has as many.
+/// Words of a frame: head, body, checksum. All frames have the same length.
 pub const FRAME_WORDS: usize = BODY + 2 + DATA + 2;
 
 const BODY: usize = HEAD_WORDS;
 
-/// What a frame says.
+/// Content of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Body {
-    /// A map comes, beginning with its first word.
+    /// Start of a transfer; the map's first word follows next.
     Begin {
-        /// The number of the map.
+        /// Number of the map.
         counter: u16,
-        /// How many words it has.
+        /// Length of the map, words.
         words: u16,
     },
     /// The next words of the map.
     Words {
-        /// The place of the first of them.
+        /// Index of the first of them.
         place: u16,
-        /// The words; beyond the end of the map zeros.
+        /// The words; zeros beyond the end of the map.
         data: [u16; DATA],
     },
-    /// The map is complete: from now on it is the one in use.
+    /// The map is complete and becomes active.
     Swap {
-        /// The number of the map.
+        /// Number of the map.
         counter: u16,
-        /// The checksum of its words.
+        /// Checksum of its words.
         check: [u16; 2],
     },
-    /// The map in use stays valid.
+    /// Keep-alive: the active map stays valid.
     Keep {
-        /// The number of the map.
+        /// Number of the map.
         counter: u16,
     },
 }
 
-/// One frame: what shows that it is meant for now, and what it says.
+/// A frame for the control's mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// What shows that it is meant for now.
+    /// Proof that the frame is current.
     pub head: Head,
-    /// What it says.
+    /// Content.
     pub body: Body,
 }
 
 impl Frame {
-    /// The words of the frame for a machine and its corrected axes, checksum and all.
+    /// Encodes the frame for a machine and its corrected axes, including the checksum.
     #[must_use]
     pub fn encode(&self, machine: u16, outputs: Layout) -> [u16; FRAME_WORDS] {
         let mut words = [0; FRAME_WORDS];
@@ -219,7 +216,7 @@ impl Frame {
     }
 }
 
-/// The words of a mailbox whose checksum fits.
+/// The words of a mailbox with a correct checksum.
 struct Found<'a>(&'a [u16; FRAME_WORDS]);
 
 impl<'a> Found<'a> {
@@ -245,14 +242,14 @@ impl<'a> Found<'a> {
     }
 }
 
-/// The largest number of words of a report.
+/// Maximum number of words of a report.
 pub const REPORT_WORDS: usize = HEAD + 3 * OUTPUTS + 2;
 
 const HEAD: usize = 13;
-/// No map is being loaded.
+/// Marks that no map is being loaded.
 const NOTHING: u16 = u16::MAX;
 
-/// The refusals of a look-up, by their numbers in its words.
+/// Refusals of a look-up, indexed by their number in the report.
 const REFUSALS: [Refusal; 11] = [
     Refusal::None,
     Refusal::Checksum,
@@ -267,29 +264,29 @@ const REFUSALS: [Refusal; 11] = [
     Refusal::Kind,
 ];
 
-/// What a control with a map publishes after each scan.
+/// Report that a control with a map publishes after each scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Report {
-    /// Its link, and what is applied: as of a barrier.
+    /// Link state and applied corrections, as for a barrier.
     pub of: barrier::Report,
-    /// A map is in use. Where it is not, the corrections are zero or on the way there.
+    /// True if a map is active. Otherwise the corrections are zero or on the way there.
     pub valid: bool,
-    /// The number of the map that is or was in use last; 0: none since the start.
+    /// Number of the active map, or of the last active one; 0: none since start-up.
     pub counter: u16,
-    /// The number of the map that is being loaded, and the place of the word that comes next.
+    /// Number of the map being loaded, and index of the next word.
     pub loading: Option<(u16, u16)>,
-    /// Which of the two buffers the map in use lies in, 0 or 1.
+    /// Buffer of the active map, 0 or 1.
     pub buffer: u16,
 }
 
 impl Report {
-    /// How many words a report of these corrected axes has.
+    /// Number of words of a report for these corrected axes.
     #[must_use]
     pub fn length(outputs: Layout) -> usize {
         HEAD + 3 * outputs.count().min(OUTPUTS) + 2
     }
 
-    /// Writes the words, and tells how many there are.
+    /// Writes the words and returns their number.
     pub fn encode(&self, words: &mut [u16; REPORT_WORDS]) -> usize {
         let (loading, next) = self.loading.unwrap_or((0, NOTHING));
         let (of, settings) = (&self.of, &self.of.settings);
@@ -322,8 +319,8 @@ impl Report {
         length
     }
 
-    /// Reads a report of this machine and these corrected axes; `None` when there are too few words, the checksum does not fit, or a
-    /// word means nothing.
+    /// Decodes a report of this machine and these corrected axes; `None` if there are too few words, the checksum is wrong, or a word is
+    /// invalid.
     #[must_use]
     pub fn decode(machine: u16, axes: Layout, words: &[u16]) -> Option<Self> {
         let words = words.get(..Self::length(axes))?;
@@ -367,7 +364,7 @@ impl Report {
     }
 }
 
-/// Where an axis was furthest in its direction: it counts as turned only after a travel back from there.
+/// Extreme position of an axis in its direction: the axis counts as reversed only after a minimum travel back from there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Travel {
     extreme: i32,
@@ -382,7 +379,7 @@ impl Travel {
         }
     }
 
-    /// The direction at a position, which is within ±1e9 steps.
+    /// Direction at a position, which is within ±1e9 steps.
     fn direction(&mut self, position: i32, turned: i32) -> Option<Direction> {
         let beyond = position - self.extreme;
         let (onward, back) = match self.direction {
@@ -404,58 +401,58 @@ impl Travel {
     }
 }
 
-/// The look-up of one machine in its control.
+/// State: the look-up of one machine in its control.
 #[derive(Clone, Debug)]
 pub struct Lookup {
     settings: Settings,
-    /// The words of both buffers.
+    /// Words of both buffers.
     buffers: [Box<[u16]>; 2],
     memory: Memory,
 }
 
-/// What a look-up remembers from one scan to the next, besides its buffers.
+/// State of a look-up between scans, besides its buffers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Whose frames are taken.
+    /// Sender whose frames are accepted.
     pub link: Link,
-    /// Why the last frame was not taken.
+    /// Reason why the last frame was rejected.
     pub refusal: Refusal,
-    /// The head of the map in use; `None`: none is, and the corrections go to zero.
+    /// Header of the active map; `None`: no map is active, and the corrections go to zero.
     pub used: Option<Header>,
-    /// The number of the map that is or was in use last.
+    /// Number of the active map, or of the last active one.
     pub counter: u16,
-    /// Which buffer the map in use lies in; the other one is loaded.
+    /// Index of the active buffer; maps are loaded into the other one.
     pub buffer: usize,
-    /// The map that is being loaded.
+    /// Map being loaded.
     pub loading: Option<Loading>,
-    /// The corrections that are applied, steps.
+    /// Applied corrections, steps.
     pub applied: [i16; OUTPUTS],
-    /// Where they go, steps.
+    /// Target corrections, steps.
     pub goal: [i16; OUTPUTS],
     /// Scans since the last movement.
     pub waited: u16,
-    /// Tick and sequence of the whole frame that was found last.
+    /// Tick and sequence of the last frame with a correct checksum.
     pub found: Option<(u16, u16)>,
     travel: Option<[Travel; GRID_AXES]>,
 }
 
-/// A map that is being loaded.
+/// A map being loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Loading {
-    /// Its number.
+    /// Number of the map.
     pub counter: u16,
-    /// How many words it has.
+    /// Length of the map, words.
     pub words: u16,
-    /// The place of the word that comes next.
+    /// Index of the next word.
     pub next: u16,
 }
 
 impl Lookup {
-    /// A look-up at its start, after power-up or a reset: no map is in use. `epoch` is the one that was kept over power-off,
-    /// `applied` what the words of the axes hold: the axes go to zero from there.
+    /// A look-up after power-up or reset: no map is active. `epoch` is the one saved over power-off; `applied` are the corrections in the
+    /// axis words, from which the axes go to zero.
     ///
     /// # Errors
-    /// Settings that make no sense.
+    /// Invalid settings.
     pub fn start(
         settings: Settings,
         epoch: u16,
@@ -477,21 +474,21 @@ impl Lookup {
         })
     }
 
-    /// All that is remembered besides the buffers.
+    /// The state besides the buffers.
     #[must_use]
     pub fn memory(&self) -> &Memory {
         &self.memory
     }
 
-    /// The words of a buffer, 0 or 1; a sender reads back what it loaded.
+    /// Words of a buffer, 0 or 1; a sender reads back what it loaded.
     #[must_use]
     pub fn buffer(&self, buffer: usize) -> &[u16] {
         self.buffers.get(buffer).map_or(&[], |words| words)
     }
 
-    /// One scan of the control. `mailbox` are the words that lie in the mailbox, copied before this call; `steps` where each
-    /// axis of the grid stands, without the correction where the control can tell; `holds`: emergency stop, alarm or not
-    /// referenced: the axes then stay where they are.
+    /// One scan of the control. `mailbox` are the words in the mailbox, copied before this call. `steps` are the positions of the axes of
+    /// the grid, without the correction if the control can tell. `holds` is true during an emergency stop or alarm, or while not
+    /// referenced: the axes then keep their corrections.
     pub fn scan(
         &mut self,
         mailbox: &[u16; FRAME_WORDS],
@@ -510,7 +507,7 @@ impl Lookup {
                 }
                 let time_out = self.settings.outputs.time_out_scans;
                 if self.memory.link.is_timed_out(time_out) {
-                    // Nobody sends: to zero.
+                    // Timeout: go to zero.
                     self.memory.loading = None;
                     self.memory.used = None;
                 }
@@ -527,7 +524,7 @@ impl Lookup {
         self.report()
     }
 
-    /// What is published after a scan.
+    /// The report to publish after a scan.
     #[must_use]
     pub fn report(&self) -> Report {
         let memory = &self.memory;
@@ -550,7 +547,7 @@ impl Lookup {
         }
     }
 
-    /// Whether the frame in the mailbox is taken; `false`: it was judged before, or is the one that was taken last.
+    /// Returns true if the frame in the mailbox is accepted, and false if it was already judged or is the last accepted one.
     fn judge(&mut self, mailbox: &[u16; FRAME_WORDS]) -> Result<bool, Refusal> {
         let of = &self.settings.outputs;
         let frame = Found::in_mailbox(of.machine, of.axes, mailbox).ok_or(Refusal::Checksum)?;
@@ -567,7 +564,7 @@ impl Lookup {
         Ok(true)
     }
 
-    /// Does what a frame says.
+    /// Executes the content of a frame.
     fn take(&mut self, frame: &Found<'_>) -> Result<(), Refusal> {
         let data = frame.data();
         match frame.kind() {
@@ -606,7 +603,7 @@ impl Lookup {
         };
         into.copy_from_slice(&data[..count]);
         loading.next += u16::try_from(count).unwrap_or(0);
-        // Values come after the whole head.
+        // The words arrive in order, so the whole header precedes any value.
         let scale = i32::from(self.buffers[1 - self.memory.buffer][9]);
         let outputs = self.settings.outputs.axes.count();
         for (at, word) in data[..count].iter().enumerate() {
@@ -652,7 +649,7 @@ impl Lookup {
         Ok(())
     }
 
-    /// Whether a map is made for this control.
+    /// True if a map was made for this control.
     fn fits(&self, header: &Header, counter: u16, words: usize) -> bool {
         let settings = &self.settings;
         let axes = settings.grid.count();
@@ -676,7 +673,7 @@ impl Lookup {
             && within
     }
 
-    /// Looks up where the corrections go.
+    /// Looks up the target corrections.
     fn aim(&mut self, steps: &[i32; GRID_AXES]) {
         let steps = steps.map(|steps| steps.clamp(-FURTHEST, FURTHEST));
         let travel = self.memory.travel.get_or_insert(steps.map(Travel::at));
@@ -701,7 +698,7 @@ impl Lookup {
         {
             let limit = i32::from(self.settings.outputs.limit[output]);
             let before = i32::from(self.memory.goal[output]);
-            // It stays while it is nearer than 0.6 of a step, so that a flickering position moves nothing.
+            // Hysteresis: a target within 0.6 of a step stays, so that position noise moves nothing.
             if 10 * (parts - before * scale).abs() <= 6 * scale {
                 continue;
             }
@@ -711,7 +708,7 @@ impl Lookup {
         }
     }
 
-    /// One movement: every output comes to the same share of its way, and none moves by more than its rate.
+    /// One movement: all outputs cover the same share of their distance, and none exceeds its rate.
     fn step(&mut self) {
         let outputs = self.settings.outputs.axes.count();
         let way = |memory: &Memory, output: usize| {
@@ -728,7 +725,7 @@ impl Lookup {
             let way = way(&self.memory, output);
             let share = i32::try_from(way.unsigned_abs() / movements).unwrap_or(0);
             let at = i32::from(self.memory.applied[output]) + way.signum() * share;
-            // Between two numbers of 16 bits, so it is one.
+            // Lies between two 16-bit numbers, so the conversion cannot fail.
             self.memory.applied[output] = i16::try_from(at).unwrap_or(0);
         }
     }

@@ -1,4 +1,4 @@
-//! The map of a machine, how often it has to be sent anew, and how long that takes.
+//! Map of a machine, its refresh interval, and its transfer time.
 
 use volcomp_kinematics::{Chain, CorrectionOptions, State, correct};
 use volcomp_model::{Machine, MachineErrors, Temperatures, halton};
@@ -10,29 +10,29 @@ use crate::{
     map::{GRID_AXES, Map, NoMap, OUTPUTS},
 };
 
-/// Travel of the axes that a map does not go over is looked at in so many poses.
+/// Number of sampled poses over the travel of the axes that a map does not cover.
 const POSES: u32 = 2000;
 
-/// What is asked of the map of a machine: its axes, the error that it may have and the memory that it may take.
+/// Requirements on the map of a machine: axes, error bound and memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapOptions {
-    /// The axes that the map goes over; none: the linear axes of the machine.
+    /// Input axes of the map; if empty, the linear axes of the machine.
     pub grid: Vec<AxisName>,
-    /// Where the other axes stand, mm or deg; those that are not named at 0.
+    /// Positions of the other axes, mm or deg; default 0.
     pub others: Vec<(AxisName, f64)>,
-    /// A step of the position that the control's program has, mm for linear axes.
+    /// Position resolution in the control's program, mm for linear axes.
     pub position_step_mm: f64,
     /// The same for rotary axes, deg.
     pub position_step_deg: f64,
-    /// A step of the correction, mm.
+    /// Resolution of the correction, mm.
     pub output_step_mm: f64,
-    /// The largest correction, mm.
+    /// Maximum correction, mm.
     pub limit_mm: f64,
-    /// The largest error of the map, mm.
+    /// Maximum error of the map, mm.
     pub within_mm: f64,
-    /// The words that the control has for one map.
+    /// Memory of the control for one map, words.
     pub words: usize,
-    /// The number of the map, 1 to 65535.
+    /// Number of the map, 1 to 65535.
     pub counter: u16,
 }
 
@@ -53,20 +53,20 @@ impl Default for MapOptions {
     }
 }
 
-/// The map of a machine at held temperatures, and what it leaves aside.
+/// Map of a machine for fixed temperatures, and the effects that it neglects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapOfMachine {
     /// The map.
     pub table: Table,
-    /// The axes that are held, and where: mm or deg.
+    /// Fixed axes and their positions, mm or deg.
     pub held: Vec<(AxisName, f64)>,
-    /// How much the correction differs at the most when the held axes stand elsewhere in their travel, mm; `None` where none is held.
+    /// Maximum change of the correction for other positions of the fixed axes, mm; `None` if there are none.
     pub elsewhere_mm: Option<f64>,
-    /// What a kelvin at each sensor changes.
+    /// Effect of 1 K at each sensor.
     pub sensitivities: Vec<Sensitivity>,
 }
 
-/// The corrections of a machine with the errors that stand still.
+/// Corrections of a machine at fixed temperatures.
 struct MachineField<'a> {
     chain: &'a Chain,
     source: MachineErrors<'a>,
@@ -112,10 +112,10 @@ impl Field for MachineField<'_> {
 }
 
 impl MapOfMachine {
-    /// The map of a machine with the tool that is in its spindle, at these temperatures.
+    /// Builds the map of a machine with its current tool, at these temperatures.
     ///
-    /// It corrects the position of the tool with the linear axes that may move (`correct` of the machine file); the direction of
-    /// the tool is left as it is. A rotary axis is held where it is said to stand, or, where it is named, one of the axes of the grid.
+    /// It corrects the tool position with the linear axes that may move (`correct` of the machine file); the tool orientation is not
+    /// corrected. A rotary axis is either fixed at its stated position or, if named, an axis of the grid.
     ///
     /// # Errors
     /// As [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
@@ -212,7 +212,7 @@ impl MapOfMachine {
     }
 }
 
-/// The places of the linear axes that a correction of linear axes alone moves.
+/// Chain indices of the linear axes that a correction by linear axes moves.
 fn correcting(machine: &Machine) -> Vec<usize> {
     let names: Vec<AxisName> = match machine.correct() {
         Some(names) => names.to_vec(),
@@ -226,19 +226,19 @@ fn correcting(machine: &Machine) -> Vec<usize> {
     places
 }
 
-/// The first 32 bits of the checksum of the machine file.
+/// First 32 bits of the checksum of the machine file.
 fn model_number(machine: &Machine) -> u32 {
     let checksum = machine.checksum();
     let digits = checksum
         .strip_prefix("sha256:")
         .and_then(|digits| digits.get(..8));
-    // Hexadecimal digits, so it is a number.
+    // Hexadecimal digits, so the conversion cannot fail.
     digits
         .and_then(|first| u32::from_str_radix(first, 16).ok())
         .unwrap_or(0)
 }
 
-/// How much the correction differs at the most where the held axes stand elsewhere.
+/// Maximum change of the correction for other positions of the fixed axes, mm.
 fn elsewhere_mm(
     machine: &Machine,
     field: &MachineField<'_>,
@@ -268,7 +268,7 @@ fn elsewhere_mm(
     Some(poses.fold(0.0, f64::max))
 }
 
-/// What a kelvin at each sensor changes at the most.
+/// Maximum effect of 1 K at each sensor.
 fn sensitivities(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -279,7 +279,7 @@ fn sensitivities(
     let mut found = Vec::new();
     for sensor in thermal.sensors() {
         let mut around = temperatures.clone();
-        // A sensor that nobody named counts as at the reference: its terms are zero there.
+        // A sensor without a stated temperature counts as at reference temperature: its terms are zero there.
         for name in thermal.sensors() {
             around
                 .entry(name.to_owned())
@@ -325,17 +325,17 @@ fn sensitivities(
     found
 }
 
-/// What a kelvin at a sensor changes in the corrections.
+/// Effect of 1 K at a sensor on the corrections.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensitivity {
-    /// The name of the sensor.
+    /// Name of the sensor.
     pub sensor: String,
-    /// The largest change of the correction over the work space for a kelvin, mm.
+    /// Maximum change of the correction over the work space, mm/K.
     pub mm_per_k: f64,
 }
 
-/// The time after which a map made at held temperatures is off by more than `within_mm`, s, where every sensor goes by
-/// `k_per_h` in the direction that is worst; `None`: no temperature changes it. Lags of the terms only make it later.
+/// Time, s, until a map for fixed temperatures is off by more than `within_mm`, if every sensor drifts by `k_per_h` in the worst direction;
+/// `None` if temperature has no effect. Lags of the terms only extend it.
 pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) -> Option<f64> {
     let mm_per_h: f64 = sensitivities
         .iter()
@@ -344,17 +344,17 @@ pub fn refresh_s(sensitivities: &[Sensitivity], k_per_h: f64, within_mm: f64) ->
     (mm_per_h > 0.0).then(|| within_mm / mm_per_h * 3600.0)
 }
 
-/// What bringing a map into a control takes.
+/// Size of the transfer of a map to a control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// Frames that are written, one after the other.
+    /// Number of frames, written one after the other.
     pub frames: usize,
-    /// Bytes that go over the wire, besides the protocol of the bus: the frames, a report read before each, the map read back.
+    /// Bytes transferred, without the bus protocol: the frames, a report read before each, the map read back.
     pub bytes: usize,
 }
 
 impl Transfer {
-    /// The transfer of a map without any loss.
+    /// The transfer of a map without losses.
     #[must_use]
     pub fn of(map: &Map) -> Self {
         let words = map.words().len();
@@ -365,8 +365,7 @@ impl Transfer {
         }
     }
 
-    /// How long it takes over a link of so many bytes in a second, where an exchange of a frame takes `exchange_s`
-    /// besides, s.
+    /// Duration, s, over a link of `bytes_per_s`, with an overhead of `exchange_s` per frame.
     #[must_use]
     pub fn takes_s(&self, bytes_per_s: f64, exchange_s: f64) -> f64 {
         self.bytes as f64 / bytes_per_s + self.frames as f64 * exchange_s

@@ -1,19 +1,19 @@
-//! The map of the corrections over the work space, as words: its head, its values, and the look-up that a control does in it.
+//! Map of the corrections over the work space, as words: its header, its values, and the control's look-up.
 
 use volcomp_guard::protocol::{Layout, checksum};
 use volcomp_vocabulary::{AxisName, Direction};
 
-/// The most axes that a map goes over.
+/// Maximum number of input axes of a map.
 pub const GRID_AXES: usize = 5;
-/// The most axes that a map corrects: one for each direction of space.
+/// Maximum number of corrected axes: one per direction in space.
 pub const OUTPUTS: usize = 3;
-/// Words before the first value.
+/// Number of words before the first value.
 pub const HEADER_WORDS: usize = 68;
-/// The most words of a map: places are numbers that every control has.
+/// Maximum number of words: indices are 15-bit numbers, which every control has.
 pub const MOST_WORDS: usize = 32767;
-/// The most parts that an output step has, and the least.
+/// Maximum and minimum number of parts of an output step.
 pub const SCALES: [u16; 2] = [64, 1];
-/// The furthest place of a line, in steps of the position.
+/// Maximum magnitude of a line position, position steps.
 pub(crate) const FURTHEST: i32 = 1_000_000_000;
 
 const MAGIC: u16 = 0x564D;
@@ -23,36 +23,35 @@ const AXIS_WORDS: usize = 7;
 const REVERSAL_AT: usize = AXES_AT + AXIS_WORDS * GRID_AXES;
 const STEPS_AT: usize = REVERSAL_AT + GRID_AXES * OUTPUTS;
 
-/// The lines of the grid along one axis. From line to line it is `part`·`parts` steps of the position, and the control
-/// interpolates between `parts` places there.
+/// Grid lines along one axis. Their pitch is `part`·`parts` position steps; the control interpolates between `parts` places per pitch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Lines {
-    /// Where the first line is, steps of the position.
+    /// Position of the first line, position steps.
     pub origin: i32,
-    /// Steps of the position from one place to the next, 1 to 32767.
+    /// Position steps per place, 1 to 32767.
     pub part: u16,
-    /// Places from line to line, 1 to 32767.
+    /// Places per pitch, 1 to 32767.
     pub parts: u16,
-    /// How many lines there are, 2 to 32767.
+    /// Number of lines, 2 to 32767.
     pub count: u16,
-    /// A step of the position, millionths of a mm (nm) or of a deg.
+    /// Position step, millionths of a mm (nm) or of a deg.
     pub step_millionths: u32,
 }
 
 impl Lines {
-    /// From line to line, steps of the position.
+    /// Distance between lines, position steps.
     #[must_use]
     pub fn pitch(&self) -> i32 {
         i32::from(self.part) * i32::from(self.parts)
     }
 
-    /// Where a line is, mm or deg.
+    /// Position of a line, mm or deg.
     #[must_use]
     pub fn at(&self, line: u16) -> f64 {
         self.coordinate(f64::from(self.origin) + f64::from(line) * f64::from(self.pitch()))
     }
 
-    /// Steps of the position in mm or deg.
+    /// Converts position steps to mm or deg.
     pub(crate) fn coordinate(&self, steps: f64) -> f64 {
         steps * f64::from(self.step_millionths) * 1e-6
     }
@@ -68,29 +67,29 @@ impl Lines {
     }
 }
 
-/// The head of a map.
+/// Header of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// The number of this map, which tells it from those before; never 0.
+    /// Number that distinguishes this map from earlier ones; never 0.
     pub counter: u16,
-    /// The first 32 bits of the checksum of the machine file that it was made from.
+    /// First 32 bits of the checksum of the source machine file.
     pub model: u32,
-    /// The axes that the map goes over, the slowest first.
+    /// Input axes, the slowest first.
     pub grid: Layout,
-    /// The axes that it corrects.
+    /// Corrected axes.
     pub outputs: Layout,
-    /// Parts of a value in one step of the output, 1 to 64.
+    /// Parts per output step, 1 to 64.
     pub scale: u16,
-    /// The lines along each axis of the grid.
+    /// Lines along each axis of the grid.
     pub lines: [Lines; GRID_AXES],
-    /// What is added to each output, in parts, where an axis of the grid came in the positive direction, and taken away where
-    /// it came in the negative one: half of the reversal.
+    /// Half of the reversal value, in parts: added to each output after positive motion of an axis of the grid, subtracted after negative
+    /// motion.
     pub reversal: [[i16; OUTPUTS]; GRID_AXES],
-    /// A step of each output, nm.
+    /// Step of each output, nm.
     pub output_step_nm: [u32; OUTPUTS],
 }
 
-/// The axes of a layout in their order.
+/// Axes of a layout, in order.
 pub fn axes_of(layout: Layout) -> impl Iterator<Item = AxisName> {
     let (count, number) = (layout.count(), layout.number());
     (0..count).filter_map(move |place| {
@@ -102,7 +101,7 @@ pub fn axes_of(layout: Layout) -> impl Iterator<Item = AxisName> {
 }
 
 impl Header {
-    /// How many values a map with this head has.
+    /// Number of values of a map with this header.
     #[must_use]
     pub fn values(&self) -> usize {
         let lines = self.lines.iter().take(self.grid.count());
@@ -111,16 +110,16 @@ impl Header {
         })
     }
 
-    /// How many words the whole map has.
+    /// Number of words of the whole map.
     #[must_use]
     pub fn words(&self) -> usize {
         self.values().saturating_add(HEADER_WORDS)
     }
 
-    /// Whether a control can look up in a map with this head.
+    /// Checks that a control can use a map with this header.
     ///
     /// # Errors
-    /// What is beyond the reach of its arithmetic.
+    /// A number is out of the range of the control's arithmetic.
     pub fn check(&self) -> Result<(), NoMap> {
         let lines = self.lines.iter().take(self.grid.count());
         if self.grid.count() > GRID_AXES || self.outputs.count() > OUTPUTS {
@@ -145,7 +144,7 @@ impl Header {
         Ok(())
     }
 
-    /// The words of the head.
+    /// Encodes the header.
     #[must_use]
     pub fn encode(&self) -> [u16; HEADER_WORDS] {
         let mut words = [0; HEADER_WORDS];
@@ -156,7 +155,7 @@ impl Header {
         put(&mut words, 5, self.grid.number());
         put(&mut words, 7, self.outputs.number());
         words[9] = self.scale;
-        // At most 32767 where the head fits.
+        // At most 32767 in a valid header.
         words[10] = u16::try_from(self.words()).unwrap_or(u16::MAX);
         for (axis, lines) in self.lines.iter().enumerate() {
             let at = AXES_AT + AXIS_WORDS * axis;
@@ -175,10 +174,10 @@ impl Header {
         words
     }
 
-    /// Reads the words of a head.
+    /// Decodes a header.
     ///
     /// # Errors
-    /// Words that are no head, and what [`check`](Self::check) refuses.
+    /// The words are not a header, or [`check`](Self::check) rejects it.
     pub fn decode(words: &[u16]) -> Result<Self, NoMap> {
         let words: &[u16; HEADER_WORDS] = words
             .first_chunk()
@@ -236,7 +235,7 @@ fn layout(number: u32) -> Result<Layout, NoMap> {
     Layout::of(names).map_err(|_| NoMap::Axes)
 }
 
-/// The low word first.
+/// Low word first.
 fn put(words: &mut [u16; HEADER_WORDS], at: usize, value: u32) {
     let [a, b, c, d] = value.to_le_bytes();
     words[at] = u16::from_le_bytes([a, b]);
@@ -247,35 +246,35 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
     u32::from(words[at]) | u32::from(words[at + 1]) << 16
 }
 
-/// Why words or bytes are no map.
+/// Reason why words or bytes are not a valid map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoMap {
-    /// Fewer words than a head has.
+    /// Fewer words than a header.
     #[error("a map has at least 69 words, found {found}")]
     Short {
-        /// How many words there are.
+        /// Number of words.
         found: usize,
     },
     /// An odd number of bytes.
     #[error("{found} bytes are no whole words")]
     OddBytes {
-        /// How many bytes there are.
+        /// Number of bytes.
         found: usize,
     },
-    /// It does not begin as a map does.
+    /// The first word is not that of a map.
     #[error("the first word is {found:#06x}, expected 0x564d (VM): this is no map of volcomp")]
     Magic {
         /// The first word.
         found: u16,
     },
-    /// A layout of words that this version does not know.
+    /// The layout version of the words is unknown.
     #[error("layout version {found}, expected 1")]
     Version {
-        /// The version that is stated.
+        /// The stated version.
         found: u16,
     },
-    /// Axes that make no sense.
+    /// Invalid axes.
     #[error("expected one to five different axes of the grid, and one to three that are corrected")]
     Axes,
     /// The number of the map is 0.
@@ -284,10 +283,10 @@ pub enum NoMap {
     /// The scale of the values is out of range.
     #[error("an output step has {found} parts, expected 1 to 64")]
     Scale {
-        /// The scale that is stated.
+        /// The stated scale.
         found: u16,
     },
-    /// Lines that are out of range.
+    /// Lines out of range.
     #[error("axis {axis}: lines of the grid are out of range")]
     Lines {
         /// The axis.
@@ -296,33 +295,33 @@ pub enum NoMap {
     /// More words than a control can count.
     #[error("the map has {found} words, expected 32767 at the most")]
     Words {
-        /// How many words it would have.
+        /// Number of words it would have.
         found: usize,
     },
-    /// Another number of words than the head says.
+    /// The number of words differs from that in the header.
     #[error("found {found} words, expected {expected}")]
     Count {
-        /// How many words there are.
+        /// Number of words found.
         found: usize,
-        /// How many there have to be.
+        /// Number of words required by the header.
         expected: usize,
     },
-    /// The checksum does not fit the words.
+    /// The checksum does not match the words.
     #[error("the checksum does not fit: the map is damaged, or for the machine of another number")]
     Checksum,
 }
 
-/// Where a machine stands, as its control tells it.
+/// Machine position as reported by its control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Position {
-    /// The coordinate of each axis of the grid, in its steps.
+    /// Coordinate of each axis of the grid, in its steps.
     pub steps: [i32; GRID_AXES],
-    /// The direction in which each axis came; `None`: not known, the mean of both holds.
+    /// Direction of approach of each axis; `None`: unknown, the mean of both applies.
     pub directions: [Option<Direction>; GRID_AXES],
 }
 
-/// The values of a map at a position, in parts of the output's steps: linear between the lines, the value at the end of the
-/// grid beyond it. `words` are those of the whole map, head and all; a map that is too short gives 0.
+/// Values of a map at a position, in parts of the output steps: linear between the lines, constant beyond the grid. `words` is the whole
+/// map, header included; a map that is too short gives 0.
 pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i32; OUTPUTS] {
     let axes = header.grid.count().min(GRID_AXES);
     let outputs = header.outputs.count().min(OUTPUTS);
@@ -347,7 +346,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
                 node = node * usize::from(header.lines[axis].count) + cell + (number >> axis & 1);
             }
             let word = words.get(HEADER_WORDS + node * outputs + output);
-            // Above zero, since controls do not agree on how they divide what is below.
+            // Shifted to positive values, because controls differ in how they divide negative numbers.
             *corner = i32::from(word.copied().unwrap_or(0).cast_signed()) + 32768;
         }
         for (axis, rest) in rest.iter().enumerate().take(axes) {
@@ -371,7 +370,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
     values
 }
 
-/// A map: its head and its values. It holds together: every place that a look-up reads is there.
+/// A map: header and values. Invariant: every index that a look-up reads exists.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Map {
     header: Header,
@@ -379,10 +378,10 @@ pub struct Map {
 }
 
 impl Map {
-    /// A map of these values in parts of the output's steps: all outputs of a node, then the next node along the last axis.
+    /// A map of these values in parts of the output steps: all outputs of a node, then the next node along the last axis.
     ///
     /// # Errors
-    /// A head that no control can use, or another number of values than it says.
+    /// The header is unusable for a control, or the number of values differs from that in the header.
     pub fn new(header: Header, values: &[i16]) -> Result<Self, NoMap> {
         header.check()?;
         if values.len() != header.values() {
@@ -396,10 +395,10 @@ impl Map {
         Ok(Self { header, words })
     }
 
-    /// A map from its words.
+    /// Decodes a map.
     ///
     /// # Errors
-    /// Words that are no map.
+    /// The words are not a valid map.
     pub fn from_words(words: &[u16]) -> Result<Self, NoMap> {
         let header = Header::decode(words)?;
         if words.len() != header.words() {
@@ -412,32 +411,32 @@ impl Map {
         Ok(Self { header, words })
     }
 
-    /// The head.
+    /// Header of the map.
     #[must_use]
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The words of head and values.
+    /// Words of header and values.
     #[must_use]
     pub fn words(&self) -> &[u16] {
         &self.words
     }
 
-    /// The two words of the checksum, started from the number of the machine and the axes that are corrected.
+    /// The two checksum words, seeded with the machine number and the corrected axes.
     #[must_use]
     pub fn checksum(&self, machine: u16) -> [u16; 2] {
         let check = checksum(machine, self.header.outputs, &self.words);
         [check.sum, check.of_sums]
     }
 
-    /// The correction of each output at a position, in parts of its step.
+    /// Correction of each output at a position, in parts of its step.
     #[must_use]
     pub fn parts(&self, position: &Position) -> [i32; OUTPUTS] {
         look_up(&self.header, &self.words, position)
     }
 
-    /// The correction of each output at a position, mm.
+    /// Correction of each output at a position, mm.
     #[must_use]
     pub fn correction_mm(&self, position: &Position) -> [f64; OUTPUTS] {
         let parts = self.parts(position);
@@ -447,7 +446,7 @@ impl Map {
         })
     }
 
-    /// The image: head, values, checksum.
+    /// Binary image: header, values, checksum.
     #[must_use]
     pub fn image(&self, machine: u16, order: ByteOrder) -> Vec<u8> {
         let mut words = self.words.clone();
@@ -455,10 +454,10 @@ impl Map {
         to_bytes(&words, order)
     }
 
-    /// Reads an image in either order of bytes.
+    /// Decodes an image in either byte order.
     ///
     /// # Errors
-    /// Bytes that are no map, are damaged, or are for another machine.
+    /// The bytes are not a map, are damaged, or belong to another machine.
     pub fn from_image(bytes: &[u8], machine: u16) -> Result<Self, NoMap> {
         if !bytes.len().is_multiple_of(2) {
             return Err(NoMap::OddBytes { found: bytes.len() });
@@ -482,12 +481,12 @@ impl Map {
     }
 }
 
-/// In which order the two bytes of a word stand.
+/// Byte order of the words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
-    /// The low byte first, as in the memory of a FANUC PMC.
+    /// Low byte first, as in the memory of a FANUC PMC.
     LowFirst,
-    /// The high byte first, as in a data block of a Siemens control.
+    /// High byte first, as in a data block of a Siemens control.
     HighFirst,
 }
 
@@ -500,7 +499,7 @@ impl ByteOrder {
     }
 }
 
-/// The bytes of words, two for each.
+/// Bytes of words, two each.
 pub fn to_bytes(words: &[u16], order: ByteOrder) -> Vec<u8> {
     let bytes = words.iter().flat_map(|word| match order {
         ByteOrder::LowFirst => word.to_le_bytes(),

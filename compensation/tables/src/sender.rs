@@ -1,5 +1,5 @@
-//! The sender: which frame comes next by what the control published last, and how a map is brought into a control and kept valid
-//! there, one exchange after the other.
+//! The sender: selects the next frame from the control's last report, and so transfers a map and keeps it valid, one exchange after the
+//! other.
 
 use volcomp_guard::protocol::{Refusal, Seen, Session};
 
@@ -8,31 +8,31 @@ use crate::{
     map::{HEADER_WORDS, Map, OUTPUTS},
 };
 
-/// What a sender does next.
+/// Next action of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// Write a frame that says this.
+    /// Write a frame with this content.
     Write(Body),
-    /// Read the words of this buffer, 0 or 1, compare them with the map's, and ask again with what was found.
+    /// Read back the words of this buffer, 0 or 1, compare them with the map, and call again with the result.
     ReadBack {
-        /// The buffer that was loaded.
+        /// The loaded buffer.
         buffer: u16,
     },
 }
 
-/// What a sender knows of the words that it loaded.
+/// Result of reading back the loaded words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loaded {
-    /// They were not read back yet.
+    /// Not read back yet.
     Unknown,
-    /// They were read back, and are the map's.
+    /// Equal to the map.
     Same,
-    /// They were read back, and are not the map's.
+    /// Different from the map.
     Other,
 }
 
-/// What is to be sent next, so that `map` is in use and stays so. `seen` is what the control published last. Nothing is remembered:
-/// after any loss it goes on where the control is.
+/// Next action to make `map` active and keep it so. `seen` is the control's last report. The function is stateless: after any loss it
+/// continues from the state of the control.
 #[must_use]
 pub fn next_write(map: &Map, machine: u16, seen: &Report, loaded: Loaded) -> Next {
     let counter = map.header().counter;
@@ -55,7 +55,7 @@ pub fn next_write(map: &Map, machine: u16, seen: &Report, loaded: Loaded) -> Nex
     Next::Write(body)
 }
 
-/// Everything that brings a map into a control, in order: its beginning, its words, the swap.
+/// The complete transfer of a map in order: begin, words, swap.
 pub fn writes(map: &Map, machine: u16) -> impl Iterator<Item = Body> + '_ {
     let counter = map.header().counter;
     // At most 32767 words.
@@ -75,61 +75,61 @@ fn words_from(map: &Map, place: u16) -> Body {
     Body::Words { place, data }
 }
 
-/// How words get to and from a control.
+/// Transport of words to and from a control.
 pub trait Exchange {
-    /// Why they do not.
+    /// Transport error.
     type Error;
 
-    /// Reads the words of the report, as many as there are or more.
+    /// Reads the words of the report; additional words may follow.
     ///
     /// # Errors
-    /// They cannot be read.
+    /// The words cannot be read.
     fn report(&mut self) -> Result<Vec<u16>, Self::Error>;
 
-    /// Writes a frame into the mailbox, in one piece.
+    /// Writes a frame to the mailbox, in one piece.
     ///
     /// # Errors
-    /// It was refused, or nobody knows whether it arrived.
+    /// The write was rejected, or it is unknown whether it arrived.
     fn write(&mut self, frame: &[u16; FRAME_WORDS]) -> Result<(), Self::Error>;
 
     /// Reads the first `count` words of a buffer, 0 or 1.
     ///
     /// # Errors
-    /// They cannot be read.
+    /// The words cannot be read.
     fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, Self::Error>;
 }
 
-/// What a control may do with a map: the limits of whoever sends it.
+/// Limits that the sender sets on the map and the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Allowed {
-    /// The largest correction, mm.
+    /// Maximum correction, mm.
     pub limit_mm: f64,
-    /// The fastest change of a correction, mm/s.
+    /// Maximum rate of change of a correction, mm/s.
     pub slew_mm_per_s: f64,
-    /// The longest time without a frame until the corrections begin to go to zero, s. How long they then take is said by their
-    /// limit and rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
+    /// Maximum timeout of the control, s, after which its corrections start to go to zero. How long that takes follows from their limit and
+    /// rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
     pub zero_after_s: f64,
-    /// The time of a scan of the control's program, s.
+    /// Scan time of the control's program, s.
     pub scan_s: f64,
-    /// Words of one of its buffers.
+    /// Size of each buffer of the control, words.
     pub capacity: usize,
 }
 
-/// Why a map is not sent to this control.
+/// Reason why a map is not sent to this control.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Unfit {
     /// The map is larger than a buffer.
     #[error("the map has {found} words, expected {capacity} at the most, the words of a buffer")]
     Words {
-        /// The words of the map.
+        /// Words of the map.
         found: usize,
-        /// The words of a buffer.
+        /// Words of a buffer.
         capacity: usize,
     },
-    /// A value of the map is beyond the limit.
+    /// A value of the map exceeds the limit.
     #[error("the map corrects by up to {found_um:.1} µm, expected {limit_um:.1} µm at the most")]
     Value {
-        /// The largest value with all reversals, µm.
+        /// The largest value including all reversals, µm.
         found_um: f64,
         /// The limit, µm.
         limit_um: f64,
@@ -139,38 +139,38 @@ pub enum Unfit {
         "the control takes corrections up to {found_um:.1} µm, expected {limit_um:.1} µm at the most"
     )]
     Limit {
-        /// The control's limit, µm.
+        /// Limit of the control, µm.
         found_um: f64,
-        /// The limit of the sender, µm.
+        /// Limit of the sender, µm.
         limit_um: f64,
     },
-    /// The control moves faster.
+    /// The control changes corrections faster.
     #[error(
         "the control moves a correction at {found_um_per_s:.1} µm/s, expected {slew_um_per_s:.1} µm/s at the most"
     )]
     Rate {
-        /// The control's rate, µm/s.
+        /// Rate of the control, µm/s.
         found_um_per_s: f64,
-        /// The slew of the sender, µm/s.
+        /// Rate limit of the sender, µm/s.
         slew_um_per_s: f64,
     },
-    /// The control waits longer for the sender.
+    /// The timeout of the control is longer.
     #[error(
         "the control begins to go to zero {found_s:.3} s after the last frame, expected {zero_after_s:.3} s at the most"
     )]
     TimeOut {
-        /// The control's time-out, s.
+        /// Timeout of the control, s.
         found_s: f64,
-        /// The longest time, s.
+        /// Maximum timeout, s.
         zero_after_s: f64,
     },
 }
 
 impl Allowed {
-    /// Whether a map is within the limits.
+    /// Checks a map against the limits.
     ///
     /// # Errors
-    /// It is too large, or corrects by more.
+    /// The map is too large, or a correction exceeds the limit.
     pub fn admits(&self, map: &Map) -> Result<(), Unfit> {
         let (found, capacity) = (map.words().len(), self.capacity);
         if found > capacity {
@@ -198,12 +198,12 @@ impl Allowed {
         Ok(())
     }
 
-    /// Whether a control keeps within the limits, by what it publishes.
+    /// Checks the settings that a control reports against the limits.
     ///
     /// # Errors
-    /// The first limit that is wider there.
+    /// The first limit that the control exceeds.
     pub fn is_kept_by(&self, map: &Map, seen: &Report) -> Result<(), Unfit> {
-        // Numbers that went through steps are not compared to the last bit.
+        // Tolerates the rounding of numbers that were converted to steps.
         let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
         let seen = &seen.of.settings;
         for output in 0..map.header().outputs.count().min(OUTPUTS) {
@@ -239,7 +239,7 @@ fn step_mm(map: &Map, output: usize) -> f64 {
     f64::from(map.header().output_step_nm[output]) * 1e-6
 }
 
-/// What came of one step.
+/// Result of one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The report was torn or belongs to another machine: nothing was sent.
@@ -248,36 +248,36 @@ pub enum Step {
     Stands,
     /// A part of the map was sent, or the loaded words were read back.
     Loading,
-    /// The map is in use, and it was said that it stays so.
+    /// The map is active, and a keep-alive frame was sent.
     Kept,
 }
 
-/// Why a sender ends.
+/// Reason why a sender stops.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SendError<E> {
-    /// Words did not get through. The next step goes on where the control is.
+    /// Transport error. The next step continues from the state of the control.
     #[error(transparent)]
     Exchange(E),
-    /// Another sender holds the control: nothing was sent.
+    /// Another sender controls the link: nothing was sent.
     #[error("another sender, number {by}, holds the control")]
     Held {
-        /// The number of the other sender.
+        /// Number of the other sender.
         by: u16,
-        /// The sequence of its last frame: it stands still where nobody sends any more.
+        /// Sequence number of its last frame: it stays constant if that sender has stopped.
         sequence: u16,
     },
-    /// The control does more than is allowed, or the map does.
+    /// The control or the map exceeds the limits.
     #[error(transparent)]
     Unfit(#[from] Unfit),
-    /// The control does not take the map.
+    /// The control rejects the map.
     #[error("the control does not take the map: {0}")]
     Refused(Refusal),
 }
 
-/// So often a refused map is begun again before its sender gives up.
+/// Maximum number of times that the transfer of a rejected map is restarted.
 const BEGINNINGS: u32 = 8;
 
-/// A sender of one map. It keeps nothing of what the control does but whether the words there were read back.
+/// A sender of one map. State: of the control it only keeps whether the words there were read back.
 #[derive(Clone, Debug)]
 pub struct Sender {
     map: Map,
@@ -291,10 +291,10 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender of this map for the control of this machine. `owner` is a number drawn for it, not 0.
+    /// A sender of this map for the control of this machine. `owner` is a random number for this sender, not 0.
     ///
     /// # Errors
-    /// The map is beyond what is allowed.
+    /// The map exceeds the limits.
     pub fn new(map: Map, machine: u16, owner: u16, allowed: Allowed) -> Result<Self, Unfit> {
         allowed.admits(&map)?;
         Ok(Self {
@@ -309,36 +309,36 @@ impl Sender {
         })
     }
 
-    /// Brings another map in place of this one, which it returns. The control keeps that in use until it has all of the other.
+    /// Replaces the map and returns the previous one. The control keeps that active until it has received all of the new one.
     ///
     /// # Errors
-    /// The map is beyond what is allowed: this one stays.
+    /// The map exceeds the limits: the previous one stays.
     pub fn replace(&mut self, map: Map) -> Result<Map, Unfit> {
         self.allowed.admits(&map)?;
         (self.loaded, self.begun) = (Loaded::Unknown, 0);
         Ok(std::mem::replace(&mut self.map, map))
     }
 
-    /// The number of the map that the control had in use when it was last read, whoever sent that; `None`: none was, and the
-    /// corrections were zero or on the way there.
+    /// Number of the map that was active in the control at the last read, whoever sent it; `None`: none was, and the corrections were zero
+    /// or on the way there.
     #[must_use]
     pub fn in_use(&self) -> Option<u16> {
         self.in_use
     }
 
-    /// What the words of a report say, `None`: they are torn, or of another machine.
+    /// Decodes the words of a report; `None` if they are torn or belong to another machine.
     #[must_use]
     pub fn seen(&self, words: &[u16]) -> Option<Report> {
         Report::decode(self.machine, self.map.header().outputs, words)
     }
 
-    /// Reads what the control publishes, and sends what comes next.
+    /// Reads the control's report, and sends the next frame.
     ///
     /// # Errors
-    /// See [`SendError`]; after [`SendError::Exchange`] another step may be tried.
+    /// See [`SendError`]; after [`SendError::Exchange`] the step can be retried.
     pub fn step<C: Exchange>(&mut self, control: &mut C) -> Result<Step, SendError<C::Error>> {
         let words = control.report().map_err(|error| {
-            // The tick may have gone round when the next report comes.
+            // The tick may have wrapped around by the next report.
             self.session.forget();
             SendError::Exchange(error)
         })?;
@@ -346,7 +346,7 @@ impl Sender {
             return Ok(Step::Unreadable);
         };
         self.in_use = seen.valid.then_some(seen.counter);
-        // A program that stands would be answered with its own old tick for ever.
+        // A stopped program would be answered with its own old tick forever.
         if self.tick.replace(seen.of.tick) == Some(seen.of.tick) {
             return Ok(Step::Stands);
         }

@@ -1,4 +1,4 @@
-//! volcomp's own format.
+//! The format of volcomp.
 
 use core::fmt::Write;
 
@@ -20,7 +20,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     }
     let mut text = String::new();
     for line in options.facts.lines(Format::Csv, &options.axes) {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "# {line}");
     }
     text += HEAD;
@@ -50,7 +50,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     }
 }
 
-/// Comment lines become empty ones, so that lines keep their numbers.
+/// Blanks comment lines, so that line numbers stay the same.
 fn without_comments(text: &str) -> String {
     let lines = text.lines().map(|line| {
         if line.trim_start().starts_with('#') {

@@ -1,4 +1,4 @@
-//! Tables back as curves of a machine file.
+//! Converts tables back to curves of a machine file.
 
 use core::fmt::Write;
 
@@ -11,16 +11,16 @@ use super::{
     text::ExchangeError,
 };
 
-/// Curves (mm or deg, µm or µrad) and location errors (µm or µrad), as `[errors]` of a machine file states them.
+/// Curves (mm or deg, µm or µrad) and location errors (µm or µrad), as in the section `[errors]` of a machine file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curves {
-    /// Error motions.
+    /// Error motions and their curves.
     pub motions: Vec<(ErrorName, ErrorCurve)>,
-    /// Location errors.
+    /// Location errors, µm or µrad.
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// The component along a linear axis or about a rotary one, by the direction that its letter stands for.
+/// The error component along a linear axis or about a rotary one, in the direction of its letter.
 pub(crate) fn own_component(axis: AxisName) -> Component {
     match (axis.is_rotary(), axis.mcs_index()) {
         (false, 0) => Component::EX,
@@ -32,15 +32,15 @@ pub(crate) fn own_component(axis: AxisName) -> Component {
     }
 }
 
-/// The error motion that a table is: its own axis is positioning, another one straightness.
+/// The error motion of a table: positioning for its own axis, straightness for another one.
 fn name_of(table: &AxisTable) -> ErrorName {
     ErrorName::motion(own_component(table.output), table.input)
 }
 
-/// Tables as curves of a machine file.
+/// Converts tables to curves of a machine file.
 ///
 /// # Errors
-/// Two tables that are one error.
+/// Two tables describe the same error.
 pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
     let found = match content {
         Content::Axes(tables) => {
@@ -85,7 +85,7 @@ fn linear(
     positions: &[f64],
     values: impl Iterator<Item = f64>,
 ) -> Result<Curve, ExchangeError> {
-    // Ten decimals: what is behind them comes from the conversion of units.
+    // Ten decimals: further digits are rounding errors of the unit conversion.
     let tidy = |x: f64| (x * 1e10).round() / 1e10 + 0.0;
     let edge = |at: &f64| tidy(Displacement::new(axis.kind(), *at).mm_or_deg());
     let nodes = positions.iter().map(edge).zip(values.map(tidy));
@@ -119,16 +119,16 @@ fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
     })
 }
 
-/// The curves as the part `[errors]` of a machine file.
+/// Formats the curves as the section `[errors]` of a machine file.
 pub fn to_toml(curves: &Curves) -> String {
     let mut text = String::from("[errors]\n");
     let field = |field: &Field| match field {
         Field::Curve(curve) => write_curve(curve),
-        // Tables become no grids.
+        // Tables never become grids.
         Field::Grid(_) => "0.0".to_owned(),
     };
     for (name, curve) in &curves.motions {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = match curve {
             ErrorCurve::Single(single) => writeln!(text, "{name} = {}", field(single)),
             ErrorCurve::Pair { forward, backward } => {

@@ -1,4 +1,4 @@
-//! Tables into files and back, by format.
+//! Writes tables to files and reads them back, by format.
 
 use volcomp_vocabulary::{CorrectionLimit, bounds::is_plausible_error};
 
@@ -16,11 +16,11 @@ use super::{
 };
 
 impl Format {
-    /// The format that files are in, by their names and beginnings; `None` where it is not certain. A file of LinuxCNC does not say its type.
+    /// Detects the format of files from their names and first lines; `None` if it is uncertain. A LinuxCNC file does not state its type.
     pub fn of_files(files: &[TextFile]) -> Option<Self> {
         let (facts, tables): (Vec<_>, Vec<_>) =
             (files.iter()).partition(|file| is_facts_file(file.base()));
-        // The facts say it, where they are of one format.
+        // The facts files state the format, if they agree.
         let mut stated: Vec<Self> = facts
             .iter()
             .filter_map(|file| stated_format(file))
@@ -32,7 +32,7 @@ impl Format {
         }
     }
 
-    /// The format that a file which volcomp wrote states in its head; `None` of every other file.
+    /// The format stated in the header of a file that volcomp wrote; `None` for any other file.
     pub fn stated_in(file: &TextFile) -> Option<Self> {
         stated_format(file)
     }
@@ -61,7 +61,7 @@ impl Format {
 }
 
 impl Content {
-    /// Refuses values that no machine tool has.
+    /// Rejects values that are implausible for a machine tool.
     fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
         self.first_refused(is_plausible_error)
             .map_or(Ok(()), |entry| {
@@ -75,19 +75,19 @@ impl Content {
     }
 }
 
-/// What was read.
+/// Tables read from files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadTables {
-    /// The tables.
+    /// Tables of one kind.
     pub content: Content,
-    /// What was odd.
+    /// Anomalies in the files.
     pub warnings: Vec<Warning>,
 }
 
 /// Writes tables for a control.
 ///
 /// # Errors
-/// No tables, tables of another kind than the format holds, numbers that it cannot hold.
+/// There are no tables, the format cannot hold this kind of table, or a number is out of its range.
 pub fn write(
     format: Format,
     content: &Content,
@@ -134,11 +134,11 @@ pub fn write(
     Ok(written)
 }
 
-/// Reads the tables of a control. The file with the facts is no table; the numbers of the axes that it, or the head of a table, states
-/// count where the caller states none.
+/// Reads the tables of a control. The facts file is not a table. If the caller states no axis numbers, those of the facts file or of a
+/// table header apply.
 ///
 /// # Errors
-/// A line that is not of the format, numbers that contradict each other, no tables.
+/// A line that does not match the format, contradictory numbers, no tables.
 pub fn read(
     format: Format,
     files: &[TextFile],
@@ -146,7 +146,7 @@ pub fn read(
 ) -> Result<ReadTables, ExchangeError> {
     let mut warnings = Vec::new();
     let mut options = options.clone();
-    // The heads of a SINUMERIK's files are compared by its own reader.
+    // The SINUMERIK reader compares the headers of its files itself.
     if options.axes.iter().next().is_none()
         && format != Format::Siemens840d
         && let Some((file, numbers)) = stated_numbers(format, files)
@@ -178,7 +178,7 @@ pub fn read(
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         ExchangeError::NoCurves(format!("{}: {what}", names.join(", ")))
     };
-    // The reader of the errors themselves refuses each with its line.
+    // The reader of component errors rejects each with its line.
     if let Some(refusal) = content.refusal() {
         return Err(of_files(refusal));
     }

@@ -1,4 +1,4 @@
-//! FANUC pitch error compensation as a file of parameters: steps from point to point, in detection units.
+//! FANUC pitch error compensation as a parameter file: increments from point to point, in detection units.
 
 use core::fmt::Write;
 use std::collections::BTreeMap;
@@ -13,10 +13,10 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, Warning, number, short, whole},
 };
 
-/// Where the data begin: N10000 + point, from memory.
+/// First parameter of the data: N10000 + point (from memory).
 const DATA: u32 = 10_000;
 
-/// What stands in a file: by parameter and axis, and by point.
+/// Content of a file: by parameter and axis, and by point.
 #[derive(Default)]
 struct Found {
     axes: BTreeMap<u16, BTreeMap<u32, (String, usize)>>,
@@ -69,7 +69,7 @@ pub(crate) fn read(
     Ok(tables)
 }
 
-/// `N03620A1P10A2P20`, `N10000P-3`.
+/// Reads a record such as `N03620A1P10A2P20` or `N10000P-3`.
 fn record(here: FilePosition<'_>, text: &str, found: &mut Found) -> Result<(), ExchangeError> {
     let wrong = || here.error(quoted(text), "a record such as N03620A1P10 or N10000P-3");
     let rest = text.strip_prefix('N').ok_or_else(wrong)?;
@@ -102,7 +102,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Found) -> Result<(), E
                 let steps = whole(size).ok_or_else(wrong)?;
                 found.data.insert(parameter - DATA, steps);
             }
-            // Another parameter: files hold all of them.
+            // Other parameters: files contain all of them.
             _ => {}
         }
         rest = behind;
@@ -110,7 +110,7 @@ fn record(here: FilePosition<'_>, text: &str, found: &mut Found) -> Result<(), E
     Ok(())
 }
 
-/// The points of an axis, and how far they are apart.
+/// Points of an axis, and their spacing.
 struct Extent {
     first: u32,
     last: u32,
@@ -139,7 +139,7 @@ impl Reader<'_> {
         u32::try_from(point).ok().filter(|point| *point < 10_000)
     }
 
-    /// Which points an axis has; `None` where it has none.
+    /// The points of an axis; `None` if it has none.
     fn extent(
         &self,
         axis: AxisName,
@@ -249,13 +249,12 @@ impl Reader<'_> {
 }
 
 const FORMAT: Format = Format::Fanuc;
-/// More points than that have no place in N10000 to N19999.
+/// Maximum number of points: N10000 to N19999.
 const MOST_POINTS: usize = 10_000;
-/// What a point holds by option, and without it: from memory.
+/// Maximum magnitude of a point's value, with and without the option (from memory).
 const MOST_STEPS: i64 = 127;
 const FEW_STEPS: i64 = 7;
 
-/// The points of one axis.
 struct Points {
     axis: u16,
     reference: u32,
@@ -263,21 +262,21 @@ struct Points {
     last: u32,
     interval: f64,
     turn: f64,
-    /// The first point for negative motion, and the value at the reference position after it.
+    /// First point for negative motion, and the value at the reference position after negative motion.
     negative: Option<(u32, i64)>,
 }
 
-/// What was found to be written.
+/// Data to be written.
 #[derive(Default)]
 struct Made {
     axes: Vec<Points>,
-    /// Steps by point.
+    /// Increments by point.
     data: Vec<(u32, i64)>,
-    /// The next point that is free.
+    /// Next free point.
     next: u32,
-    /// Axes with steps that not every control takes.
+    /// Axes with increments that not every control accepts.
     wide: Vec<AxisName>,
-    /// Deviations at reference positions, in words.
+    /// Deviations at reference positions, as text.
     offsets: Vec<String>,
 }
 
@@ -352,7 +351,7 @@ impl Made {
         let reference = reference_of(table, low, interval)?;
         let base = table.forward[reference];
         if base.abs() > 1e-6 {
-            // µm in a mm, µrad in a rad.
+            // Converts mm to µm and rad to µrad.
             let micro = base * Displacement::new(table.output.kind(), 1.0).um_or_urad();
             let micro = short(micro, 2);
             self.offsets
@@ -394,7 +393,7 @@ impl Made {
         Ok(())
     }
 
-    /// Puts sums down as steps from point to point; the first point.
+    /// Stores cumulative values as increments from point to point; returns the first point.
     fn put(&mut self, table: &AxisTable, units: &[i64]) -> Result<u32, ExchangeError> {
         let first = self.next;
         let steps = std::iter::once(0).chain(units.windows(2).map(|pair| pair[1] - pair[0]));
@@ -414,7 +413,7 @@ impl Made {
     }
 }
 
-/// The node at machine zero, where the reference position is.
+/// Index of the node at machine zero, where the reference position is.
 fn reference_of(table: &AxisTable, low: f64, interval: f64) -> Result<usize, ExchangeError> {
     let place = (0.0 - low) / interval;
     let count = table.positions.len();
@@ -440,7 +439,7 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
             .filter_map(|points| Some(format!("A{}P{}", points.axis, of(points)?)))
             .collect();
         if !values.is_empty() {
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = writeln!(text, "N{number:05}{values}");
         }
     };
@@ -461,7 +460,7 @@ fn text(all: &[Points], data: &[(u32, i64)]) -> String {
     text + "%\n"
 }
 
-/// With a decimal point, as 30.0 stands in known files.
+/// With a decimal point, such as 30.0 in known files.
 fn real(value: f64) -> String {
     let text = short(value, 9);
     if text.contains('.') {

@@ -1,4 +1,4 @@
-//! The formats and what is known of each.
+//! The table formats and their properties.
 
 use core::{fmt, str::FromStr};
 
@@ -6,7 +6,7 @@ use core::{fmt, str::FromStr};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
-    /// volcomp's own.
+    /// The format of volcomp.
     Csv,
     /// LinuxCNC, COMP_FILE_TYPE 0: nominal, actual forward, actual backward.
     Linuxcnc,
@@ -22,16 +22,16 @@ pub enum Format {
     IsgCsv,
 }
 
-/// A word that names no format.
+/// An unknown format name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found format `{found}`, expected one of: {}", Format::ALL.map(Format::name).join(", "))]
 pub struct UnknownFormat {
-    /// The word.
+    /// The unknown name.
     pub found: String,
 }
 
 impl Format {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 7] = [
         Self::Csv,
         Self::Linuxcnc,
@@ -42,7 +42,7 @@ impl Format {
         Self::Fanuc,
     ];
 
-    /// Its name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -55,17 +55,17 @@ impl Format {
         }
     }
 
-    /// Whether it holds the component errors themselves, not tables of axes.
+    /// True if it holds the component errors themselves, not axis tables.
     pub(crate) fn holds_errors(self) -> bool {
         self == Self::IsgCsv
     }
 
-    /// Whether its files hold lines that the control passes over; else the facts stand in a file beside them.
+    /// True if its files can hold comments; otherwise the facts are written to a separate file.
     pub fn has_comments(self) -> bool {
         matches!(self, Self::Csv | Self::Siemens840d | Self::IsgCsv)
     }
 
-    /// What a number of it says, as it is written.
+    /// Sign convention of its numbers.
     pub fn sign(self) -> &'static str {
         match self {
             Self::Csv => {
@@ -90,7 +90,7 @@ impl Format {
         }
     }
 
-    /// What the sign rests on. No format was tried on a machine; those of LinuxCNC were on its control with simulated drives.
+    /// Evidence for the sign. No format was tested on a machine; those of LinuxCNC were tested on its control with simulated drives.
     pub fn trust(self) -> &'static str {
         match self {
             Self::Csv => "Sign proven by definition: this is the format of volcomp itself.",

@@ -13,12 +13,12 @@ use super::{
     text::{ExchangeError, TextFile, Warning, number, signed},
 };
 
-/// Lines of a table.
+/// Maximum number of lines of a table.
 const MOST_LINES: usize = 256;
-/// Decimals of mm and deg, as in the files that are known.
+/// Decimals of mm and deg, as in known files.
 const DECIMALS: usize = 4;
 
-/// The lines of a file without those that are empty, with their numbers.
+/// Non-empty lines of a file, with their numbers.
 fn lines(file: &TextFile) -> impl Iterator<Item = (usize, &str)> {
     let lines = file.text.lines().enumerate();
     lines
@@ -26,13 +26,13 @@ fn lines(file: &TextFile) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.is_empty())
 }
 
-/// `AXIS_X.COM`, `AXIS-X.COM`: the letter.
+/// Axis letter in `AXIS_X.COM` or `AXIS-X.COM`.
 fn axis_in(name: &str) -> Option<AxisName> {
     let stem = name.split('.').next()?.to_ascii_uppercase();
     stem.rsplit(['_', '-']).next()?.parse().ok()
 }
 
-/// The word behind BEGIN.
+/// The word after BEGIN.
 fn begin<'a>(
     file: &'a TextFile,
     line: Option<&(usize, &'a str)>,
@@ -47,7 +47,7 @@ fn begin<'a>(
     })
 }
 
-/// What a .cma says: which table each axis has as its input.
+/// Content of a .cma file: the name of the table of each input axis.
 struct Assigned(Vec<(AxisName, String)>);
 
 fn read_cma(file: &TextFile) -> Result<Assigned, ExchangeError> {
@@ -160,7 +160,7 @@ fn read_com(
     }
 }
 
-/// The axis over whose positions a file goes; `None` where the .CMA does not name it.
+/// Input axis of a table file; `None` if the .CMA file does not name it.
 fn input_of(
     file: &TextFile,
     name: &str,
@@ -186,7 +186,6 @@ fn input_of(
     Ok(named.map(|(axis, _)| *axis))
 }
 
-/// The columns of a file.
 struct Columns {
     outputs: Vec<AxisName>,
     has_backlash: bool,
@@ -233,7 +232,7 @@ fn columns_of(
     })
 }
 
-/// The values of a file, column by column.
+/// Values of a file, by column.
 #[derive(Default)]
 struct Rows {
     positions: Vec<f64>,
@@ -286,27 +285,27 @@ fn rows_of(
     Ok(rows)
 }
 
-/// Angles that are nearer to each other are one, rad.
+/// Tolerance for equal angles, rad.
 const SAME_RAD: f64 = 1e-8;
 
-/// Why a table is left out whose positions no control of the maker takes.
+/// Note for tables with positions that no HEIDENHAIN control accepts.
 const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
 
-/// Why a table of a turn is left out that does not begin at 0 deg.
+/// Note for full-turn tables that do not begin at 0 deg.
 const IN_TWO: &str = "a table over a rotary axis holds 0 to 360 deg, and its two ends, which are one position there, deviate differently";
 
-/// Tables as the maker's controls hold them.
+/// Tables in the form that HEIDENHAIN controls accept.
 #[derive(Default)]
 struct Held<'a> {
     tables: Vec<Cow<'a, AxisTable>>,
-    /// The axes whose tables were brought from elsewhere to 0 … 360 deg.
+    /// Axes whose tables were moved to 0 … 360 deg.
     wrapped: Vec<AxisName>,
     beyond: Vec<&'a AxisTable>,
     in_two: Vec<&'a AxisTable>,
 }
 
 impl<'a> Held<'a> {
-    /// The tables over each axis, all of them or none.
+    /// Converts the tables over each axis, all of them or none.
     fn of(tables: impl IntoIterator<Item = &'a AxisTable>) -> Self {
         let all: Vec<&AxisTable> = tables.into_iter().collect();
         let over = |input: AxisName| all.iter().copied().filter(move |of| of.input == input);
@@ -329,7 +328,7 @@ impl<'a> Held<'a> {
         held
     }
 
-    /// What is not as in the tables that were given.
+    /// Adds notes about differences from the given tables.
     fn tell(&self, written: &mut Written) {
         written.leave_out(WITHIN_A_TURN, &self.beyond);
         written.leave_out(IN_TWO, &self.in_two);
@@ -351,14 +350,14 @@ fn is_within_a_turn(table: &AxisTable) -> bool {
             && positions.last().is_none_or(|at| *at <= TAU + SAME_RAD))
 }
 
-/// A table of a rotary axis over 360 deg repeats.
+/// True if a table of a rotary axis spans 360 deg, so that it repeats.
 fn is_turn(table: &AxisTable) -> bool {
     let ends = table.positions.last().zip(table.positions.first());
     let length = ends.map_or(0.0, |(last, first)| last - first);
     table.input.is_rotary() && (length - TAU).abs() < 1e-6
 }
 
-/// Whether the ends are one to the last decimal of a file.
+/// True if the values at both ends are equal to the last decimal of a file.
 fn closes(table: &AxisTable) -> bool {
     let half_a_digit = 0.5 * 10.0_f64.powi(-i32::try_from(DECIMALS).unwrap_or(0));
     let mut of_both = [Some(&table.forward), table.backward.as_ref()]
@@ -370,15 +369,15 @@ fn closes(table: &AxisTable) -> bool {
     })
 }
 
-/// A table of a whole turn from 0 to 360 deg: at its own nodes where one of them stands at 0 or the distances differ, otherwise in the same
-/// steps from 0.
+/// A full-turn table from 0 to 360 deg. It keeps its nodes if one of them is at 0 or the spacing is uneven; otherwise it is resampled with
+/// the same spacing from 0.
 fn wrapped(table: &AxisTable) -> AxisTable {
     let turn = AxisTable {
         modulo: true,
         ..table.clone()
     };
     let mut positions: Vec<f64> = if let Some(spacing) = table.spacing() {
-        // Whole steps from 0: those that are nodes already come out as they are, but for rounding.
+        // Whole steps from 0: existing nodes stay, except for rounding.
         let inner = 1..table.positions.len().saturating_sub(1);
         inner.map(|place| spacing * place as f64).collect()
     } else {
@@ -506,7 +505,7 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
 fn row(text: &mut String, cells: &[String]) {
     let mut line = String::new();
     for cell in cells {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = write!(line, "{cell:<14}");
     }
     text.push_str(line.trim_end());

@@ -12,17 +12,17 @@ use super::{
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
-/// Decimals of mm, of rad and of positions.
+/// Decimals of lengths in mm, of angles in rad, and of positions.
 const MM: usize = 7;
 const RAD: usize = 10;
 const POSITION: usize = 9;
 
-/// A value of an error with the decimals of its unit.
+/// Formats an error value with the decimals of its unit.
 fn value(name: ErrorName, value: f64) -> String {
     short(value, if name.component.is_angular() { RAD } else { MM })
 }
 
-/// Whether a line is the head of a table: an axis and error names.
+/// True if a line is the header of a table: an axis and error names.
 pub(crate) fn is_head(line: &str) -> bool {
     let mut cells = cells(line);
     let mut next = || cells.next().unwrap_or("");
@@ -49,7 +49,7 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
     }
     let mut text = String::new();
     for line in options.facts.lines(Format::IsgCsv, &options.axes) {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "// {line}");
     }
     let mut rest: Vec<&ErrorTable> = errors.curves.iter().collect();

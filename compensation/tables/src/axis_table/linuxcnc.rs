@@ -1,4 +1,4 @@
-//! LinuxCNC's COMP_FILE: three numbers in a line, at most 256 lines.
+//! LinuxCNC's COMP_FILE: three numbers per line, at most 256 lines.
 
 use core::fmt::Write;
 
@@ -11,13 +11,13 @@ use super::{
     text::{ExchangeError, TextFile, Warning, short},
 };
 
-/// LinuxCNC's table has so many places.
+/// Maximum number of lines of a LinuxCNC table.
 const MOST_LINES: usize = 256;
-/// Decimals of mm and deg: 1 nm.
+/// Decimals of mm (1 nm); `DECIMALS_ROTARY` those of deg.
 const DECIMALS: usize = 6;
 const DECIMALS_ROTARY: usize = 8;
 
-/// Whether values are trims, nominal − actual (COMP_FILE_TYPE 1), or actual positions (0).
+/// True if values are trims, nominal − actual (COMP_FILE_TYPE 1), not actual positions (0).
 fn holds_trims(format: Format) -> bool {
     format == Format::LinuxcncType1
 }
@@ -55,11 +55,11 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
         let backward = table.backward.as_ref().unwrap_or(&table.forward);
         let rows = table.positions_at_edge().zip(&table.forward).zip(backward);
         for ((at, forward), backward) in rows {
-            // The nominal as it is written, so that the difference is the deviation to the last digit.
+            // Use the nominal as written, so that the difference is the exact deviation.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
             let [forward, backward] = [forward, backward]
                 .map(|by| short(value(nominal, table.output_at_edge(*by)), decimals));
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = writeln!(text, "{} {forward} {backward}", short(nominal, decimals));
         }
         if table.modulo {
@@ -87,7 +87,7 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
     Ok(written)
 }
 
-/// The axis of a file: the letter that its name is, `X.comp`, `x.comp`, `axis-x.comp`.
+/// Axis of a file, from its name: `X.comp`, `x.comp`, `axis-x.comp`.
 fn axis_of(file: &TextFile) -> Result<AxisName, ExchangeError> {
     let base = file.base();
     let stem = base.split('.').next().unwrap_or(base);
@@ -192,7 +192,7 @@ fn read_file(
     Ok(table)
 }
 
-/// What `sscanf("%lf %lf %lf")` finds in a line, but for hexadecimal numbers.
+/// Numbers that `sscanf("%lf %lf %lf")` would read from a line, except hexadecimal ones.
 fn scanned(line: &str) -> Option<[f64; 3]> {
     let mut rest = line;
     let mut found = [0.0; 3];
@@ -206,7 +206,7 @@ fn scanned(line: &str) -> Option<[f64; 3]> {
     Some(found)
 }
 
-/// How many bytes at the beginning are a number.
+/// Length in bytes of the leading number.
 fn prefix(bytes: &[u8]) -> Option<usize> {
     let digits = |from: usize| {
         bytes

@@ -1,4 +1,4 @@
-//! What tables lose against the model.
+//! Residual error of tables compared with the model.
 
 use std::collections::BTreeMap;
 
@@ -45,7 +45,7 @@ pub enum Category {
 }
 
 impl Category {
-    /// All of them.
+    /// All categories.
     pub const ALL: [Self; 8] = [
         Self::Positioning,
         Self::Straightness,
@@ -57,7 +57,7 @@ impl Category {
         Self::Rotary,
     ];
 
-    /// Its name.
+    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Positioning => "positioning",
@@ -72,7 +72,7 @@ impl Category {
     }
 }
 
-/// The machine with the errors of one category alone; `None` where it has none.
+/// The machine with the errors of one category only; `None` if it has none.
 pub(crate) fn alone(
     machine: &Machine,
     category: Category,
@@ -117,14 +117,13 @@ pub(crate) fn alone(
     Ok((!is_empty).then_some(found))
 }
 
-/// So many poses are looked at, at the most, in each direction.
+/// Maximum number of poses, each evaluated in both directions.
 const POSES: usize = 3000;
-/// So many places along an axis at the most.
+/// Maximum number of positions along an axis.
 const PLACES: usize = 13;
-/// So many of each kind along a line, at the most: middles between positions of tables, and places of the machine's curves.
+/// Maximum number of poses per line, separately for the midpoints between table positions and for the nodes of the machine's curves.
 const ON_LINE: usize = 400;
-/// The part of a line at which the larger of two pieces is to the line as the smaller to the larger: its multiples, less whole
-/// ones, never repeat.
+/// Golden section of a line, at which the larger part is to the whole as the smaller to the larger: its multiples modulo 1 never repeat.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// What is left on one axis where the tables correct.
@@ -169,14 +168,14 @@ pub struct Loss {
     pub categories: Vec<CategoryLoss>,
 }
 
-/// What the correction of a control is that holds such tables.
+/// The correction applied by a control that holds such tables.
 enum Held {
     Content(Content),
-    /// The control computes with its component errors as the model does.
+    /// The control evaluates its component errors as the model does.
     Machine(Box<Machine>),
 }
 
-/// How tables are made and what they are held against.
+/// How tables are made, and the poses at which they are compared.
 struct Trial<'a> {
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
@@ -184,15 +183,15 @@ struct Trial<'a> {
     format: Format,
     correction: CorrectionOptions,
     outputs: Vec<usize>,
-    /// Over the travel of all axes.
+    /// Poses over the travel of all axes.
     spread: Vec<State>,
-    /// Where a table is likely to lose most.
+    /// Poses where a table is likely to have its largest error.
     likely: Vec<State>,
 }
 
-/// Compares what a control does with the tables of this format, as they stand in the files, with the model: all errors together and each category
-/// alone, at poses over the travel of all axes and, along lines, in the middles between the positions of the tables and where the
-/// machine's curves have to be looked at, after positive and after negative motion of all axes.
+/// Compares the correction by tables of this format, as written to files, with the model: for all errors together and for each category
+/// alone. The poses cover the travel of all axes and, along lines, the midpoints between table positions and the nodes of the machine's
+/// curves, after positive and after negative motion of all axes.
 ///
 /// # Errors
 /// As [`sampled`], [`write`](super::write) and [`read`](super::read).
@@ -203,7 +202,7 @@ pub fn loss(
     format: Format,
     write: &WriteOptions,
 ) -> Result<Loss, ExchangeError> {
-    // A category alone may need more than all together.
+    // A single category may need larger corrections than all errors together.
     let options = &TableOptions {
         limit: CorrectionLimit::LARGEST,
         ..options.clone()
@@ -236,7 +235,7 @@ pub fn loss(
                 if !has_reversal(machine) {
                     continue;
                 }
-                // What the directions add to the mean of both.
+                // Difference of a direction from the mean of both.
                 let added = |of: &dyn Fn(&State) -> PerAxis<f64>, state: &State| {
                     let (here, mean) = (
                         of(state),
@@ -286,8 +285,8 @@ pub fn loss(
     })
 }
 
-/// Poses over the travel of all axes. Between the ends they stand at unequal distances: at equal ones they meet a table at its
-/// positions, and an error that repeats at its zeros, only.
+/// Poses over the travel of all axes. Between the ends the spacing is uneven: even spacing would coincide with table positions, and with
+/// the zeros of a periodic error.
 fn spread(machine: &Machine) -> Vec<State> {
     let axes = machine.axes();
     let count = (1..=PLACES).rev().find(|count| {
@@ -313,8 +312,8 @@ fn spread(machine: &Machine) -> Vec<State> {
     poses
 }
 
-/// Along each axis, the others where the tables hold and at the farther end of their travels: the middles between the positions
-/// of its tables, and the places at which the machine's curves have to be looked at.
+/// Poses along each axis, with the others at the reference position of the tables and at the farther end of their travels: midpoints
+/// between table positions, and nodes of the machine's curves.
 fn likely(
     machine: &Machine,
     options: &TableOptions,
@@ -334,7 +333,7 @@ fn likely(
     for (index, (axis, (nodes, places))) in
         (machine.axes().iter().zip(tables.iter().zip(&curves))).enumerate()
     {
-        // The nodes of a turn may go on beyond the travel: there the machine is at the turned position.
+        // Nodes of a turn may extend beyond the travel: there the machine is at the equivalent position within it.
         let turned = |at: f64| match axis.modulo {
             Some(period) => brought_into(axis.travel, period, at),
             None => at,
@@ -357,7 +356,7 @@ fn placed(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
     pose
 }
 
-/// Every so many of the places; an odd number, so that none of the phases of a period is left out, which has 16 or more of them.
+/// Thins out positions. The stride is odd, so that all phases of a period of 16 or more positions are covered.
 fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(ON_LINE).max(1) | 1;
     places.iter().copied().step_by(step)
@@ -369,7 +368,7 @@ fn has_reversal(machine: &Machine) -> bool {
         .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
 }
 
-/// Every sensor 1 K warmer; `None` without thermal terms.
+/// All sensors 1 K warmer; `None` without thermal terms.
 fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures> {
     let thermal = machine.thermal();
     let sensors = thermal.sensors();
@@ -384,12 +383,12 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
 }
 
 impl Trial<'_> {
-    /// What a control holds of a machine: what is read back from the files. `None` where there is nothing that they hold.
+    /// The correction of the control, from the files read back; `None` if the format holds nothing of this machine.
     fn held(&self, machine: &Machine) -> Result<Option<Held>, ExchangeError> {
         let content = sampled(machine, self.temperatures, self.options, self.format)?;
         let files = match write(self.format, &content, self.write) {
             Ok(written) => written.files,
-            // Nothing that this format holds: nothing is corrected.
+            // The format holds none of these errors: nothing is corrected.
             Err(ExchangeError::Unfit { what, .. }) if what == "tables" => return Ok(None),
             Err(other) => return Err(other),
         };

@@ -1,5 +1,5 @@
-//! Tables that a control adds to the commands of its axes, as plain data: made from a machine, written for a control, read back, and
-//! held against the model.
+//! Tables that a control adds to its axis commands, as plain data: computed from a machine, written for a control, read back, and compared
+//! with the model.
 
 mod curves;
 mod exchange;

@@ -1,4 +1,4 @@
-//! What readers and writers have to know besides the tables: where these come from, and the numbers of the axes in the control.
+//! Options of readers and writers: origin of the tables, and axis numbers of the control.
 
 use core::fmt::Write;
 
@@ -11,12 +11,12 @@ use super::{
     text::{TextFile, short},
 };
 
-/// Which axis has which number in the control, from 1.
+/// Axis numbers in the control, from 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AxisNumbers(Vec<(AxisName, u16)>);
 
 impl AxisNumbers {
-    /// The numbers as they are stated; `None` where an axis or a number stands twice.
+    /// The stated numbers; `None` if an axis or a number occurs twice.
     pub fn stated(numbers: Vec<(AxisName, u16)>) -> Option<Self> {
         let twice = numbers.iter().enumerate().any(|(place, (name, number))| {
             let before = &numbers[..place];
@@ -25,12 +25,12 @@ impl AxisNumbers {
         (!twice).then_some(Self(numbers))
     }
 
-    /// The numbers of a machine's axes where nobody states others: 1, 2, 3 … in the order X Y Z A B C U V W.
+    /// Default numbers of a machine's axes: 1, 2, 3 … in the order X Y Z A B C U V W.
     pub fn of_machine(machine: &Machine) -> Self {
         Self::counted(machine.axes().iter().map(|axis| axis.name))
     }
 
-    /// 1, 2, 3 … for axes in the order X Y Z A B C U V W.
+    /// Numbers 1, 2, 3 … for axes in the order X Y Z A B C U V W.
     pub fn counted(axes: impl IntoIterator<Item = AxisName>) -> Self {
         let mut names: Vec<AxisName> = axes.into_iter().collect();
         names.sort_unstable_by_key(|name| name.index());
@@ -38,31 +38,30 @@ impl AxisNumbers {
         Self(names.into_iter().zip(1..).collect())
     }
 
-    /// The number of an axis.
+    /// Number of an axis; `None` if it has none.
     pub fn number(&self, axis: AxisName) -> Option<u16> {
         let found = self.0.iter().find(|(name, _)| *name == axis);
         found.map(|(_, number)| *number)
     }
 
-    /// The axis of a number.
+    /// Axis with this number; `None` if there is none.
     pub fn axis(&self, number: u16) -> Option<AxisName> {
         let found = self.0.iter().find(|(_, known)| *known == number);
         found.map(|(name, _)| *name)
     }
 
-    /// The axes with their numbers.
+    /// All axes with their numbers.
     pub fn iter(&self) -> impl Iterator<Item = (AxisName, u16)> {
         self.0.iter().copied()
     }
 }
 
-/// The name of the file with the facts, beside files that hold no comments: each format has its own, so that it says of
-/// which the tables are.
+/// Name of the facts file, which accompanies files without comments: one per format, so that it states which tables it is about.
 pub fn facts_file(format: Format) -> String {
     format!("{FACTS_STEM}-{format}.txt")
 }
 
-/// Whether a file is one with facts, which no control reads; also by its name before there was one for each format.
+/// True if this is the name of a facts file, which no control reads; also the older name without a format.
 pub fn is_facts_file(name: &str) -> bool {
     let format = name
         .strip_prefix(FACTS_STEM)
@@ -73,26 +72,26 @@ pub fn is_facts_file(name: &str) -> bool {
 const FACTS_STEM: &str = "volcomp-tables";
 const NUMBERS: &str = "Axis numbers:";
 
-/// Where tables come from.
+/// Origin of tables.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
-    /// The name of the machine.
+    /// Name of the machine.
     pub machine: String,
-    /// The checksum of the machine file.
+    /// Checksum of the machine file.
     pub checksum: String,
-    /// Where the axes stand that a table does not go over, mm or deg.
+    /// Reference position of the axes that a table does not cover, mm or deg.
     pub at: Vec<(AxisName, f64)>,
-    /// The temperatures of the sensors, in words; empty where none is stated.
+    /// Temperatures of the sensors, as text; empty if none is stated.
     pub temperatures: String,
-    /// Deviations that tables of an axis over itself have at the reference position, mm or rad.
+    /// Deviations of positioning tables at the reference position, mm or rad.
     own_at_reference: Vec<(AxisName, f64)>,
 }
 
-/// A deviation at the reference position below which nothing is said, mm or rad.
+/// Maximum deviation at the reference position that is not reported, mm or rad.
 const NO_MOVE: f64 = 1e-6;
 
 impl Facts {
-    /// The facts of a machine with its axes at a reference position.
+    /// Facts of a machine with its axes at a reference position.
     pub fn of(machine: &Machine, at: Vec<(AxisName, f64)>, temperatures: String) -> Self {
         Self {
             machine: machine.name.clone(),
@@ -103,7 +102,7 @@ impl Facts {
         }
     }
 
-    /// The same with what these tables have at the reference position.
+    /// A copy with the deviations of these tables at the reference position.
     pub(crate) fn with_tables(&self, content: &Content) -> Self {
         let Content::Axes(tables) = content else {
             return self.clone();
@@ -120,8 +119,8 @@ impl Facts {
         }
     }
 
-    /// Why tables of an axis over itself are not zero at the reference position, in a sentence. FANUC's steps begin at 0 there, and a note
-    /// says what they leave out.
+    /// Explains why positioning tables are not zero at the reference position. Not for FANUC, whose increments begin at 0 there; a note
+    /// states what they leave out.
     fn moved_reference(&self, format: Format) -> Option<String> {
         if self.own_at_reference.is_empty() || format == Format::Fanuc {
             return None;
@@ -138,11 +137,11 @@ impl Facts {
         ))
     }
 
-    /// The lines of a head, without the mark of a comment.
+    /// Header lines, without the comment mark.
     pub(crate) fn lines(&self, format: Format, axes: &AxisNumbers) -> Vec<String> {
         let mut at = String::new();
         for (name, place) in &self.at {
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = write!(at, " {name}={}", short(*place, 6));
         }
         let temperatures = match self.temperatures.as_str() {
@@ -177,7 +176,7 @@ fn title(format: Format) -> String {
     format!("Compensation tables, format {format}")
 }
 
-/// The numbers of the axes as a head that [`write`](super::exchange::write) made for this format states them, and the file with it.
+/// Axis numbers stated in a header that [`write`](super::exchange::write) made for this format, and the file that contains it.
 pub(crate) fn stated_numbers(
     format: Format,
     files: &[TextFile],
@@ -191,7 +190,7 @@ pub(crate) fn stated_numbers(
     files.iter().find_map(|file| Some((file, of(file)?)))
 }
 
-/// The numbers of the axes in a line of a head; `None` where it is another line.
+/// Axis numbers in a header line; `None` for any other line.
 pub(crate) fn numbers_in(line: &str) -> Option<Vec<(AxisName, u16)>> {
     let (_, stated) = line.split_once(NUMBERS)?;
     let number = |word: &str| {
@@ -201,13 +200,13 @@ pub(crate) fn numbers_in(line: &str) -> Option<Vec<(AxisName, u16)>> {
     Some(stated.split_whitespace().filter_map(number).collect())
 }
 
-/// The format that a file with facts states.
+/// Format stated in a facts file.
 pub(crate) fn stated_format(file: &TextFile) -> Option<Format> {
     let is_head = |format: &Format| file.text.contains(&format!("{},", title(*format)));
     Format::ALL.into_iter().find(is_head)
 }
 
-/// What a format says of the two directions of motion.
+/// How a format represents the two directions of motion.
 fn directions(format: Format) -> &'static str {
     match format {
         Format::Csv => {
@@ -225,14 +224,14 @@ fn directions(format: Format) -> &'static str {
     }
 }
 
-/// Text that stays one line.
+/// Replaces control characters, so that the text stays on one line.
 fn one_line(text: &str) -> String {
     text.chars()
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect()
 }
 
-/// The file with the facts.
+/// The facts file.
 pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Written) -> TextFile {
     let mut text = String::new();
     let names = written.files.iter().map(|file| file.name.as_str());
@@ -249,27 +248,27 @@ pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Writt
     }
 }
 
-/// What a writer has to know besides the tables.
+/// Options for writing tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WriteOptions {
-    /// Where the tables come from.
+    /// Origin of the tables.
     pub facts: Facts,
-    /// The numbers of the axes in the control.
+    /// Axis numbers in the control.
     pub axes: AxisNumbers,
-    /// The encoder whose table `$AA_ENC_COMP` is written: 0 or 1.
+    /// Encoder number of the `$AA_ENC_COMP` table to write: 0 or 1.
     pub encoder: u8,
-    /// The detection unit of a FANUC, mm and deg.
+    /// FANUC detection unit, mm or deg.
     pub detection_unit: f64,
 }
 
-/// What a reader has to know besides the files.
+/// Options for reading tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
-    /// The numbers of the axes in the control, where they are known.
+    /// Axis numbers in the control, if known.
     pub axes: AxisNumbers,
-    /// The encoder whose table `$AA_ENC_COMP` is read; `None`: that of which there is a table.
+    /// Encoder number of the `$AA_ENC_COMP` table to read; `None`: the one that has a table.
     pub encoder: Option<u8>,
-    /// The detection unit of a FANUC, mm and deg.
+    /// FANUC detection unit, mm or deg.
     pub detection_unit: f64,
 }
 
@@ -294,19 +293,19 @@ impl Default for ReadOptions {
     }
 }
 
-/// Files that were made.
+/// Result of writing tables.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Written {
-    /// The files.
+    /// Files for the control, and the facts file if any.
     pub files: Vec<TextFile>,
-    /// What the files do not hold, and what the control has to be told besides.
+    /// Information that the files do not hold, and settings that the control needs in addition.
     pub notes: Vec<String>,
-    /// The tables that were left out, by their outputs and inputs; a note says why.
+    /// Omitted tables, by output and input axis; a note states the reason.
     pub left_out: Vec<(AxisName, AxisName)>,
 }
 
 impl Written {
-    /// Leaves tables out, with a note that says why.
+    /// Omits tables, with a note that states the reason.
     pub(crate) fn leave_out(&mut self, why: &str, tables: &[&AxisTable]) {
         if tables.is_empty() {
             return;

@@ -1,4 +1,4 @@
-//! Tables from a machine.
+//! Computes tables from a machine.
 
 use volcomp_kinematics::{ErrorSource, State};
 use volcomp_model::{Axis, Machine, Temperatures};
@@ -12,24 +12,24 @@ use super::{
     text::ExchangeError,
 };
 
-/// More nodes along an axis no control holds.
+/// Maximum number of nodes along an axis.
 const MOST_NODES: f64 = 10_000.0;
 
-/// How tables are made from a machine.
+/// Options for computing tables from a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableOptions {
-    /// From node to node along a linear axis, mm.
+    /// Node spacing along a linear axis, mm.
     pub step_mm: f64,
-    /// From node to node along a rotary axis, deg.
+    /// Node spacing along a rotary axis, deg.
     pub step_deg: f64,
-    /// Where the axes stand that a table does not go over, mm or deg; those that are not named at 0 or the nearest end of travel.
+    /// Reference position of the axes that a table does not cover, mm or deg; default: 0 or the nearest end of travel.
     pub at: Vec<(AxisName, f64)>,
-    /// No value of a table is larger: a machine that needs it is refused.
+    /// Maximum table value: a machine that needs more is rejected.
     pub limit: CorrectionLimit,
 }
 
 impl Default for TableOptions {
-    /// Every 50 mm and 15 deg, the others at 0; the limit is 250 µm and 250 µrad.
+    /// Every 50 mm and 15 deg, the other axes at 0; the limit is 250 µm and 250 µrad.
     fn default() -> Self {
         Self {
             step_mm: 50.0,
@@ -41,10 +41,10 @@ impl Default for TableOptions {
 }
 
 impl TableOptions {
-    /// Where each axis stands, mm or deg, in the order of the chain.
+    /// Reference position of each axis, mm or deg, in the order of the chain.
     ///
     /// # Errors
-    /// An axis that is not there, or that stands beyond its travel.
+    /// An axis does not exist, or its position is beyond its travel.
     pub fn reference(&self, machine: &Machine) -> Result<Vec<(AxisName, f64)>, ExchangeError> {
         machine.state(&self.at)?;
         let stands = |axis: &Axis| {
@@ -65,14 +65,14 @@ impl TableOptions {
     }
 }
 
-/// What a format holds of a machine, at these temperatures and with the tool that is in its spindle.
+/// Samples a machine as tables of this format, at these temperatures and with its current tool.
 ///
-/// Tables of axes: on every line through the reference position the sum of the tables is the model's correction, at the nodes. A table
-/// of one axis over another is zero at the reference position, in the mean of both directions.
+/// Axis tables: on every line through the reference position the sum of the tables equals the model's correction at the nodes. A table of
+/// one axis over another is zero at the reference position, in the mean of both directions.
 ///
 /// # Errors
-/// A step that is no number above 0 or does not divide a turn, a reference position beyond the travel or, of an axis with modulo,
-/// beside the nodes that the format can have; a value beyond the limit.
+/// A step is not a positive number or does not divide a turn; a reference position is beyond the travel or, for an axis with modulo, not at
+/// a node that the format can have; a value is beyond the limit.
 pub fn sampled(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -109,7 +109,7 @@ pub fn sampled(
     }
 }
 
-/// Where along each axis tables have their positions, mm or deg, in the order of the chain.
+/// Table positions along each axis, mm or deg, in the order of the chain.
 pub(super) fn positions(
     machine: &Machine,
     options: &TableOptions,
@@ -129,10 +129,10 @@ pub(super) fn positions(
     machine.axes().iter().enumerate().map(along).collect()
 }
 
-/// A node of a table: where the model is asked, and what is made of it there.
+/// A node of a table: where the model is evaluated, and how its value follows.
 enum Node {
     Within(f64),
-    /// Beyond the end of the travel: on the line through the node before and the end, so that the value at the end is the model's.
+    /// Beyond the end of travel: extrapolated through the node before and the end, so that the value at the end is the model's.
     Beyond {
         inner: f64,
         end: f64,
@@ -168,7 +168,7 @@ struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// The nodes along an axis, mm or deg: whole steps from where the axis stands, so that it stands at a node.
+    /// Nodes along an axis, mm or deg: whole steps from the reference position, so that this is a node.
     fn nodes(&self, axis: &Axis, index: usize) -> Result<Vec<Node>, ExchangeError> {
         let [low, high] = axis.travel;
         let (option, step) = if axis.name.is_rotary() {
@@ -218,7 +218,7 @@ impl Lines<'_> {
                 (place + step, low)
             };
             if (end - inner).abs() < 1e-6 * step {
-                // No travel at all: the one value holds.
+                // No travel at all: the single value applies.
                 return Node::Beyond {
                     inner: end,
                     end: end + step.copysign(place - end),
@@ -234,8 +234,8 @@ impl Lines<'_> {
         Ok((first..=last).map(node).collect())
     }
 
-    /// How far beyond the low end the nodes of a turn begin, mm or deg, so that one of them is where the axis stands. Whether the tables
-    /// of a control may begin within a turn is not known of any; curves of errors are not made for where the axis stands.
+    /// Distance, mm or deg, by which the nodes of a turn begin beyond the low end, so that the reference position is a node. It is not
+    /// known of any control whether its tables may begin within a turn; error curves do not depend on a reference position.
     fn first_beyond(&self, axis: &Axis, index: usize, step: f64) -> Result<f64, ExchangeError> {
         if self.format.holds_errors() {
             return Ok(0.0);
@@ -272,7 +272,7 @@ impl Lines<'_> {
             let along = |direction: Direction| -> Vec<PerAxis<f64>> {
                 let of = |at: f64| {
                     let mut state = self.reference;
-                    // The nodes of a turn may go on beyond the travel.
+                    // Nodes of a turn may extend beyond the travel.
                     let at = match axis.modulo {
                         Some(period) if at > axis.travel[1] => {
                             brought_into(axis.travel, period, at)
@@ -366,13 +366,13 @@ impl Lines<'_> {
     }
 }
 
-/// Where nodes are, mm or rad.
+/// Positions of nodes, mm or rad.
 fn positions_of(axis: &Axis, nodes: &[Node]) -> Vec<f64> {
     let at = |node: &Node| from_edge(axis.name, node.at());
     nodes.iter().map(at).collect()
 }
 
-/// The last node of a turn is its first.
+/// Copies the first value to the last node: on a full turn they are the same.
 fn close(values: &mut [f64]) {
     if let [first, .., last] = values {
         *last = *first;

@@ -34,11 +34,11 @@ pub(crate) fn read(
     Ok(tables)
 }
 
-/// The names of axes in the files.
+/// Axis names in the files.
 struct Names<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
-    /// The machine axes with a letter and a number (X1) so far.
+    /// Machine axes with a letter and a number (X1) so far.
     numbered: RefCell<BTreeMap<AxisName, String>>,
 }
 
@@ -48,7 +48,7 @@ impl Names<'_> {
         if let Ok(axis) = bare.parse() {
             return Ok(axis);
         }
-        // The names of machine axes as delivered: X1, Y1, Z1.
+        // Default names of machine axes: X1, Y1, Z1.
         let letter = bare.trim_end_matches(|c: char| c.is_ascii_digit());
         if let Ok(axis) = letter.parse() {
             let mut numbered = self.numbered.borrow_mut();
@@ -108,7 +108,7 @@ fn cross(
     tables: &mut Vec<AxisTable>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), ExchangeError> {
-    // Tables for one direction alone, forward and backward, until the one for the other is there.
+    // Tables for a single direction (forward, backward), until the one for the other direction is found.
     let mut halves: BTreeMap<(AxisName, AxisName), [Option<AxisTable>; 2]> = BTreeMap::new();
     for (number, parameters) in &found.cec {
         let here = parameters.last;
@@ -151,7 +151,7 @@ fn cross(
     Ok(())
 }
 
-/// One table of two directions; the direction without one has none of the deviation.
+/// Joins two unidirectional tables; a missing direction has zero deviation.
 fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     let zero = |table: &AxisTable| AxisTable {
         forward: vec![0.0; table.forward.len()],
@@ -173,15 +173,15 @@ fn joined(halves: [Option<AxisTable>; 2]) -> Option<AxisTable> {
     })
 }
 
-/// What a line says.
+/// A line of a file.
 enum Statement {
     Metric,
     Inch,
-    /// Nothing, or CHANDATA, M17 and what else frames the statements.
+    /// Blank, or framing such as CHANDATA and M17.
     Nothing,
     /// Another variable of the control.
     Other(String),
-    /// A part of a compensation table.
+    /// An element of a compensation table.
     Set {
         name: String,
         index: Vec<String>,
@@ -190,7 +190,7 @@ enum Statement {
     },
 }
 
-/// What stands behind the `=`.
+/// The value after the `=`.
 enum Value {
     Number(f64),
     Axis(String),
@@ -249,7 +249,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
     })
 }
 
-/// Without a block number `N120`.
+/// Removes a block number such as `N120`.
 fn without_number(text: &str) -> &str {
     let Some(rest) = text.strip_prefix(['N', 'n']) else {
         return text;
@@ -262,13 +262,13 @@ fn without_number(text: &str) -> &str {
     }
 }
 
-/// The parameters of one table, whichever kind.
+/// Parameters of one table of either kind.
 struct Parameters<'a> {
-    /// The file of the first statement about it, and the last line.
+    /// File of the first statement about the table, and the last line.
     last: FilePosition<'a>,
     values: BTreeMap<u32, f64>,
     numbers: BTreeMap<String, f64>,
-    /// Names of axes with their lines.
+    /// Axis names with their lines.
     axes: BTreeMap<String, (String, usize)>,
 }
 
@@ -305,7 +305,7 @@ impl<'a> Parameters<'a> {
             ("", Value::Number(number)) => {
                 self.values.insert(point, number);
             }
-            // What a newer control states besides counts for nothing here.
+            // Additional parameters of newer controls have no effect here.
             (_, Value::Number(number)) => {
                 self.numbers.insert(part.to_owned(), number);
             }
@@ -314,17 +314,17 @@ impl<'a> Parameters<'a> {
     }
 }
 
-/// Everything that stands in the files.
+/// Content of all files.
 #[derive(Default)]
 struct Found<'a> {
     cec: BTreeMap<u32, Parameters<'a>>,
     enc: BTreeMap<(u32, String), Parameters<'a>>,
-    /// The axis numbers that a head of volcomp states.
+    /// Axis numbers stated in a header written by volcomp.
     stated: Vec<(AxisName, u16)>,
 }
 
 impl<'a> Found<'a> {
-    /// The axis numbers of a comment.
+    /// Adds the axis numbers stated in a comment.
     fn stated_in(&mut self, comment: &str) {
         for pair in numbers_in(comment).unwrap_or_default() {
             if !self.stated.contains(&pair) {
@@ -375,7 +375,7 @@ impl<'a> Found<'a> {
         Ok(())
     }
 
-    /// Puts one value to its table.
+    /// Adds a value to its table.
     fn set(
         &mut self,
         here: FilePosition<'a>,
@@ -423,17 +423,17 @@ impl<'a> Found<'a> {
     }
 }
 
-/// More points no table of a control has.
+/// Maximum number of points of a table.
 const MOST_POINTS: f64 = 100_000.0;
 
-/// The points of a table: positions in mm or deg, values as they stand; `None` where it is not defined.
+/// Points of a table: positions in mm or deg, values as stated; `None` if undefined.
 struct Points {
     positions: Vec<f64>,
     values: Vec<f64>,
     modulo: bool,
 }
 
-/// From where to where, in which steps, and how many.
+/// First and last position, spacing, and number of points.
 struct Extent {
     min: f64,
     max: f64,
@@ -648,7 +648,7 @@ pub(crate) fn write(
 fn head(options: &WriteOptions) -> String {
     let mut text = String::new();
     for line in options.facts.lines(FORMAT, &options.axes) {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "; {}", line.replace(';', ","));
     }
     text += "METRIC\n\nCHANDATA(1)\n";
@@ -671,7 +671,7 @@ fn axis(
     Ok(format!("AX{number}"))
 }
 
-/// Decimals of a value: 1 nm, or some 2e-9 rad.
+/// Decimals of a value: 1 nm, or about 2e-9 rad.
 fn decimals(table: &AxisTable) -> usize {
     if table.output.is_rotary() { 7 } else { 6 }
 }

@@ -1,4 +1,4 @@
-//! Tables of one axis over one axis, and of the component errors themselves.
+//! Tables of one axis over another, and tables of the component errors themselves.
 
 use volcomp_vocabulary::{
     AxisKind, AxisName, Coordinate, Direction, Displacement, ErrorName, brought_into,
@@ -6,35 +6,35 @@ use volcomp_vocabulary::{
 
 use super::{format::Format, text::ExchangeError};
 
-/// What is smaller counts as nothing, mm or rad.
+/// Magnitude below which a deviation counts as zero, mm or rad.
 pub(crate) const NOTHING: f64 = 1e-9;
 
-/// The deviation of one axis over the commanded position of one axis, linear between the nodes and held beyond the ends.
+/// Deviation of one axis over the commanded position of one axis, linear between the nodes and constant beyond the ends.
 ///
 /// **Sign:** deviation = actual − commanded of the output axis. A control that removes it adds its negative to the command.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTable {
-    /// The axis whose commanded position chooses the value.
+    /// Axis whose commanded position selects the value.
     pub input: AxisName,
-    /// The axis that deviates; the input axis itself in a table of positioning.
+    /// Axis that deviates; equal to the input axis in a positioning table.
     pub output: AxisName,
-    /// Positions of the input axis, rising, mm or rad.
+    /// Positions of the input axis, ascending, mm or rad.
     pub positions: Vec<f64>,
-    /// The deviation at each position where the input axis came in its positive direction, mm or rad of the output axis.
+    /// Deviation at each position after positive motion of the input axis, mm or rad of the output axis.
     pub forward: Vec<f64>,
-    /// The same where it came in its negative direction; `None`: as `forward`.
+    /// Deviation after negative motion; `None`: as `forward`.
     pub backward: Option<Vec<f64>>,
-    /// Whether the positions repeat with the length of the table.
+    /// True if the positions repeat with the length of the table.
     pub modulo: bool,
 }
 
 impl AxisTable {
-    /// Whether the input axis itself deviates.
+    /// True if input and output axis are the same.
     pub fn is_own(&self) -> bool {
         self.input == self.output
     }
 
-    /// The deviation at a position (mm or rad) of the input axis, mm or rad; the mean of both directions where none is known.
+    /// Deviation at a position (mm or rad) of the input axis, mm or rad; the mean of both directions if `approach` is `None`.
     pub fn deviation(&self, position: f64, approach: Option<Direction>) -> f64 {
         let position = self.looked_up(position);
         let forward = interpolated(&self.positions, &self.forward, position);
@@ -58,7 +58,7 @@ impl AxisTable {
         }
     }
 
-    /// The mean of both directions at each position.
+    /// Mean of both directions at each position.
     pub fn mean(&self) -> Vec<f64> {
         let Some(backward) = &self.backward else {
             return self.forward.clone();
@@ -67,14 +67,14 @@ impl AxisTable {
         pairs.map(|(a, b)| 0.5 * (a + b)).collect()
     }
 
-    /// Whether every deviation is nothing.
+    /// True if every deviation is zero.
     pub fn is_nothing(&self) -> bool {
         let backward = self.backward.iter().flatten();
         let mut all = self.forward.iter().chain(backward);
         all.all(|value| value.abs() < NOTHING)
     }
 
-    /// The distance of the positions where it is the same everywhere, but for rounding.
+    /// Spacing of the positions, if it is uniform except for rounding.
     pub fn spacing(&self) -> Option<f64> {
         let (&first, &last) = (self.positions.first()?, self.positions.last()?);
         let parts = self.positions.len().checked_sub(1).filter(|&n| n > 0)?;
@@ -86,7 +86,7 @@ impl AxisTable {
         even.then_some(spacing)
     }
 
-    /// Why these numbers are no table; `None` where they are one.
+    /// Reason why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.title();
         let nodes = self.positions.len();
@@ -114,22 +114,22 @@ impl AxisTable {
         (!finite).then(|| format!("{name}: expected finite numbers"))
     }
 
-    /// A position as files state it: mm or deg.
+    /// Converts a position to the file unit, mm or deg.
     pub fn input_at_edge(&self, position: f64) -> f64 {
         Displacement::new(self.input.kind(), position).mm_or_deg()
     }
 
-    /// A deviation as most controls state it: mm or deg.
+    /// Converts a deviation to the unit of most controls, mm or deg.
     pub fn output_at_edge(&self, deviation: f64) -> f64 {
         Displacement::new(self.output.kind(), deviation).mm_or_deg()
     }
 
-    /// The positions as files state them: mm or deg.
+    /// Positions in the file unit, mm or deg.
     pub(crate) fn positions_at_edge(&self) -> impl Iterator<Item = f64> {
         self.positions.iter().map(|at| self.input_at_edge(*at))
     }
 
-    /// What the table is, for messages.
+    /// Name of the table in messages.
     pub(crate) fn title(&self) -> String {
         format!("table {} over {}", self.output, self.input)
     }
@@ -147,7 +147,7 @@ impl AxisTable {
         Ok((self.input_at_edge(*first), self.input_at_edge(spacing)))
     }
 
-    /// The same curves at other positions; those between are lost.
+    /// The same curves sampled at other positions; the nodes in between are lost.
     pub(crate) fn at_positions(&self, positions: Vec<f64>) -> Self {
         let along = |values: &Vec<f64>| {
             let each = positions.iter();
@@ -163,7 +163,7 @@ impl AxisTable {
     }
 }
 
-/// Linear between the nodes, held beyond the ends; 0 without nodes.
+/// Linear between the nodes, constant beyond the ends; 0 without nodes.
 pub(crate) fn interpolated(positions: &[f64], values: &[f64], at: f64) -> f64 {
     let above = positions.partition_point(|position| *position <= at);
     let value = |place: usize| values.get(place).copied().unwrap_or(0.0);
@@ -177,29 +177,29 @@ pub(crate) fn interpolated(positions: &[f64], values: &[f64], at: f64) -> f64 {
     (1.0 - share) * value(below) + share * value(above)
 }
 
-/// A position or a deviation (mm or rad) that a file states in mm or deg.
+/// Converts a position or deviation in a file (mm or deg) to mm or rad.
 pub(crate) fn from_edge(axis: AxisName, mm_or_deg: f64) -> f64 {
     Displacement::from_coordinate(axis.kind(), mm_or_deg).mm_or_rad()
 }
 
-/// One error motion at positions of its axis, in the sign of the machine file.
+/// One error motion at positions of its axis, with the sign of the machine file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorTable {
-    /// Which error.
+    /// Error motion.
     pub name: ErrorName,
-    /// Positions of its axis, rising, mm or rad.
+    /// Positions of its axis, ascending, mm or rad.
     pub positions: Vec<f64>,
-    /// The error at each, mm or rad.
+    /// Error at each position, mm or rad.
     pub values: Vec<f64>,
 }
 
 impl ErrorTable {
-    /// A position as files state it: mm or deg.
+    /// Converts a position to the file unit, mm or deg.
     pub(crate) fn at_edge(&self, position: f64) -> f64 {
         Displacement::new(self.name.axis.kind(), position).mm_or_deg()
     }
 
-    /// Why these numbers are no table; `None` where they are one.
+    /// Reason why these numbers are not a valid table; `None` if they are.
     pub fn refusal(&self) -> Option<String> {
         let name = self.name;
         let nodes = self.positions.len();
@@ -220,7 +220,7 @@ impl ErrorTable {
     }
 }
 
-/// The component errors of a machine as tables and numbers.
+/// Component errors of a machine as tables and numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ErrorTables {
     /// Error motions.
@@ -232,7 +232,7 @@ pub struct ErrorTables {
 /// Tables of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
-    /// Tables of one axis over one axis.
+    /// Tables of one axis over another.
     Axes(Vec<AxisTable>),
     /// The component errors themselves.
     Errors(ErrorTables),
@@ -284,7 +284,7 @@ fn micro(kind: AxisKind, values: &[f64]) -> Vec<f64> {
     values.iter().map(of).collect()
 }
 
-/// The unit of a deviation in documents.
+/// Unit of a deviation in documents.
 pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
     match kind {
         AxisKind::Linear => "um",
@@ -292,14 +292,14 @@ pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
     }
 }
 
-/// A value of tables, and where it is.
+/// A table value and its location.
 pub(crate) struct Entry {
     pub(crate) what: String,
     pub(crate) value: Displacement,
 }
 
 impl Content {
-    /// Why the numbers of one of them are no table.
+    /// The first reason why one of the tables is invalid.
     pub(crate) fn refusal(&self) -> Option<String> {
         match self {
             Self::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
@@ -307,7 +307,7 @@ impl Content {
         }
     }
 
-    /// The tables in the units of documents, in their order; location errors are not among them.
+    /// Tables in the units of documents, in order, without location errors.
     pub fn listed(&self) -> Vec<ListedTable> {
         match self {
             Self::Axes(tables) => (tables.iter())
@@ -330,7 +330,7 @@ impl Content {
         }
     }
 
-    /// The first value that is not allowed; NaN is for the caller to refuse.
+    /// The first value that is not allowed; the caller has to reject NaN.
     pub(crate) fn first_refused(&self, allows: impl Fn(Displacement) -> bool) -> Option<Entry> {
         let refused = |kind: AxisKind, value: &f64| {
             let value = Displacement::new(kind, *value);

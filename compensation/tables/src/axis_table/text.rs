@@ -1,4 +1,4 @@
-//! Text files of tables: numbers in them, and where something in them is wrong.
+//! Text files of tables: number parsing and formatting, and error locations.
 
 use volcomp_document::InputError;
 use volcomp_model::ModelError;
@@ -7,22 +7,22 @@ use volcomp_vocabulary::Displacement;
 use super::format::Format;
 use crate::TablesError;
 
-/// A text file: its name and what it holds.
+/// A text file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextFile {
-    /// The name, without folders where it is to be written.
+    /// File name; without folders if it is to be written.
     pub name: String,
     /// The content.
     pub text: String,
 }
 
 impl TextFile {
-    /// The name behind the last slash.
+    /// Name after the last slash.
     pub(crate) fn base(&self) -> &str {
         self.name.rsplit(['/', '\\']).next().unwrap_or(&self.name)
     }
 
-    /// A line, counted from 1.
+    /// Location of a line, counted from 1.
     pub(crate) fn at(&self, line: usize) -> FilePosition<'_> {
         FilePosition {
             file: self,
@@ -59,7 +59,7 @@ impl FilePosition<'_> {
         })
     }
 
-    /// More lines of values than a control takes.
+    /// The error for more lines of values than the control accepts.
     pub(crate) fn too_many(self, most: usize) -> ExchangeError {
         self.error(
             format!("a line {}", most + 1),
@@ -76,29 +76,29 @@ impl FilePosition<'_> {
     }
 }
 
-/// Something odd in a file that was read.
+/// An anomaly in a file that was read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: {text}", line.map_or_else(String::new, |line| format!(":{line}")))]
 pub struct Warning {
-    /// The file.
+    /// File name.
     pub file: String,
-    /// The line, from 1; `None` where the whole file is meant.
+    /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
-    /// What is odd, and what was made of it.
+    /// The anomaly, and how it was treated.
     pub text: String,
 }
 
-/// Larger numbers are no positions or deviations of a machine.
+/// Largest magnitude accepted as a position or deviation.
 const LARGEST: f64 = 1e9;
 
-/// A number in a file: finite, and none that no machine has. `-0.000` is 0.
+/// Reads a finite number of plausible magnitude. `-0.000` is 0.
 pub(crate) fn number(text: &str) -> Option<f64> {
     let number: f64 = text.trim().parse().ok()?;
     let sane = text.bytes().any(|byte| byte.is_ascii_digit()) && number.abs() <= LARGEST;
     sane.then_some(number + 0.0)
 }
 
-/// A number with so many decimals, never `-0`.
+/// A number with this many decimals, never `-0`.
 pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -107,7 +107,7 @@ pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number with at most so many decimals, without zeros at its end.
+/// A number with at most this many decimals, without trailing zeros.
 pub(crate) fn short(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if !text.contains('.') {
@@ -116,7 +116,7 @@ pub(crate) fn short(value: f64, decimals: usize) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A number with its sign and so many decimals.
+/// A number with its sign and this many decimals.
 pub(crate) fn signed(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if text.starts_with('-') {
@@ -126,85 +126,85 @@ pub(crate) fn signed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// The nearest whole number; `None` where it is beyond those that files hold.
+/// The nearest whole number; `None` if it is beyond the range of the files.
 pub(crate) fn whole(value: f64) -> Option<i64> {
     let rounded = value.round();
     #[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
     (rounded.abs() <= 1e15).then_some(rounded as i64)
 }
 
-/// A line of a file that is wrong.
+/// An invalid line of a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: found {found}, expected {expected}", line.map_or_else(String::new, |line| format!(":{line}")))]
 pub struct LineError {
-    /// The file as it was named.
+    /// File name as given.
     pub file: String,
-    /// The line, from 1; `None` where the whole file is meant.
+    /// Line, counted from 1; `None` for the whole file.
     pub line: Option<usize>,
-    /// What the line holds at the place that is wrong.
+    /// The invalid text.
     pub found: String,
-    /// What was expected.
+    /// Expected content.
     pub expected: String,
 }
 
-/// Why tables cannot be made, written or read.
+/// Reason why tables cannot be made, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExchangeError {
-    /// The model cannot answer.
+    /// The model cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A line of a file is wrong.
+    /// A line of a file is invalid.
     #[error(transparent)]
     Line(#[from] LineError),
-    /// A cell of a CSV file is wrong.
+    /// A cell of a CSV file is invalid.
     #[error(transparent)]
     Cell(#[from] Box<InputError>),
-    /// A wish that cannot be.
+    /// An option has an impossible value.
     #[error("{what}: found {found}, expected {expected}")]
     Wish {
-        /// The option, with the axis where there is one.
+        /// The option, with the axis if there is one.
         what: String,
-        /// What was wished for.
+        /// The given value.
         found: String,
-        /// What can be.
+        /// The possible values.
         expected: String,
     },
-    /// A correction or an error beyond the limit of the options.
+    /// A correction or an error exceeds the limit of the options.
     #[error("{what} is {found:.1}, expected at most {limit}: check the units in the machine file")]
     BeyondLimit {
-        /// Which table, and where in it.
+        /// Table and position in it.
         what: String,
         /// The value.
         found: Displacement,
         /// The limit.
         limit: Displacement,
     },
-    /// A value in a file, or in tables that are to be written, that no machine tool has.
+    /// A value in a file, or in tables to be written, is implausible for a machine tool.
     #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
     Implausible {
-        /// The files that were read; none where tables are to be written.
+        /// Files that were read; empty for tables to be written.
         files: Vec<String>,
-        /// Which table, and where in it.
+        /// Table and position in it.
         what: String,
         /// The value.
         found: Displacement,
         /// The largest plausible value.
         most: Displacement,
     },
-    /// The format cannot hold what there is.
+    /// The format cannot hold the data.
     #[error("{format}: {what}: found {found}, expected {expected}")]
     Unfit {
         /// The format.
         format: Format,
-        /// Which table or number.
+        /// Table or number.
         what: String,
-        /// What there is.
+        /// The data.
         found: String,
-        /// What the format holds.
+        /// What the format can hold.
         expected: String,
     },
-    /// Tables that make no curves of a machine file.
+    /// Tables that cannot be converted to curves of a machine file.
     #[error("{0}")]
     NoCurves(String),
 }
@@ -224,7 +224,7 @@ impl ExchangeError {
         }
     }
 
-    /// An option with a value that it cannot have.
+    /// The error for an option with an impossible value.
     pub(crate) fn option(
         what: impl Into<String>,
         found: &impl ToString,
