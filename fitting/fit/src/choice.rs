@@ -11,7 +11,7 @@ use crate::{Fit, Method, Noise};
 pub struct FitOptions {
     /// Largest admissible deviation of a mean reading from the curve, in the unit of the readings. It is ignored if no candidate meets it.
     pub required_residual: Option<f64>,
-    /// Scatter of a single reading. [default: the scatter of repeated readings of the same target, if there are any]
+    /// Scatter of a single reading. `None`: the scatter of repeated readings of the same target, if there are any.
     pub noise: Option<Noise>,
     /// Period of the coordinate (360 for a rotary axis in degrees). It adds Fourier series to the candidates; if the targets cover the full turn, it
     /// removes every curve that would jump there.

@@ -57,7 +57,8 @@ pub fn student_widening(degrees: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Probability beyond ±t, from the density integrated by Simpson's rule over an angle: t = √ν tan θ, density cos^(ν−1) θ.
+    /// The probability beyond ±t, from the density integrated by Simpson's rule over an angle: t = √ν tan θ, density
+    /// cos^(ν−1) θ.
     fn beyond(t: f64, degrees: f64) -> f64 {
         const STEPS: usize = 10_000;
         let end = core::f64::consts::FRAC_PI_2;

@@ -98,7 +98,7 @@ mod tests {
             ("1,000 0,000\n", "1.000 0.000\n"),
             ("1,5E-03 2", "1.5E-03 2"),
             ("1.5 2\n", "1.5 2\n"),
-            // Not numbers: left for the parser to report.
+            // No numbers; whoever reads them says so.
             ("1 1,2,3 1,2.3 ,\n", "1 1,2,3 1,2.3 ,\n"),
             (
                 "1.5\n2 2,5",

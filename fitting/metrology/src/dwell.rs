@@ -16,7 +16,7 @@ pub struct Channels {
     pub reads_position: bool,
     /// Unit of the channel of the instrument.
     pub unit: ReadingUnit,
-    /// Nominal targets, mm or deg. [default: the positions at which the axis stopped]
+    /// Nominal targets, mm or deg. Empty: the positions at which the axis stopped.
     pub targets: Vec<f64>,
     /// Maximum distance of the axis from the stop position during a standstill, mm or deg.
     pub within: f64,

@@ -34,9 +34,9 @@ pub struct Columns {
     pub reading: ColumnName,
     /// Whether `reading` holds measured positions.
     pub reads_position: bool,
-    /// Column of the run numbers. [default: runs are counted]
+    /// Column of the run numbers. `None`: runs are counted.
     pub run: Option<ColumnName>,
-    /// Column of the directions of approach. [default: directions follow the order of travel]
+    /// Column of the directions of approach. `None`: directions follow the order of travel.
     pub direction: Option<ColumnName>,
     /// Separator of the cells; `None`: one or more blanks.
     pub separator: Option<char>,

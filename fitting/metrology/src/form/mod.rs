@@ -30,7 +30,7 @@ pub const LARGEST_MM: f64 = 1e9;
 pub enum Feature {
     /// Circle: roundness by least squares (LSC) and by the minimum zone (MZC).
     Circle {
-        /// Plane that the circle is parallel to. [default: the least-squares plane of the points]
+        /// Plane that the circle is parallel to. `None`: the least-squares plane of the points.
         plane: Option<CoordinatePlane>,
     },
     /// Line: straightness.
