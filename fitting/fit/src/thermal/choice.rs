@@ -32,8 +32,8 @@ pub struct ThermalChoice {
     pub forward_rms: f64,
 }
 
-/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, after dropping the sensors that the best choice
-/// does not need.
+/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, restricted to the sensors that the best of them
+/// needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,
