@@ -4,7 +4,7 @@ use crate::{CurveError, domain};
 
 const MAX_DEGREE: usize = 5;
 
-/// A spline `Σ c_i B_i(x)` of B-splines of one degree (1 to 5) over a knot vector.
+/// Spline `Σ c_i B_i(x)` of B-splines of one degree (1 to 5) over a knot vector.
 ///
 /// Its domain runs from `knots[degree]` to `knots[coefficients.len()]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,12 +20,12 @@ pub struct BSpline {
 }
 
 impl BSpline {
-    /// Builds the spline from non-decreasing knots (argument units), its coefficients (value units)
-    /// and its degree; `knots.len() == coefficients.len() + degree + 1`.
+    /// Builds the spline from non-decreasing knots (argument units), its coefficients (value units) and its degree; `knots.len() ==
+    /// coefficients.len() + degree + 1`.
     ///
     /// # Errors
-    /// A degree outside 1 to 5, too few coefficients, a wrong number of knots, knots that decrease
-    /// or repeat so often that the spline would jump, a number that is not finite, an empty domain.
+    /// A degree outside 1 to 5, too few coefficients, a wrong number of knots, knots that decrease or whose multiplicity would make the spline jump,
+    /// a number that is not finite, an empty domain.
     pub fn new(knots: Vec<f64>, coefficients: Vec<f64>, degree: usize) -> Result<Self, CurveError> {
         if !(1..=MAX_DEGREE).contains(&degree) {
             let (lowest, highest) = (1, MAX_DEGREE);
@@ -84,27 +84,27 @@ impl BSpline {
         Ok(())
     }
 
-    /// The knots, non-decreasing, in argument units.
+    /// Knots, non-decreasing, in argument units.
     pub fn knots(&self) -> &[f64] {
         &self.knots
     }
 
-    /// The coefficients, in value units.
+    /// Coefficients, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.coefficients
     }
 
-    /// The degree, 1 to 5.
+    /// Degree, 1 to 5.
     pub fn degree(&self) -> usize {
         self.degree
     }
 
-    /// The lower and upper end of the range of arguments.
+    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         [self.knots[self.degree], self.knots[self.coefficients.len()]]
     }
 
-    /// The value at `x`, held outside the domain (de Boor, J. Approx. Theory 6, 1972).
+    /// Value at `x`, constant outside the domain (de Boor, J. Approx. Theory 6, 1972).
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| {
             let span = self.span(x);
@@ -115,7 +115,7 @@ impl BSpline {
         })
     }
 
-    /// The derivative at `x`, 0 outside the domain; at a knot the one from the right.
+    /// Derivative at `x`, 0 outside the domain; at a knot the right-hand derivative.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let (span, p) = (self.span(x), self.degree);
@@ -129,8 +129,7 @@ impl BSpline {
         })
     }
 
-    /// The span `k` with `knots[k] <= x < knots[k + 1]`; at the upper end the last one that is not
-    /// empty. `x` lies in the domain.
+    /// Span `k` with `knots[k] <= x < knots[k + 1]`; at the upper end the last non-empty one. `x` must lie in the domain.
     fn span(&self, x: f64) -> usize {
         let inner = &self.knots[self.degree..=self.coefficients.len()];
         let mut above = inner.partition_point(|&t| t <= x);
@@ -140,7 +139,7 @@ impl BSpline {
         self.degree + above - 1
     }
 
-    /// Every value times `scale` plus `c`: the basis sums to 1.
+    /// Replaces every value by `scale` times the value plus `c`; this acts on the coefficients because the basis sums to 1.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         for coefficient in &mut self.coefficients {
             *coefficient = *coefficient * scale + c;
@@ -149,8 +148,8 @@ impl BSpline {
     }
 }
 
-/// `d` holds the `degree + 1` coefficients that act on the span. Every denominator contains the
-/// span, which is not empty, so none is 0.
+/// `d` holds the `degree + 1` coefficients that act on the span. Every denominator is the width of an interval that contains the non-empty span, so
+/// none is 0.
 fn de_boor(
     knots: &[f64],
     span: usize,

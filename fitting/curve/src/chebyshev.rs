@@ -2,8 +2,8 @@ use alloc::vec::Vec;
 
 use crate::{CurveError, domain, series::Series};
 
-/// A series `c0 + c1 T1(t) + c2 T2(t) + …` of Chebyshev polynomials of the first kind, `t` the
-/// argument mapped from the domain to [−1, 1]. `c0` counts fully.
+/// Series `c0 + c1 T1(t) + c2 T2(t) + …` of Chebyshev polynomials of the first kind, with `t` the argument mapped from the domain to [−1, 1]. `c0` is
+/// not halved.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Chebyshev(Series);
@@ -17,17 +17,17 @@ impl Chebyshev {
         Series::new(coefficients, domain).map(Self)
     }
 
-    /// The coefficients, the constant first, in value units.
+    /// Coefficients, the constant first, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.0.coefficients
     }
 
-    /// The lower and upper end of the range of arguments.
+    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.0.domain
     }
 
-    /// The value at `x`, held outside the domain (recurrence of Clenshaw, Math. Comp. 9, 1955).
+    /// Value at `x`, constant outside the domain (recurrence of Clenshaw, Math. Comp. 9, 1955).
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
             let t = self.mapped(x);
@@ -39,7 +39,7 @@ impl Chebyshev {
         })
     }
 
-    /// The derivative at `x`, 0 outside the domain (Clenshaw's recurrence differentiated).
+    /// Derivative at `x`, 0 outside the domain (Clenshaw's recurrence differentiated).
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.0.domain, x, |x| {
             let t = self.mapped(x);
@@ -59,7 +59,7 @@ impl Chebyshev {
         ((x - lower) - (upper - x)) / (upper - lower)
     }
 
-    /// Every value times `scale` plus `c`.
+    /// Replaces every value by `scale` times the value plus `c`.
     pub(crate) fn affine(self, scale: f64, c: f64) -> Self {
         Self(self.0.affine(scale, c))
     }

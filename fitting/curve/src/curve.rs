@@ -6,11 +6,10 @@ use crate::{
     BSpline, Chebyshev, CurveError, Fourier, MovingLeastSquares, Polynomial, Table, domain,
 };
 
-/// A function of one coordinate, in the caller's units.
+/// Function of one coordinate, in the caller's units.
 ///
-/// Outside its domain a curve holds its end value and has the derivative 0;
-/// [`contains`](Self::contains) tells whether an argument was inside. A NaN argument gives NaN.
-/// Evaluation neither allocates nor panics.
+/// Outside its domain a curve keeps its end value and has the derivative 0; [`contains`](Self::contains) reports whether an argument was inside. A
+/// NaN argument gives NaN. Evaluation neither allocates nor panics.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -18,7 +17,7 @@ use crate::{
     serde(rename_all = "snake_case")
 )]
 pub enum Curve {
-    /// The same value everywhere; its range is unbounded.
+    /// Same value everywhere; its domain is unbounded.
     Constant(
         #[cfg_attr(
             feature = "serde",
@@ -26,17 +25,17 @@ pub enum Curve {
         )]
         f64,
     ),
-    /// A sum of powers of the argument.
+    /// Sum of powers of the argument.
     #[cfg_attr(feature = "serde", serde(rename = "poly"))]
     Polynomial(Polynomial),
-    /// A series of Chebyshev polynomials.
+    /// Series of Chebyshev polynomials.
     Chebyshev(Chebyshev),
     /// Nodes joined by straight lines or monotone cubics.
     Table(Table),
-    /// A spline over a knot vector.
+    /// Spline over a knot vector.
     #[cfg_attr(feature = "serde", serde(rename = "bspline"))]
     BSpline(BSpline),
-    /// A Fourier series, for rotary axes.
+    /// Fourier series, for rotary axes.
     Fourier(Fourier),
     /// Moving least squares over nodes.
     #[cfg_attr(feature = "serde", serde(rename = "mls"))]
@@ -44,7 +43,7 @@ pub enum Curve {
 }
 
 impl Curve {
-    /// A constant that is checked to be finite.
+    /// Builds a constant, checked to be finite.
     ///
     /// # Errors
     /// The value is not finite.
@@ -53,7 +52,7 @@ impl Curve {
         Ok(Self::Constant(value))
     }
 
-    /// The value at `x`, in value units.
+    /// Value at `x`, in value units.
     pub fn value(&self, x: f64) -> f64 {
         match self {
             Self::Constant(c) => nan_or(x, *c),
@@ -66,7 +65,7 @@ impl Curve {
         }
     }
 
-    /// The derivative at `x`: the one from inside at the ends of the domain, 0 outside.
+    /// Derivative at `x`: at the ends of the domain the one-sided derivative from inside, outside 0.
     pub fn derivative(&self, x: f64) -> f64 {
         match self {
             Self::Constant(_) => nan_or(x, 0.0),
@@ -79,7 +78,7 @@ impl Curve {
         }
     }
 
-    /// The range of arguments the curve was made for; none for a constant, which holds everywhere.
+    /// Range of arguments that the curve was built for; `None` for a constant, which is valid everywhere.
     pub fn domain(&self) -> Option<[f64; 2]> {
         match self {
             Self::Constant(_) => None,
@@ -92,16 +91,15 @@ impl Curve {
         }
     }
 
-    /// Whether `x` lies in the domain, ends included and but for rounding
-    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)); never for NaN.
+    /// Whether `x` lies in the domain, ends included, with a tolerance for rounding
+    /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)); false for NaN.
     pub fn contains(&self, x: f64) -> bool {
         self.domain()
             .map_or(!x.is_nan(), |domain| is_within(domain, x))
     }
 
-    /// The arguments at which a derivative, of the first order or a higher one, may jump: ends of
-    /// the domain, nodes, knots, ends of the supports of moving least-squares weights; sorted,
-    /// none twice. A constant has none.
+    /// Arguments at which a derivative, of the first order or a higher one, may jump: ends of the domain, nodes, knots, ends of the supports of
+    /// moving least-squares weights. Sorted, without duplicates; empty for a constant.
     pub fn breakpoints(&self) -> Vec<f64> {
         let Some(ends) = self.domain() else {
             return Vec::new();
@@ -122,13 +120,13 @@ impl Curve {
         points
     }
 
-    /// The same kind of curve with the constant `c` added to its values.
+    /// Adds the constant `c` to the values; the kind of curve stays the same.
     #[must_use]
     pub fn offset(self, c: f64) -> Self {
         self.affine(1.0, c)
     }
 
-    /// The same kind of curve with its values multiplied by `factor`.
+    /// Multiplies the values by `factor`; the kind of curve stays the same.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         self.affine(factor, 0.0)
@@ -146,7 +144,7 @@ impl Curve {
         }
     }
 
-    /// The kind, as the key of a machine file names it.
+    /// Kind of the curve, as the key of a machine file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Constant(_) => "constant",

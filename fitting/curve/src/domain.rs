@@ -1,4 +1,4 @@
-//! The parts common to all curves: checked input, and the end value held outside the domain.
+//! Parts common to all curves: input checks, and the constant continuation outside the domain.
 
 use crate::CurveError;
 
@@ -89,9 +89,9 @@ pub(crate) fn contains([lower, upper]: [f64; 2], x: f64) -> bool {
     lower <= x && x <= upper
 }
 
-/// Evaluates `inside` at `x`, or at the nearer end when `x` lies outside.
+/// Evaluates `inside` at `x`, or at the nearer end if `x` lies outside.
 ///
-/// `domain` has passed [`interval`], so the clamp cannot fail; `inside` never sees NaN.
+/// `domain` has passed [`interval`], so the clamp cannot panic; `inside` is never called with NaN.
 pub(crate) fn held([lower, upper]: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -> f64 {
     if x.is_nan() {
         x
@@ -100,7 +100,7 @@ pub(crate) fn held([lower, upper]: [f64; 2], x: f64, inside: impl FnOnce(f64) ->
     }
 }
 
-/// Evaluates the slope `inside` at `x`; outside the domain a curve is constant.
+/// Evaluates the slope `inside` at `x`; outside the domain it is 0, because a curve is constant there.
 pub(crate) fn slope(domain: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -> f64 {
     if x.is_nan() {
         x
@@ -111,8 +111,7 @@ pub(crate) fn slope(domain: [f64; 2], x: f64, inside: impl FnOnce(f64) -> f64) -
     }
 }
 
-/// The segment `i` with `abscissa(i) <= x < abscissa(i + 1)` among `count >= 2` nodes; the last
-/// node belongs to the last segment.
+/// Segment `i` with `abscissa(i) <= x < abscissa(i + 1)` among at least two nodes; the last node belongs to the last segment.
 pub(crate) fn segment<T>(nodes: &[T], x: f64, abscissa: impl Fn(&T) -> f64) -> usize {
     nodes
         .partition_point(|n| abscissa(n) <= x)

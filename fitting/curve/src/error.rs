@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// Why a curve cannot be built: what is wrong, what was found and what is expected.
+/// Reason why a curve cannot be built: what is wrong, what was found and what is expected.
 ///
 /// `index` counts from 0. Callers that read files prefix the file and the key.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -26,7 +26,7 @@ pub enum CurveError {
         "domain [{lower}, {upper}]: expected a lower end below the upper end, a finite distance apart"
     )]
     Domain { lower: f64, upper: f64 },
-    /// Abscissae must increase, and these do not.
+    /// Abscissae do not increase strictly.
     #[error("{what} {index} is {value}, after {previous}: expected strictly increasing values")]
     NotIncreasing {
         what: &'static str,
@@ -34,27 +34,27 @@ pub enum CurveError {
         previous: f64,
         value: f64,
     },
-    /// Knots of a spline must not decrease, and these do.
+    /// Knots of a spline decrease.
     #[error("knot {index} is {value}, after {previous}: expected non-decreasing knots")]
     KnotsDecrease {
         index: usize,
         previous: f64,
         value: f64,
     },
-    /// The number of knots does not belong to the number of coefficients.
+    /// The number of knots does not fit the number of coefficients.
     #[error(
         "found {found} knots for {coefficients} coefficients of degree {degree}: expected coefficients + degree + 1 = {expected}"
     )]
     KnotCount {
-        /// The number of knots that was found.
+        /// Number of knots.
         found: usize,
-        /// The number of coefficients that was found.
+        /// Number of coefficients.
         coefficients: usize,
         degree: usize,
-        /// The number of knots that is expected.
+        /// Expected number of knots.
         expected: usize,
     },
-    /// A knot inside the domain is repeated so often that the spline would jump there.
+    /// A knot inside the domain has a multiplicity at which the spline would jump.
     #[error(
         "knot {value} stands {found} times inside the domain, from index {index}: expected at most {degree} times for degree {degree}"
     )]
@@ -64,7 +64,7 @@ pub enum CurveError {
         found: usize,
         degree: usize,
     },
-    /// A count is outside what the kind of curve allows.
+    /// A count is outside the range that the kind of curve allows.
     #[error("{what} is {found}: expected {lowest} to {highest}")]
     OutOfRange {
         what: &'static str,
@@ -77,10 +77,10 @@ pub enum CurveError {
         "found {found} Fourier coefficients: expected an odd number, a0 and then pairs of cosine and sine"
     )]
     UnpairedHarmonic {
-        /// The number of coefficients that was found.
+        /// Number of coefficients.
         found: usize,
     },
-    /// A parameter is outside the interval it must lie in.
+    /// A parameter is outside its valid interval.
     #[error("{what} is {value}: expected {expected}")]
     Parameter {
         what: &'static str,
@@ -99,23 +99,23 @@ pub enum CurveError {
         at: f64,
         required_support: f64,
     },
-    /// The number of rows of a grid is not its number of nodes along the first axis.
+    /// The number of rows of a grid differs from its number of nodes along the first axis.
     #[error(
         "found {found} rows of values: expected {expected}, one for each node of the first axis"
     )]
     GridRows {
-        /// The number of rows that was found.
+        /// Number of rows.
         found: usize,
         expected: usize,
     },
-    /// A row of a grid has not as many values as there are nodes along the second axis.
+    /// The number of values in a row of a grid differs from the number of nodes along the second axis.
     #[error(
         "found {found} values in row {row}: expected {expected}, one for each node of the second axis"
     )]
     GridColumns {
-        /// The row that is meant, from 0.
+        /// Index of the row, from 0.
         row: usize,
-        /// The number of values that was found.
+        /// Number of values.
         found: usize,
         expected: usize,
     },

@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
 
-/// A function of the coordinates of a machine: of the axis the error belongs to, or of two axes.
+/// Function of the coordinates of a machine: of the axis that the error belongs to, or of two axes.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -12,15 +12,14 @@ use crate::{Curve, CurveError, Grid, domain};
     serde(rename_all = "snake_case")
 )]
 pub enum Field {
-    /// A curve over the axis's own coordinate.
+    /// Curve over the coordinate of the axis itself.
     Curve(Curve),
-    /// A grid over two coordinates.
+    /// Grid over two coordinates.
     Grid(Grid),
 }
 
 impl Field {
-    /// The value at `coordinates`; a curve looks at `coordinates[own]`, a grid at its two axes. A
-    /// coordinate that is not there counts as 0.
+    /// Value at `coordinates`; a curve uses `coordinates[own]`, a grid its two axes. A missing coordinate counts as 0.
     pub fn value(&self, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) => curve.value(coordinate(own, coordinates)),
@@ -28,7 +27,7 @@ impl Field {
         }
     }
 
-    /// The partial derivative by the coordinate number `with_respect_to`.
+    /// Partial derivative with respect to the coordinate with the index `with_respect_to`.
     pub fn partial(&self, with_respect_to: usize, own: usize, coordinates: &[f64]) -> f64 {
         match self {
             Self::Curve(curve) if with_respect_to == own => {
@@ -39,7 +38,7 @@ impl Field {
         }
     }
 
-    /// The numbers of the coordinates looked at, each with the range in which it is known; none of a constant.
+    /// Indices of the coordinates in use, each with its range; empty for a constant.
     pub fn domains(&self, own: usize) -> Vec<(usize, [f64; 2])> {
         match self {
             Self::Curve(curve) => curve
@@ -51,7 +50,7 @@ impl Field {
         }
     }
 
-    /// Whether the coordinates looked at lie in their ranges.
+    /// Whether the coordinates in use lie in their ranges.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         match self {
             Self::Curve(curve) => curve.contains(coordinate(own, coordinates)),
@@ -72,7 +71,7 @@ impl From<Grid> for Field {
     }
 }
 
-/// The error of one axis in one direction or about it, with or without reversal.
+/// Error of one axis in one direction or about it, with or without reversal.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -80,7 +79,7 @@ impl From<Grid> for Field {
     serde(rename_all = "snake_case")
 )]
 pub enum ErrorCurve {
-    /// The same in both directions of motion.
+    /// Same field in both directions of motion.
     Single(Field),
     /// One field for each direction of motion.
     Pair {
@@ -89,11 +88,11 @@ pub enum ErrorCurve {
         /// After motion in the negative direction.
         backward: Field,
     },
-    /// A mean and the reversal value of ISO 230-2, B = forward − backward.
+    /// Mean and the reversal value of ISO 230-2, B = forward − backward.
     Reversal {
-        /// The mean of both directions.
+        /// Mean of both directions.
         mean: Field,
-        /// The reversal value B, in value units.
+        /// Reversal value B, in value units.
         #[cfg_attr(
             feature = "serde",
             serde(deserialize_with = "crate::serialised::finite")
@@ -103,7 +102,7 @@ pub enum ErrorCurve {
 }
 
 impl ErrorCurve {
-    /// A checked mean with a reversal value: forward = mean + B/2, backward = mean − B/2.
+    /// Checked mean with a reversal value: forward = mean + B/2, backward = mean − B/2.
     ///
     /// # Errors
     /// The reversal value is not finite.
@@ -112,7 +111,7 @@ impl ErrorCurve {
         Ok(Self::Reversal { mean, reversal })
     }
 
-    /// The value at `coordinates` for the direction of approach `branch`; without one the mean of both directions.
+    /// Value at `coordinates` for the direction of approach `branch`; with `None` the mean of both directions.
     pub fn value(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         let value = self.blend(branch, |field| field.value(own, coordinates));
         match (self, branch) {
@@ -122,12 +121,12 @@ impl ErrorCurve {
         }
     }
 
-    /// The derivative by the coordinate of the axis that the error belongs to.
+    /// Derivative with respect to the coordinate of the axis that the error belongs to.
     pub fn derivative(&self, own: usize, coordinates: &[f64], branch: Option<Direction>) -> f64 {
         self.partial(own, own, coordinates, branch)
     }
 
-    /// The partial derivative by the coordinate number `with_respect_to`.
+    /// Partial derivative with respect to the coordinate with the index `with_respect_to`.
     pub fn partial(
         &self,
         with_respect_to: usize,
@@ -140,12 +139,12 @@ impl ErrorCurve {
         })
     }
 
-    /// Whether the coordinates lie in the ranges of all parts.
+    /// Whether the coordinates lie in the ranges of all fields.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         self.fields().all(|field| field.contains(own, coordinates))
     }
 
-    /// The parts: one field, or forward and backward.
+    /// The fields: one, or forward and backward.
     pub fn fields(&self) -> impl Iterator<Item = &Field> {
         let (first, second) = match self {
             Self::Single(field) | Self::Reversal { mean: field, .. } => (field, None),
@@ -154,8 +153,7 @@ impl ErrorCurve {
         core::iter::once(first).chain(second)
     }
 
-    /// Whether every number is finite, which constructors check; [`Curve::Constant`] and
-    /// [`ErrorCurve::Reversal`] can be made without one.
+    /// Whether every number is finite. Constructors check this, but [`Curve::Constant`] and [`ErrorCurve::Reversal`] can be built without one.
     pub fn is_finite(&self) -> bool {
         let reversal = match self {
             Self::Reversal { reversal, .. } => *reversal,
@@ -163,7 +161,7 @@ impl ErrorCurve {
         };
         let constant = |field: &Field| match field {
             Field::Curve(Curve::Constant(value)) => value.is_finite(),
-            // These are made by constructors that refuse numbers that are not finite.
+            // The constructors of these reject numbers that are not finite.
             Field::Curve(_) | Field::Grid(_) => true,
         };
         reversal.is_finite() && self.fields().all(constant)

@@ -3,7 +3,7 @@ use core::f64::consts::TAU;
 
 use crate::{CurveError, domain, series::affine_series};
 
-/// A Fourier series `a0 + a1 cos θ + b1 sin θ + a2 cos 2θ + b2 sin 2θ + …`, `θ = 2πx / period`.
+/// Fourier series `a0 + a1 cos θ + b1 sin θ + a2 cos 2θ + b2 sin 2θ + …`, `θ = 2πx / period`.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -40,22 +40,22 @@ impl Fourier {
         })
     }
 
-    /// The coefficients `a0, a1, b1, a2, b2, …`.
+    /// Coefficients `a0, a1, b1, a2, b2, …`, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.coefficients
     }
 
-    /// The period, in argument units.
+    /// Period, in argument units.
     pub fn period(&self) -> f64 {
         self.period
     }
 
-    /// The lower and upper end of the range of arguments.
+    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.domain
     }
 
-    /// The value at `x`, held outside the domain.
+    /// Value at `x`, constant outside the domain.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain, x, |x| {
             self.harmonics(x).fold(self.coefficients[0], |sum, h| {
@@ -64,7 +64,7 @@ impl Fourier {
         })
     }
 
-    /// The derivative at `x`, 0 outside the domain.
+    /// Derivative at `x`, 0 outside the domain.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain, x, |x| {
             let per_radian: f64 = self
@@ -93,14 +93,14 @@ impl Fourier {
             })
     }
 
-    /// Every value times `scale` plus `c`.
+    /// Replaces every value by `scale` times the value plus `c`.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         affine_series(&mut self.coefficients, scale, c);
         self
     }
 }
 
-/// One harmonic of the series at an argument: its order, its coefficients of cosine and sine, and both functions.
+/// One harmonic of the series at an argument: its order, its coefficients of cosine and sine, and the values of both functions.
 struct Harmonic {
     order: f64,
     a: f64,

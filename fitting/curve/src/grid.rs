@@ -4,9 +4,9 @@ use volcomp_vocabulary::is_within;
 
 use crate::{CurveError, domain};
 
-/// A function of two coordinates, bilinear between the nodes of a rectangular grid.
+/// Function of two coordinates, bilinear between the nodes of a rectangular grid.
 ///
-/// Outside the grid each coordinate is held at the nearer end.
+/// Outside the grid each coordinate is clamped to the nearer end.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -20,13 +20,11 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Builds the grid. `axes` are the places of its two arguments in the coordinates given on
-    /// evaluation, `nodes` their increasing abscissae (at least two each), `values[i][j]` belongs
-    /// to `nodes[0][i]`, `nodes[1][j]`.
+    /// Builds the grid. `axes` are the indices of its two arguments in the coordinates given on evaluation, `nodes` their increasing abscissae (at
+    /// least two each), `values[i][j]` belongs to `nodes[0][i]`, `nodes[1][j]`.
     ///
     /// # Errors
-    /// The same axis twice, too few nodes, a number that is not finite, abscissae that do not
-    /// increase, values that do not match the nodes.
+    /// The same axis twice, too few nodes, a number that is not finite, abscissae that do not increase, values that do not match the nodes.
     pub fn new(
         axes: [usize; 2],
         nodes: [Vec<f64>; 2],
@@ -68,29 +66,29 @@ impl Grid {
         })
     }
 
-    /// The places of the two arguments in the coordinates.
+    /// Indices of the two arguments in the coordinates.
     pub fn axes(&self) -> [usize; 2] {
         self.axes
     }
 
-    /// The abscissae along the two axes.
+    /// Abscissae along the two axes.
     pub fn nodes(&self) -> &[Vec<f64>; 2] {
         &self.nodes
     }
 
-    /// The values; `values()[i][j]` belongs to `nodes()[0][i]`, `nodes()[1][j]`.
+    /// Values; `values()[i][j]` belongs to `nodes()[0][i]`, `nodes()[1][j]`.
     pub fn values(&self) -> &[Vec<f64>] {
         &self.values
     }
 
-    /// The range of the arguments along the two axes.
+    /// Range of the arguments along the two axes.
     pub fn domain(&self) -> [[f64; 2]; 2] {
         self.nodes
             .each_ref()
             .map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
     }
 
-    /// Whether both arguments lie in their ranges, ends included and but for rounding
+    /// Whether both arguments lie in their ranges, ends included, with a tolerance for rounding
     /// ([`COORDINATE_ROUNDING`](volcomp_vocabulary::COORDINATE_ROUNDING)).
     pub fn contains(&self, coordinates: &[f64]) -> bool {
         let arguments = self.arguments(coordinates);
@@ -100,7 +98,7 @@ impl Grid {
             .all(|(&range, x)| is_within(range, x))
     }
 
-    /// The value at the coordinates; a coordinate that is not there counts as 0.
+    /// Value at the coordinates; a missing coordinate counts as 0.
     pub fn value(&self, coordinates: &[f64]) -> f64 {
         let Some(cell) = self.cell(coordinates) else {
             return f64::NAN;
@@ -110,9 +108,8 @@ impl Grid {
         (1.0 - s) * ((1.0 - t) * u00 + t * u01) + s * ((1.0 - t) * u10 + t * u11)
     }
 
-    /// The partial derivative by coordinate `with_respect_to`: 0 for a coordinate that is not an
-    /// axis of the grid, and along an axis outside its range. At a node it is the one from the
-    /// right, at the last node the one from the left.
+    /// Partial derivative with respect to coordinate `with_respect_to`: 0 for a coordinate that is not an axis of the grid, and along an axis outside
+    /// its range. At a node it is the right-hand derivative, at the last node the left-hand one.
     pub fn partial(&self, with_respect_to: usize, coordinates: &[f64]) -> f64 {
         let Some(cell) = self.cell(coordinates) else {
             return f64::NAN;
@@ -138,7 +135,7 @@ impl Grid {
             .map(|axis| coordinates.get(axis).copied().unwrap_or(0.0))
     }
 
-    /// The cell the coordinates fall into; none for NaN.
+    /// Cell that contains the coordinates; `None` for NaN.
     fn cell(&self, coordinates: &[f64]) -> Option<Cell> {
         let arguments = self.arguments(coordinates);
         if arguments.iter().any(|x| x.is_nan()) {

@@ -1,32 +1,31 @@
-//! The first-order lag with which a machine follows a temperature.
+//! First-order lag with which a machine follows a temperature.
 
-/// The output of a first-order lag after a step of `dt`, in which its input stood at `input`:
-/// `input + (before − input)·exp(−dt/lag)`, which is exact for an input that holds for the step.
+/// Output of a first-order lag after a step of `dt` with the constant input `input`: `input + (before − input)·exp(−dt/lag)`, which is exact.
 ///
-/// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same
-/// unit of time. Without a lag (0, negative or NaN) the output is the input; a `dt` that is negative or NaN counts as
-/// 0. It is the rule by which a thermal model runs, which is stepped in every cycle; one is fitted from rows that are
-/// minutes apart by [`first_order_lag_of_ramp`], which is the same in short steps.
+/// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same unit of time. Without a lag (0,
+/// negative or NaN) the output is the input; a `dt` that is negative or NaN counts as 0. A thermal model uses this function at run time, where it is
+/// stepped in every cycle. It is fitted from rows that are minutes apart with [`first_order_lag_of_ramp`], which converges to the same for short
+/// steps.
 pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
-        // `max` takes the other number when one is NaN.
+        // `max` returns the other number if one is NaN.
         input + (before - input) * libm::exp(-dt.max(0.0) / lag)
     } else {
         input
     }
 }
 
-/// The output of a first-order lag after a step of `dt`, in which its input went along a straight line from `from` to
-/// `to`: what many short steps of [`first_order_lag`] along that line come to.
+/// Output of a first-order lag after a step of `dt` in which its input changed linearly from `from` to `to`: the limit of many short steps of
+/// [`first_order_lag`] along that line.
 ///
-/// With `k = exp(−dt/lag)` and `m = (1 − k)·lag/dt`, the mean of `exp(−t/lag)` over the step, the solution of
-/// `lag·y' = x − y` is `k·before + (m − k)·from + (1 − m)·to`. The other rules are those of [`first_order_lag`].
+/// With `k = exp(−dt/lag)` and `m = (1 − k)·lag/dt`, the mean of `exp(−t/lag)` over the step, the solution of `lag·y' = x − y` is `k·before + (m −
+/// k)·from + (1 − m)·to`. Invalid arguments are treated as in [`first_order_lag`].
 pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
-        // `max` takes the other number when one is NaN.
+        // `max` returns the other number if one is NaN.
         let steps = dt.max(0.0) / lag;
         let kept = libm::exp(-steps);
-        // Of a step of no length, or one so short that the quotient is no number, nothing is forgotten.
+        // A step of zero length, or one so short that the quotient underflows, leaves the output unchanged.
         let mean = if steps > 0.0 {
             -libm::expm1(-steps) / steps
         } else {
@@ -39,19 +38,18 @@ pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f6
     }
 }
 
-/// How fast a signal changes, smoothed: the difference of the signal and its first-order lag over the time constant of
-/// [`TIME_S`](Self::TIME_S), which for a steady rise is its rate. What a temperature rises and falls by, in a test and
-/// at run time, is measured by this one rule. State: the lagged signal.
+/// Smoothed rate of change of a signal: the difference of the signal and its first-order lag over the time constant [`TIME_S`](Self::TIME_S), which
+/// equals the rate for a steady rise. Rates of temperature in tests and at run time both use it. State: the lagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SmoothedRate {
     lagged: Option<f64>,
 }
 
 impl SmoothedRate {
-    /// The time constant, s: ten minutes.
+    /// Time constant, s: ten minutes.
     pub const TIME_S: f64 = 600.0;
 
-    /// Takes the value of the signal after a step of `dt_s`: the rate, for each second. The first value has the rate 0.
+    /// Updates with the value of the signal after a step of `dt_s` and returns the rate per second. The first value has the rate 0.
     pub fn step(&mut self, value: f64, dt_s: f64) -> f64 {
         let before = self.lagged.unwrap_or(value);
         let lagged = first_order_lag(before, value, dt_s, Self::TIME_S);

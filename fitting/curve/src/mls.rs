@@ -4,16 +4,15 @@ use crate::{CurveError, domain, series::affine_nodes};
 
 const MAX_ORDER: usize = 8;
 const SIZE: usize = MAX_ORDER + 1;
-/// Beyond this shape the weights of far nodes underflow.
+/// Admissible range of the shape: above it the weights of far nodes underflow.
 const SHAPES: [f64; 2] = [1e-6, 20.0];
 
-/// Moving least squares: at every `x` a polynomial of its own, fitted to the nodes near `x`.
+/// Moving least squares: a separate polynomial at every `x`, fitted to the nodes near `x`.
 ///
-/// With `h = support · range` and `d = |x − x_j|` node `j` has the Gaussian weight with compact
-/// support `w = (e^{−(a d/h)²} − e^{−a²}) / (1 − e^{−a²})` for `d < h`, else 0, `a` the shape. The
-/// value is that of the weighted least-squares polynomial at `x` (Lancaster and Salkauskas, Math.
-/// Comp. 37, 1981); it does not depend on the polynomial basis, so the best conditioned one, local
-/// to `x`, is used, by orthogonal transformation.
+/// With `h = support · range` and `d = |x − x_j|` node `j` has the Gaussian weight with compact support `w = (e^{−(a d/h)²} − e^{−a²}) / (1 −
+/// e^{−a²})` for `d < h`, else 0, with the shape `a`. The value is that of the weighted least-squares polynomial at `x` (Lancaster and Salkauskas,
+/// Math. Comp. 37, 1981). It does not depend on the polynomial basis, so the best conditioned one, local to `x`, is used, by orthogonal
+/// transformation.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -64,7 +63,7 @@ impl MovingLeastSquares {
         }
         let (at, reach) = sparsest(&nodes, order);
         let required_support = reach / (upper - lower);
-        // A node at the very edge of the support would carry no weight worth the name.
+        // A node at the very edge of the support has a negligible weight.
         if support <= required_support * (1.0 + 1e-9) {
             return Err(CurveError::SupportTooNarrow {
                 support,
@@ -83,44 +82,43 @@ impl MovingLeastSquares {
         })
     }
 
-    /// The nodes `[argument, value]`, arguments increasing.
+    /// Nodes `[argument, value]`, arguments increasing.
     pub fn nodes(&self) -> &[[f64; 2]] {
         &self.nodes
     }
 
-    /// The order of the local polynomial.
+    /// Order of the local polynomial.
     pub fn order(&self) -> usize {
         self.order
     }
 
-    /// The support as a fraction of the range.
+    /// Support as a fraction of the range.
     pub fn support(&self) -> f64 {
         self.support
     }
 
-    /// The shape `a` of the weight.
+    /// Shape `a` of the weight.
     pub fn shape(&self) -> f64 {
         self.shape
     }
 
-    /// The half width `h` of the weight, in argument units.
+    /// Half width `h` of the weight, in argument units.
     pub fn half_width(&self) -> f64 {
         self.support * self.range()
     }
 
-    /// The range of arguments: first to last node.
+    /// Range of arguments: first to last node.
     pub fn domain(&self) -> [f64; 2] {
         [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
     }
 
-    /// The value at `x`, held outside the range.
+    /// Value at `x`, constant outside the range.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| self.triangle(x).coefficients()[0])
     }
 
-    /// The derivative at `x`, 0 outside the range. The weights move with `x`: the derivative is
-    /// that of the local polynomial plus `[A⁻¹ Σ w_j′ φ_j r_j]₀`, `A` the normal matrix, `φ_j` the
-    /// basis and `r_j` the residual at node `j`.
+    /// Derivative at `x`, 0 outside the range. The weights move with `x`: the derivative is that of the local polynomial plus `[A⁻¹ Σ w_j′ φ_j
+    /// r_j]₀`, with the normal matrix `A`, the basis `φ_j` and the residual `r_j` at node `j`.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let triangle = self.triangle(x);
@@ -143,8 +141,8 @@ impl MovingLeastSquares {
         })
     }
 
-    /// How much the value at `x` moves for a unit change of the value of node `node`: the entry of
-    /// the hat matrix when `x` is a node. 0 for a node that does not exist.
+    /// Derivative of the value at `x` with respect to the value of node `node`: the entry of the hat matrix if `x` is a node. 0 for a node that does
+    /// not exist.
     pub fn influence(&self, x: f64, node: usize) -> f64 {
         domain::held(self.domain(), x, |x| {
             let z = self.triangle(x).first_column_of_inverse();
@@ -155,13 +153,13 @@ impl MovingLeastSquares {
         })
     }
 
-    /// [`value`](Self::value) and [`influence`](Self::influence) at once, from one solution.
+    /// [`value`](Self::value) and [`influence`](Self::influence) from one solution.
     pub fn value_and_influence(&self, x: f64, node: usize) -> (f64, f64) {
         let [lower, upper] = self.domain();
         if x.is_nan() {
             return (x, x);
         }
-        // Held outside the range, as both are.
+        // Both are constant outside the range.
         let x = x.clamp(lower, upper);
         let triangle = self.triangle(x);
         let z = triangle.first_column_of_inverse();
@@ -175,14 +173,14 @@ impl MovingLeastSquares {
         let Some(order) = count.checked_sub(1) else {
             return true;
         };
-        // A node at the very edge of the support carries no weight worth the name.
+        // A node at the very edge of the support has a negligible weight.
         self.nodes.len() >= count
             && self.half_width() > sparsest(&self.nodes, order).1 * (1.0 + 1e-9)
     }
 
-    /// The rows of the least-squares problem at `x`, one for each node of positive weight: the powers, from 0 to the order,
-    /// of the node's distance over [`scale`](Self::scale), each times the root of its weight. How well conditioned they are
-    /// tells whether the nodes carry the curve there. Outside the range those of its end.
+    /// Rows of the least-squares problem at `x`, one for each node of positive weight: the powers, from 0 to the order, of the node's distance over
+    /// [`scale`](Self::scale), each times the root of its weight. Their condition number shows whether the nodes determine the curve there. Outside
+    /// the range, the rows at its end.
     pub fn design(&self, x: f64) -> Vec<Vec<f64>> {
         let [lower, upper] = self.domain();
         let weighted = self.active(x.clamp(lower, upper));
@@ -204,14 +202,14 @@ impl MovingLeastSquares {
         upper - lower
     }
 
-    /// The unit of the local argument: the half width of the weight, or the range where that is less, since a support wider
-    /// than the range would make powers tiny.
+    /// Unit of the local argument: the half width of the weight, or the range if that is less, since a support wider than the range would make powers
+    /// tiny.
     pub fn scale(&self) -> f64 {
         self.range().min(self.half_width())
     }
 
-    /// The nodes with a positive weight at `x`. Weights lack the common factor that makes the
-    /// nearest node's Gaussian 1: it cancels, and without it nothing underflows.
+    /// Nodes with a positive weight at `x`. Weights are divided by the Gaussian of the nearest node: this factor cancels, and the division prevents
+    /// underflow.
     fn active(&self, x: f64) -> impl Iterator<Item = Active> + '_ {
         let h = self.half_width();
         let a2 = self.shape * self.shape;
@@ -274,7 +272,7 @@ impl MovingLeastSquares {
         }
     }
 
-    /// Of so many coefficients, one more than the order: with a number that the compiler knows, the rotations take a fraction of the time.
+    /// Builds the triangle for `N` coefficients, one more than the order: a compile-time size makes the rotations several times faster.
     fn triangle_of<const N: usize>(&self, x: f64) -> Triangle {
         let mut rotated = Rotated::<N>::new();
         for node in self.active(x).filter(|n| n.weight > 0.0) {
@@ -290,7 +288,7 @@ impl MovingLeastSquares {
         rotated.into()
     }
 
-    /// Every value times `scale` plus `c`: the fit is linear in its nodes and keeps constants.
+    /// Replaces every value by `scale` times the value plus `c`; this acts on the nodes because the fit is linear in them and reproduces constants.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         affine_nodes(&mut self.nodes, scale, c);
         self
@@ -303,12 +301,12 @@ struct Active {
     t: f64,
     u: f64,
     weight: f64,
-    /// Derivative of the weight by `x`.
+    /// Derivative of the weight with respect to `x`.
     weight_slope: f64,
 }
 
-/// Where the distance to the node that is `order + 1` nearest is largest, and that distance: it is
-/// largest at an end or half-way between nodes `order + 1` apart.
+/// Place where the distance to the `(order + 1)`-th nearest node is largest, and that distance. It is largest at an end or half-way between nodes
+/// `order + 1` apart.
 fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
     let last = nodes.len() - 1;
     let start = (nodes[0][0], nodes[order][0] - nodes[0][0]);
@@ -327,8 +325,7 @@ fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
         })
 }
 
-/// The upper triangle R of a QR factorisation and Qᵀ times the right-hand side, while it is built row by row with Givens
-/// rotations.
+/// Upper triangle R of a QR factorisation and Qᵀ times the right-hand side, built row by row with Givens rotations.
 struct Rotated<const N: usize> {
     r: [[f64; N]; N],
     y: [f64; N],
@@ -349,7 +346,7 @@ impl<const N: usize> Rotated<N> {
             }
             let length = libm::sqrt(self.r[i][i] * self.r[i][i] + row[i] * row[i]);
             let (c, s) = (self.r[i][i] / length, row[i] / length);
-            // All columns, since a length that is known is faster; before the diagonal both are zero or no longer looked at.
+            // Rotate all columns, since a fixed length is faster; before the diagonal both are zero or no longer used.
             for (mine, other) in self.r[i].iter_mut().zip(&mut row) {
                 (*mine, *other) = (c * *mine + s * *other, c * *other - s * *mine);
             }
@@ -358,7 +355,7 @@ impl<const N: usize> Rotated<N> {
     }
 }
 
-/// The triangle when all rows are in it.
+/// Complete triangle, with all rows.
 struct Triangle {
     size: usize,
     r: [[f64; SIZE]; SIZE],
@@ -395,7 +392,7 @@ impl Triangle {
         self.back(&self.y)
     }
 
-    /// The first column of the inverse of the normal matrix: `(RᵀR)⁻¹ e₀`.
+    /// First column of the inverse of the normal matrix: `(RᵀR)⁻¹ e₀`.
     fn first_column_of_inverse(&self) -> [f64; SIZE] {
         let mut q = [0.0; SIZE];
         for i in 0..self.size {

@@ -3,21 +3,21 @@ use core::f64::consts::PI;
 
 use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, domain};
 
-/// Places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest
-/// between them (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
+/// Number of places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest between them
+/// (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
 const EACH: usize = 8;
-/// A curve that has more places than this along its domain is looked at in so many.
+/// Number of places along the domain of a curve above which they are thinned out.
 const MOST: usize = 4096;
-/// Parts of the piece between two knots or two nodes that a cubic joins.
+/// Number of parts of a cubic piece between two knots or two nodes.
 const PARTS: u32 = 4;
-/// The part of a line at which the larger of two pieces is to the line as the smaller to the larger.
+/// Golden ratio, as the share of the larger piece of a line.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 impl Curve {
-    /// The arguments at which somebody has to look who wants to know the largest value of the curve, or of its difference from
-    /// another one: the [`breakpoints`](Self::breakpoints), and between them as many places as the kind of the curve takes to
-    /// be seen: of a Fourier series 16 for each of its shortest periods, of a polynomial 8 for each order, closer at the ends.
-    /// Sorted, none twice. A series with very many periods is looked at at another phase in every few of them.
+    /// Arguments at which to sample the curve to find its largest value, or the largest difference from another curve. They are the
+    /// [`breakpoints`](Self::breakpoints), and between them as many places as the kind of curve requires: for a Fourier series 16 for each of its
+    /// shortest periods, for a polynomial 8 for each order, closer at the ends. Sorted, without duplicates. A series with very many periods is
+    /// sampled only in every few of them, each time at another phase.
     pub fn places(&self) -> Vec<f64> {
         let mut places = self.breakpoints();
         match self {
@@ -47,7 +47,7 @@ fn even([low, high]: [f64; 2], parts: usize) -> impl Iterator<Item = f64> {
     (0..=parts).map(move |k| low + (high - low) * (k as f64 / parts as f64))
 }
 
-/// The extrema of the Chebyshev polynomial of a multiple of the degree.
+/// Extrema of the Chebyshev polynomial whose degree is a multiple of that of the series.
 fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item = f64> {
     let parts = (coefficients.saturating_sub(1) * EACH).min(MOST.max(2 * coefficients));
     let [middle, half] = [f64::midpoint(low, high), 0.5 * high - 0.5 * low];
@@ -56,7 +56,8 @@ fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item =
         .map(move |k| middle - half * libm::cos(PI * (k as f64 / parts as f64)))
 }
 
-/// A straight line has its extrema at its ends, and a monotone cubic as well: but not what it differs by from another.
+/// A straight line has its extrema at its ends, and so does a monotone cubic; but the difference of a cubic from another curve may have them
+/// anywhere.
 fn of_table(table: &Table) -> Vec<f64> {
     match table.interpolation() {
         Interpolation::Linear => Vec::new(),
@@ -98,7 +99,7 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
         let parts = libm::ceil(wanted) as usize;
         return even([low, high], parts).collect();
     }
-    // Too many periods to look at each: every few periods once, each time at another phase.
+    // Too many periods to sample each: sample every few periods once, each time at another phase.
     let place = |k: usize| {
         let first = libm::floor(periods * (k as f64 / most as f64));
         let phase = k as f64 * GOLDEN;
@@ -107,7 +108,7 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
     (0..most).map(place).collect()
 }
 
-/// A local polynomial bends within the width of its weights.
+/// A local polynomial varies within the width of its weights.
 fn of_weights(curve: &MovingLeastSquares) -> impl Iterator<Item = f64> {
     let each = (EACH * curve.order().max(1)) as f64;
     let wanted = (each / curve.support()).min(MOST as f64);

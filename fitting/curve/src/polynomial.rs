@@ -2,7 +2,7 @@ use alloc::vec::Vec;
 
 use crate::{CurveError, domain, series::Series};
 
-/// A polynomial `c0 + c1 x + c2 x² + …` on a domain.
+/// Polynomial `c0 + c1 x + c2 x² + …` on a domain.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Polynomial(Series);
@@ -17,17 +17,17 @@ impl Polynomial {
         Series::new(coefficients, domain).map(Self)
     }
 
-    /// The coefficients, the constant first, in value units.
+    /// Coefficients, the constant first, in value units.
     pub fn coefficients(&self) -> &[f64] {
         &self.0.coefficients
     }
 
-    /// The lower and upper end of the range of arguments.
+    /// Range of arguments, `[lower, upper]`.
     pub fn domain(&self) -> [f64; 2] {
         self.0.domain
     }
 
-    /// The value at `x` (Horner), held outside the domain.
+    /// Value at `x` (Horner), constant outside the domain.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.0.domain, x, |x| {
             self.0
@@ -38,7 +38,7 @@ impl Polynomial {
         })
     }
 
-    /// The derivative at `x`, 0 outside the domain.
+    /// Derivative at `x`, 0 outside the domain.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.0.domain, x, |x| {
             let powers = self.0.coefficients.iter().enumerate().skip(1).rev();
@@ -46,7 +46,7 @@ impl Polynomial {
         })
     }
 
-    /// Every value times `scale` plus `c`.
+    /// Replaces every value by `scale` times the value plus `c`.
     pub(crate) fn affine(self, scale: f64, c: f64) -> Self {
         Self(self.0.affine(scale, c))
     }

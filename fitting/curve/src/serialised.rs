@@ -1,4 +1,4 @@
-//! Curves as serde reads them: the fields alone, which then pass the checks of the constructor.
+//! Curves as serde reads them: the fields alone, which are then checked by the constructor.
 
 use alloc::vec::Vec;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error};
 
 use crate::{CurveError, Interpolation};
 
-/// A number that a format may write as NaN or infinite, refused as the constructors do.
+/// Reads a number that a format may write as NaN or infinite, and rejects these like the constructors.
 pub(crate) fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = f64::deserialize(deserializer)?;
     if value.is_finite() {
@@ -16,7 +16,7 @@ pub(crate) fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, 
     }
 }
 
-/// The fields of a type in their order, and the constructor that they pass.
+/// Fields of a type in their order, and the constructor that checks them.
 macro_rules! checked {
     ($($name:ident { $($field:ident: $kind:ty),* } => $constructor:path;)*) => {$(
         #[derive(Deserialize)]
@@ -56,7 +56,7 @@ impl TryFrom<Series> for crate::series::Series {
     }
 }
 
-/// A table without its slopes, which follow from the nodes.
+/// Table without its slopes, which follow from the nodes.
 #[derive(Deserialize, Serialize)]
 pub(crate) struct Table {
     nodes: Vec<[f64; 2]>,

@@ -1,4 +1,4 @@
-//! The parts common to series and node lists: their checks, and values that are scaled and shifted.
+//! Parts common to series and node lists: checks, scaling and shifting of values.
 
 use alloc::vec::Vec;
 
@@ -17,7 +17,7 @@ pub(crate) struct Series {
 }
 
 impl Series {
-    /// Refuses a series without a coefficient, numbers that are not finite, an empty or reversed domain.
+    /// Rejects a series without a coefficient, numbers that are not finite, an empty or reversed domain.
     pub(crate) fn new(coefficients: Vec<f64>, domain: [f64; 2]) -> Result<Self, CurveError> {
         domain::at_least("coefficients", coefficients.len(), 1)?;
         domain::finite("coefficient", &coefficients)?;
@@ -28,14 +28,14 @@ impl Series {
         })
     }
 
-    /// Every value times `scale` plus `c`.
+    /// Replaces every value by `scale` times the value plus `c`.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         affine_series(&mut self.coefficients, scale, c);
         self
     }
 }
 
-/// Coefficients, constant first, of the series whose every value is multiplied by `scale` and shifted by `c`.
+/// Changes coefficients, constant first, so that every value of the series is multiplied by `scale` and shifted by `c`.
 pub(crate) fn affine_series(coefficients: &mut [f64], scale: f64, c: f64) {
     for (place, coefficient) in coefficients.iter_mut().enumerate() {
         *coefficient *= scale;
@@ -45,7 +45,7 @@ pub(crate) fn affine_series(coefficients: &mut [f64], scale: f64, c: f64) {
     }
 }
 
-/// Nodes `[argument, value]` whose every value is multiplied by `scale` and shifted by `c`.
+/// Multiplies every value of the nodes `[argument, value]` by `scale` and shifts it by `c`.
 pub(crate) fn affine_nodes(nodes: &mut [[f64; 2]], scale: f64, c: f64) {
     for [_, value] in nodes {
         *value = *value * scale + c;

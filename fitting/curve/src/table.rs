@@ -2,7 +2,7 @@ use alloc::vec::Vec;
 
 use crate::{CurveError, domain, series::affine_nodes};
 
-/// How a [`Table`] runs between its nodes.
+/// Interpolation of a [`Table`] between its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(
     feature = "serde",
@@ -16,7 +16,7 @@ pub enum Interpolation {
     Cubic,
 }
 
-/// A curve through nodes `[argument, value]`.
+/// Curve through nodes `[argument, value]`.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -35,8 +35,7 @@ pub struct Table {
 impl Table {
     /// Straight lines between at least two nodes.
     ///
-    /// At a node the derivative is that of the segment to its right, at the last node that of the
-    /// last segment.
+    /// At a node the derivative is that of the segment to its right, at the last node that of the last segment.
     ///
     /// # Errors
     /// Too few nodes, a number that is not finite, abscissae that do not increase.
@@ -48,9 +47,8 @@ impl Table {
         })
     }
 
-    /// Monotone piecewise cubics between at least two nodes: slopes are the weighted harmonic mean
-    /// of the neighbouring secants (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 1984), at
-    /// the ends the shape-preserving three-point formula.
+    /// Monotone piecewise cubics between at least two nodes. Slopes are the weighted harmonic mean of the neighbouring secants (Fritsch and Butland,
+    /// SIAM J. Sci. Stat. Comput. 5, 1984), at the ends the shape-preserving three-point formula.
     ///
     /// # Errors
     /// Too few nodes, a number that is not finite, abscissae that do not increase.
@@ -60,12 +58,12 @@ impl Table {
         Ok(Self { nodes, slopes })
     }
 
-    /// The nodes `[argument, value]`, arguments increasing.
+    /// Nodes `[argument, value]`, arguments increasing.
     pub fn nodes(&self) -> &[[f64; 2]] {
         &self.nodes
     }
 
-    /// How the table runs between its nodes.
+    /// Interpolation between the nodes.
     pub fn interpolation(&self) -> Interpolation {
         if self.slopes.is_empty() {
             Interpolation::Linear
@@ -74,12 +72,12 @@ impl Table {
         }
     }
 
-    /// The range of arguments: first to last node.
+    /// Range of arguments: first to last node.
     pub fn domain(&self) -> [f64; 2] {
         [self.nodes[0][0], self.nodes[self.nodes.len() - 1][0]]
     }
 
-    /// The value at `x`, held outside the range.
+    /// Value at `x`, constant outside the range.
     pub fn value(&self, x: f64) -> f64 {
         domain::held(self.domain(), x, |x| {
             let i = domain::segment(&self.nodes, x, |n| n[0]);
@@ -97,7 +95,7 @@ impl Table {
         })
     }
 
-    /// The derivative at `x`, 0 outside the range.
+    /// Derivative at `x`, 0 outside the range.
     pub fn derivative(&self, x: f64) -> f64 {
         domain::slope(self.domain(), x, |x| {
             let i = domain::segment(&self.nodes, x, |n| n[0]);
@@ -115,7 +113,7 @@ impl Table {
         })
     }
 
-    /// Every value times `scale` plus `c`.
+    /// Replaces every value by `scale` times the value plus `c`.
     pub(crate) fn affine(mut self, scale: f64, c: f64) -> Self {
         affine_nodes(&mut self.nodes, scale, c);
         for slope in &mut self.slopes {

@@ -1,4 +1,4 @@
-//! How far the true curve may be from the fitted one: bands by the bootstrap.
+//! Confidence bands of fitted curves by the bootstrap.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,14 +9,14 @@ use crate::candidates::{Candidate, of_method};
 use crate::student::student_95;
 use crate::{FitError, Method, readings};
 
-/// How a band is made.
+/// Settings of the bootstrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default))]
 pub struct BandOptions {
-    /// The number of resamples, at least 2; of residuals fewer are made where there are many targets.
+    /// Number of resamples, at least 2. The residual bootstrap makes fewer where there are many targets.
     pub resamples: u32,
-    /// The seed of the resampling: the same seed gives the same band.
+    /// Seed of the resampling: the same seed gives the same band.
     pub seed: u64,
 }
 
@@ -44,40 +44,41 @@ pub enum BandSource {
     Residuals,
 }
 
-/// A band that holds the true value with a probability of 95 %, at each place by itself.
+/// Pointwise 95 % confidence band of a curve.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Band {
-    /// The places.
+    /// Abscissae at which the band is given.
     pub at: Vec<f64>,
-    /// Half the width of the band at each place: curve minus this to curve plus this.
+    /// Half width of the band at each place: it spans curve ± half width.
     pub half_width: Vec<f64>,
     /// What was resampled.
     pub source: BandSource,
 }
 
-/// The residual bootstrap fits no more than about so many readings.
+/// Upper bound on resamples × targets in the residual bootstrap.
 const MOST_REFITTED: usize = 200_000;
 const FEWEST_RESAMPLES: usize = 20;
-/// With so many targets that there are more places than this, fewer lie between two of them.
+/// Maximum number of places of a band: with many targets fewer places lie between two of them.
 const MOST_PLACES: usize = 2000;
-/// Readings left out are predicted over twice the gap that the curve has to bridge in fact: a smooth curve misses between targets a quarter
-/// of what it misses then, one with kinks half, one with steps or with waves shorter than the gap all of it, or more where the targets meet the
-/// waves so that they look longer: with this share of the mean square a band of 95 % holds between targets of such waves, too (`examples/bands.rs`).
+/// Weight of the leave-one-out mean square in the band between targets.
+/// Leaving a target out doubles the gap that the curve has to bridge. A smooth curve then misses four times what it misses in the real gap, one with
+/// kinks twice, one with steps or with waves shorter than the gap about as much or less. With this weight the 95 % band also holds between targets of
+/// such waves (`examples/bands.rs`).
 const OF_LEFT_OUT: f64 = 1.2;
-/// Of one run nothing tells scatter from shape: this share of the variance of its residuals counts as shape.
+/// Share of the residual variance of a single run that is attributed to shape: one run cannot separate scatter from shape.
 const ONE_RUN_SHAPE: f64 = 0.25;
 
-/// The band of the curve that `method` fits to the mean of some runs, each a list of targets and readings, at some places.
+/// 95 % band of the curve that `method` fits to the mean of several runs, each a list of targets and readings, at the places `at`.
 ///
-/// Runs are resampled as a whole, so that what changes from run to run counts, and each is smoothed as the mean is. Few runs
-/// tell their scatter badly: the part that is common to all targets of a run is widened by Student's t with as many degrees of freedom as
-/// runs less one, the rest, which every target shows anew, with as many for each coefficient of the curve; the variances of the bootstrap, which of m
-/// runs are short by (m − 1)/m, are made good. What the curve misses of the mean readings by more than the runs scatter, and what it misses of targets left
-/// out, or straight lines between the readings if these miss more, is added: it is wrong about the shape, which no resampling of runs shows.
+/// Whole runs are resampled, so that differences between runs count, and each is smoothed as the mean is. Few runs estimate their scatter poorly, so
+/// Student's t widens the band. The part common to all targets of a run has (runs − 1) degrees of freedom; the rest, which is independent from target
+/// to target, has as many for each coefficient of the curve. The bootstrap variances of m runs are too small by (m − 1)/m and are corrected for it.
+/// Resampling does not show errors of shape, so these are added: residuals of the mean readings beyond the scatter of the runs, and the larger of the
+/// leave-one-out errors of the curve and of linear interpolation.
 ///
-/// With one run its residuals are resampled, as wide as they are with the freedom that the fit leaves them; a curve that goes
-/// through its readings leaves none, and what it misses of targets left out takes their place. The method and its settings stay as they are.
+/// With one run its residuals are resampled, scaled for the degrees of freedom of the fit. A curve that interpolates its readings leaves no
+/// residuals; its leave-one-out errors are used instead. The method and its settings stay fixed.
 ///
 /// # Errors
 /// Those of the fit; no run, fewer than two resamples.
@@ -112,10 +113,10 @@ pub fn band(
     })
 }
 
-/// The places at which a band is drawn with straight lines between them: the targets, which ascend, and places between neighbours.
+/// Places at which a band is plotted with straight lines between them: the `targets`, which must ascend, and places between neighbours.
 ///
-/// Between two targets the band widens like half an ellipse, steepest beside them; the places are the cosines of equal angles, of
-/// which the straight lines miss no more than 2 % of the height.
+/// Between two targets the band widens like half an ellipse, steepest next to the targets. The places are cosines of equally spaced angles, so that
+/// the straight lines miss at most 2 % of the height.
 pub fn band_places(targets: &[f64]) -> Vec<f64> {
     let gaps = targets.len().saturating_sub(1).max(1);
     let pieces = (MOST_PLACES / gaps).clamp(4, 8);
@@ -130,13 +131,13 @@ pub fn band_places(targets: &[f64]) -> Vec<f64> {
     places
 }
 
-/// The fit of all readings, and how other values of its targets are smoothed alike.
+/// Fit of all readings, with what is needed to smooth other values at the same targets.
 struct Whole {
     method: Method,
     targets: Vec<readings::Target>,
     curve: Curve,
     candidate: Candidate,
-    /// Of a spline, with the smoothing parameter that stays.
+    /// Problem and fixed smoothing parameter of a spline.
     spline: Option<(Problem, f64)>,
 }
 
@@ -161,7 +162,7 @@ impl Whole {
         })
     }
 
-    /// Other values of the targets as this curve smooths them, at some places.
+    /// Smooths other `values` of the targets with the same method and evaluates the result at `at`.
     fn smoothed(&self, values: &[f64], at: &[f64]) -> Result<Vec<f64>, FitError> {
         let curve = if let Some((problem, log_lambda)) = &self.spline {
             let coefficients = problem.with(values).smoothed(*log_lambda)?.coefficients;
@@ -169,7 +170,7 @@ impl Whole {
         } else {
             let (mut x, mut u) = (Vec::new(), Vec::new());
             for (target, value) in self.targets.iter().zip(values) {
-                // As often as it was read: its weight.
+                // Repeat each target by its number of readings: its weight.
                 let mut readings = target.count;
                 while readings > 0.5 {
                     x.push(target.x);
@@ -182,14 +183,14 @@ impl Whole {
         Ok(at.iter().map(|&x| curve.value(x)).collect())
     }
 
-    /// Variance of the curve at a place over that of a reading's mean, from the leverages of the targets beside it.
+    /// Variance of the curve at a place relative to that of a single mean reading, interpolated from the leverages of the neighbouring targets.
     fn leverage(&self, x: f64) -> f64 {
         let leverages = &self.candidate.leverages;
         let (i, share) = self.gap(x);
         leverages[i] + share * (leverages[(i + 1).min(leverages.len() - 1)] - leverages[i])
     }
 
-    /// The target before a place, and the share of the gap behind it.
+    /// Index of the target before a place, and the position in the gap after it as a share from 0 to 1.
     fn gap(&self, x: f64) -> (usize, f64) {
         let above = self.targets.partition_point(|t| t.x <= x);
         let Some(i) = above.checked_sub(1) else {
@@ -209,7 +210,7 @@ impl Whole {
     ) -> Result<Vec<f64>, FitError> {
         let count = runs.len() as f64;
         let places: Vec<f64> = self.targets.iter().map(|t| t.x).collect();
-        // What each run differs from the mean of all, smoothed; a target that it lacks differs by nothing.
+        // Smooth the deviation of each run from the mean of all; a target missing from the run deviates by 0.
         let mut rests = Vec::with_capacity(runs.len());
         let mut offsets = Vec::with_capacity(runs.len());
         let mut scatter = 0.0;
@@ -230,7 +231,7 @@ impl Whole {
             offsets.push(offset);
             rests.push(curve.iter().map(|c| c - offset).collect::<Vec<f64>>());
         }
-        // Whole runs, drawn again and again.
+        // Resample whole runs.
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         let (mut of_offset, mut of_rest) = (0.0, 0.0);
         for _ in 0..options.resamples {
@@ -258,7 +259,7 @@ impl Whole {
             1.0
         };
         let t = student_95(freedom);
-        // Of the mean of a target.
+        // Variance of the mean reading of a target.
         let noise = scatter / ((count - 1.0) * self.targets.len() as f64) / count;
         let wrong = self.wrong(noise);
         let mean_leverage = coefficients / self.targets.len() as f64;
@@ -269,29 +270,29 @@ impl Whole {
         Ok(at.iter().map(half_width).collect())
     }
 
-    /// The mean square of what the curve is wrong about the shape at the targets, and of targets left out, beyond the noise of their means.
+    /// Mean square error of shape at the targets, and of targets left out, each beyond the noise of the mean readings.
     fn wrong(&self, noise: f64) -> [f64; 2] {
         let count = self.targets.len() as f64;
         let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));
         let left = residuals.map(|r| r * r).sum::<f64>() / count;
-        // Only what is more than chance makes of noise, twice its standard deviation.
+        // Count only what exceeds the expected noise by two standard deviations.
         let freedom = (count - self.candidate.coefficients).max(0.0);
         let at_targets = left - noise * (freedom + 2.0 * (2.0 * freedom).sqrt()) / count;
         let beyond = self.beyond(&self.candidate, noise);
-        // The errors of the curve are small by luck where it is the best of many and they are few, and where waves shorter than two gaps look at
-        // the targets like a long one that it follows: straight lines between the readings were not chosen.
+        // The chosen curve may have small errors by chance, being the best of many candidates, or because waves shorter than two gaps are aliased to
+        // a long one that it follows. Linear interpolation was not selected by these errors, so it gives a lower bound.
         let of_table = of_method(Method::LinearTable, &self.targets).ok();
         let of_table = of_table.map_or(0.0, |table| self.beyond(&table, noise));
         [at_targets.max(0.0), beyond.max(of_table)]
     }
 
-    /// The mean square of what a method misses of targets left out, beyond the noise of their means.
+    /// Mean square leave-one-out error of a method beyond the noise of the mean readings.
     fn beyond(&self, candidate: &Candidate, noise: f64) -> f64 {
         let errors = &candidate.errors;
         if errors.is_empty() {
             0.0
         } else {
-            // Of noise alone a target left out is missed by its own and that of the curve without it.
+            // Noise in a leave-one-out error: that of the target itself and that of the curve fitted to the others.
             let inner = &candidate.leverages[1..self.targets.len() - 1];
             let of_noise = inner
                 .iter()
@@ -302,10 +303,10 @@ impl Whole {
         }
     }
 
-    /// The square of the half width that the shape needs at a place: at the targets the first, between them the second as well.
+    /// Squared half width for errors of shape at a place: the first term everywhere, the second between targets only.
     fn wrong_at(&self, x: f64, [at_targets, beyond]: [f64; 2]) -> f64 {
         let (_, share) = self.gap(x);
-        // As few errors tell little of their size.
+        // Student's t because the mean square comes from few errors.
         let t = student_95(self.candidate.errors.len() as f64);
         t * t * (at_targets + 4.0 * share * (1.0 - share) * OF_LEFT_OUT * beyond)
     }
@@ -321,20 +322,20 @@ impl Whole {
         let mut squares: f64 = residuals.iter().map(|r| r * r).sum();
         let errors = &self.candidate.errors;
         if freedom < 1.0 {
-            // Of a curve through its readings: a target left out is missed by its own noise and half that of its neighbours.
+            // An interpolating curve misses a target left out by the noise of that target and half that of its neighbours.
             residuals = errors.iter().copied().filter(|e| e.is_finite()).collect();
             squares = residuals.iter().map(|e| e * e / 1.5).sum();
             freedom = residuals.len() as f64;
         }
         if residuals.is_empty() || freedom < 1.0 {
-            // Nothing is known.
+            // No information: the band is unbounded.
             return Ok(vec![f64::INFINITY; at.len()]);
         }
         let mean = residuals.iter().sum::<f64>() / residuals.len() as f64;
         let centred: f64 = residuals.iter().map(|r| (r - mean).powi(2)).sum();
         let factor = (squares / freedom / (centred / residuals.len() as f64)).sqrt();
         if !factor.is_finite() {
-            // Nothing is left of the readings; or all errors are alike, and tell nothing of how others would be.
+            // Zero residuals, or equal errors, which have no spread to scale.
             let half = if squares == 0.0 { 0.0 } else { f64::INFINITY };
             return Ok(vec![half; at.len()]);
         }

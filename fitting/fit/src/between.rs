@@ -1,4 +1,4 @@
-//! What a curve does between its targets that readings do not bear out.
+//! Checks whether the readings support the curve between its targets.
 
 use volcomp_curve::Curve;
 
@@ -6,32 +6,34 @@ use crate::fit::rms;
 use crate::readings::{self, Target};
 use crate::{Fit, Noise};
 
-/// Between targets a curve may leave the band of the mean readings, or a straight line, by this share of the band's height.
+/// Share of the height of the mean readings by which a curve may leave their band, or a straight line, between targets.
 const LEFT_BY: f64 = 0.25;
-/// Each gap is looked at in so many pieces where a curve is chosen, and so many where it is judged; with many targets in fewer.
+/// Samples per gap when choosing a curve, and when assessing one; fewer with many targets.
 const PIECES: usize = 4;
 const FINE_PIECES: usize = 64;
 const MOST_PIECES: usize = 4000;
-/// Targets that are left out are missed by more than so many times what the readings repeat to, and what the curve leaves of them, where the curve
-/// misses more than scatter.
+/// Targets are too sparse only if the leave-one-out RMS exceeds this multiple of both the repeatability and the RMS residual: below that, scatter
+/// explains the errors.
 const MORE_THAN_SCATTER: f64 = 2.0;
-/// A target left out is predicted over two gaps, and is missed by four times what a smooth curve misses within one: of so many times what the readings
-/// repeat to, nearly twice is left.
+/// Multiple of the repeatability that the leave-one-out RMS of sparse targets exceeds. Leaving out a target doubles the gap, so a smooth curve misses
+/// it by four times its error within one gap: at this limit that error is nearly twice the repeatability.
 const MORE_THAN_REPEATS: f64 = 7.0;
-/// Second differences of mean readings say what these scatter, and more where the error bends between targets: a curve that leaves more than so many
-/// times that does not follow them. Scatter alone is held for it once in a thousand; a wave shorter than seven gaps cannot be told from scatter.
+/// A curve does not follow the readings if the RMS residual of the mean readings exceeds this multiple of their [`unevenness`]. Second differences
+/// estimate the scatter, and more where the error bends between targets. Pure scatter exceeds the limit once in a thousand; a wave shorter than seven
+/// gaps cannot be distinguished from scatter.
 const MORE_THAN_UNEVEN: f64 = 3.0;
-/// The same of four, five and six targets, of which a straight line leaves no more of an arch than 1.2, 2.0 and 3.1 times their unevenness.
+/// The same limit for four, five and six targets: a straight line through an arch leaves at most 1.2, 2.0 and 3.1 times its unevenness.
 const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
-/// Where nothing tells what readings repeat to, this share of their height counts.
+/// Share of the height of the readings that replaces an unknown repeatability.
 const OF_HEIGHT: f64 = 0.1;
-/// Of what is in a gap of more than so many mean gaps the targets that are left out tell nothing: what is missed of them need be no more than scatter.
+/// Gaps wider than this multiple of the mean gap are always too sparse if the leave-one-out errors exceed scatter: targets left out elsewhere do not
+/// test what happens inside such a gap.
 const WIDE_GAP: f64 = 5.0;
 
-/// Where a spline is held between two targets, as shares of the gap.
+/// Positions in a gap, as shares of its width, at which a spline is constrained.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
 
-/// The band of mean readings that a curve that is chosen, or a spline in a wide gap, may not leave between targets.
+/// Band of the mean readings that a chosen curve, or a spline in a wide gap, may not leave between targets: `[low, high]`.
 pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -39,7 +41,7 @@ pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     [low - more, high + more]
 }
 
-/// The targets and the band of their mean readings.
+/// Targets and the band of their mean readings.
 pub(crate) struct Band {
     targets: Vec<f64>,
     low: f64,
@@ -57,14 +59,14 @@ impl Band {
         }
     }
 
-    /// Whether a curve stays in the band between targets.
+    /// Whether the curve stays in the band between targets.
     pub(crate) fn holds(&self, curve: &Curve) -> bool {
         let beyond = |value: f64, _| (self.low - value).max(value - self.high);
         self.furthest(curve, PIECES, beyond).is_none()
     }
 
-    /// The neighbours between which a curve leaves the straight line through its own values at them furthest; `None` where it is nowhere left by more
-    /// than it may be. A wave of four gaps leaves it by a fifth of the height of the readings, one of three by a third.
+    /// Neighbouring targets between which the curve departs most from its own chord; `None` where it nowhere departs by more than the limit. A wave
+    /// of four gaps departs by a fifth of the height of the readings, one of three by a third.
     fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
         let most = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
         self.furthest(curve, FINE_PIECES, |value, straight| {
@@ -76,7 +78,8 @@ impl Band {
         (self.high - self.low) / (1.0 + 2.0 * LEFT_BY)
     }
 
-    /// The neighbours between which the value of a curve is furthest beyond what is allowed, from it and that of a straight line between its values at both.
+    /// Neighbouring targets between which the curve exceeds the limit most. `beyond(value, chord)` returns the excess; `chord` is linear between the
+    /// values of the curve at both targets.
     fn furthest(
         &self,
         curve: &Curve,
@@ -92,7 +95,7 @@ impl Band {
             for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
                 let by = beyond(value, ends[0] + part * (ends[1] - ends[0]));
-                // A value that is no number is beyond anything.
+                // NaN counts as beyond any limit.
                 if by.is_nan() || by > most {
                     most = by;
                     furthest = Some([gap[0], gap[1]]);
@@ -103,7 +106,7 @@ impl Band {
     }
 }
 
-/// The highest less the lowest mean reading beside the straight line of least squares.
+/// Range of the mean readings after removing the least-squares line.
 fn height_beside_line(targets: &[Target]) -> f64 {
     let count = targets.len() as f64;
     let mean = |of: fn(&Target) -> f64| targets.iter().map(of).sum::<f64>() / count;
@@ -121,54 +124,53 @@ fn height_beside_line(targets: &[Target]) -> f64 {
     (high - low).max(0.0)
 }
 
-/// The standard deviation of values about a smooth course, of points in the order of their places: from what each value is beside the straight line through
-/// its two neighbours. `None` of fewer than three points.
+/// Standard deviation of values about a smooth curve, from the deviation of each value from the chord of its two neighbours. The points ascend by
+/// their abscissa. `None` for fewer than three points.
 pub fn unevenness(points: &[(f64, f64)]) -> Option<f64> {
     let beside = points.windows(3).map(|three| {
         let [(x0, v0), (x1, v1), (x2, v2)] = [three[0], three[1], three[2]];
         let share = if x2 == x0 { 0.5 } else { (x1 - x0) / (x2 - x0) };
         let beside = v1 - v0 - share * (v2 - v0);
-        // The variance of the difference is so many times that of a value.
+        // Variance of this deviation relative to that of a single value.
         beside * beside / (1.0 + (1.0 - share).powi(2) + share * share)
     });
     let count = beside.len();
     (count > 0).then(|| (beside.sum::<f64>() / count as f64).sqrt())
 }
 
-/// What of a curve between its targets the readings do not bear out, in the unit of the readings.
+/// How well the readings support a curve between its targets, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// What the curve misses of inner targets that are left out (root mean square); infinite where it cannot predict one.
+    /// RMS leave-one-out error of the inner targets; infinite where the curve cannot predict one of them.
     pub leave_one_out: f64,
-    /// What the curve leaves of the readings (root mean square).
+    /// RMS residual of the readings.
     pub residual: f64,
-    /// What it leaves of the mean readings of the targets (root mean square).
+    /// RMS residual of the mean readings of the targets.
     pub residual_of_means: f64,
-    /// The standard deviation of a reading, or of the mean that the curve was fitted to; `None` where nothing tells it.
+    /// Standard deviation of a reading, or of the mean that the curve was fitted to; `None` if unknown.
     pub repeatability: Option<f64>,
-    /// The number of targets.
+    /// Number of targets.
     pub targets: usize,
-    /// The [`unevenness`] of the mean readings from target to target, and no less than their rounding.
+    /// [`unevenness`] of the mean readings from target to target, at least their rounding.
     pub uneven: Option<f64>,
-    /// The highest less the lowest of the mean readings.
+    /// Range of the mean readings (highest minus lowest).
     pub height: f64,
-    /// The same beside the straight line through them (least squares).
+    /// Range of the mean readings after removing the least-squares line.
     pub height_beside_line: f64,
-    /// The widest gap between neighbouring targets over the mean one; 0 of fewer than three targets, of which none can be left out.
+    /// Widest gap between neighbouring targets relative to the mean gap; 0 for fewer than three targets, of which none can be left out.
     pub widest_gap: f64,
-    /// The neighbouring targets between which the curve leaves the straight line between its values there by more than a quarter of the height of
-    /// the readings, the furthest.
+    /// Neighbouring targets between which the curve departs most from its chord, if by more than a quarter of the height of the readings.
     pub swings: Option<[f64; 2]>,
 }
 
 impl Between {
-    /// Of a fit to readings `u` at `x`, with what such a reading scatters.
+    /// Assesses a fit to readings `u` at `x`; `noise` is the scatter of such a reading.
     pub fn of(fit: &Fit, x: &[f64], u: &[f64], noise: Option<Noise>) -> Self {
         let targets = readings::counted(x, u);
         let of_targets = Band::of(&targets);
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
         let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
-        // What a fit leaves of readings that it follows exactly.
+        // Residual rounding of a fit that follows the readings exactly.
         let rounding = 1e-9
             * points
                 .iter()
@@ -193,9 +195,9 @@ impl Between {
         }
     }
 
-    /// Whether the targets are too sparse for the error: inner targets left out one at a time are missed by more than twice what the readings repeat to
-    /// and what the curve leaves of them, and by more than seven times what they repeat to, or the widest gap is of more than five mean gaps. Where nothing tells
-    /// what readings repeat to, of one run, it is a tenth of their height in the second rule, and nothing in the first.
+    /// Whether the targets are too sparse for the error. The leave-one-out RMS of the inner targets must exceed twice the repeatability and twice the
+    /// RMS residual; it must also exceed seven times the repeatability, or the widest gap must exceed five mean gaps. An unknown repeatability (one
+    /// run) counts as a tenth of the height of the readings in the second condition and as zero in the first.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);
@@ -205,9 +207,10 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
-    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, or of their means more than three times
-    /// the unevenness (less of fewer than seven targets), and more than a tenth of their height beside a straight line, which says nothing of a wave. What
-    /// runs differ by in their zero makes them repeat badly, and not uneven.
+    /// Whether the curve fails to follow the readings. Either the RMS residual exceeds seven times the repeatability, or that of the mean readings
+    /// exceeds three times their unevenness (less for fewer than seven targets). In both cases it must exceed a tenth of the height of the readings
+    /// about a straight line, since a smaller residual is no evidence of a wave. Different zeros of the runs worsen the repeatability, not the
+    /// unevenness.
     pub fn is_not_followed(&self) -> bool {
         let few = self
             .targets
@@ -223,7 +226,7 @@ impl Between {
                 && is_beyond(self.residual_of_means, times, self.uneven)
     }
 
-    /// Says that the curve does not follow the readings, whose `unit` that is.
+    /// Message if the curve does not follow the readings; `unit` is the unit of the readings.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
         if !self.is_not_followed() {
             return None;
@@ -240,7 +243,7 @@ impl Between {
         ))
     }
 
-    /// What a person should read of it; `unit` is that of the readings, `along` that of the targets.
+    /// Warnings for the user; `unit` is the unit of the readings, `along` that of the targets.
     pub fn warnings(&self, unit: &str, along: &str) -> Vec<String> {
         let sparse = self.is_too_sparse().then(|| {
             let missed = if self.leave_one_out.is_finite() {

@@ -6,26 +6,26 @@ use crate::triangle::{Triangle, WIDTH};
 use crate::{Fit, FitError, readings};
 
 const DEGREE: usize = 3;
-/// As many segments as a pitch error of a long screw needs; the penalty keeps them smooth where the readings do not ask for them.
+/// Maximum number of segments, enough for the pitch error of a long screw; the penalty keeps them smooth where the readings need fewer.
 const MAX_SEGMENTS: usize = 400;
-/// Powers of ten of the smoothing parameter tried, with up to so many segments; with more of them the upper end is higher, since
-/// the penalty on a slow wave falls with the fourth power of their number.
+/// Decimal exponents of the smoothing parameters tried, for up to [`SEGMENTS_OF_RANGE`] segments. With more segments the upper end rises, since the
+/// penalty on a slow wave falls with the fourth power of their number.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
 const SEGMENTS_OF_RANGE: f64 = 40.0;
-/// In a gap of more than so many mean gaps the readings beside it do not hold the spline. Of 500 sets of targets in places that chance takes
-/// (`examples/gaps.rs`) four leave errors five times as large as the best, one and two none.
+/// Gaps wider than this multiple of the mean gap need the constraint on the band of the readings, because the neighbouring readings do not hold the
+/// spline there. Of 500 random sets of targets (`examples/gaps.rs`) a limit of four leaves errors five times as large as the best; limits of one and
+/// two leave none.
 const WIDE_GAP: f64 = 2.0;
-/// The last step of the refinement.
+/// Final step of the refinement, in decades.
 const LOG_RESOLUTION: f64 = 0.01;
 
-/// Fits a smoothing B-spline through the mean reading of each target: cubic, uniform knots (as many
-/// segments as gaps between targets, at most 400), a penalty on second differences of the
-/// coefficients (Eilers and Marx, Statistical Science 11, 1996), its weight by generalised
-/// cross-validation (Craven and Wahba, Numer. Math. 31, 1979).
+/// Fits a smoothing B-spline through the mean reading of each target: cubic, uniform knots (as many segments as gaps between targets, at most 400), a
+/// penalty on second differences of the coefficients (Eilers and Marx, Statistical Science 11, 1996), its weight by generalised cross-validation
+/// (Craven and Wahba, Numer. Math. 31, 1979).
 ///
-/// Where two neighbouring targets are more than two mean gaps apart, its weight is the one that misses targets left out one at a time by least, of those
-/// with which the curve stays, in such gaps, in the band of the mean readings or leaves it by a quarter of its height at the most: between clustered targets cross-validation sees no
-/// scatter, and the slopes that it makes of it carry far into a gap.
+/// Where two neighbouring targets are more than two mean gaps apart, the weight minimises the leave-one-out error instead. Only weights are admitted
+/// with which the curve, in such gaps, leaves the band of the mean readings by at most a quarter of its height. Between clustered targets
+/// cross-validation sees no scatter, and the slopes that it derives from scatter extrapolate far into a gap.
 ///
 /// # Errors
 /// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
@@ -41,18 +41,18 @@ pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
 
 pub(crate) const LEAST_TARGETS: usize = 4;
 
-/// The least-squares problem of the targets: the four B-splines that are not zero at each, and the triangle that they make.
+/// Least-squares problem of the targets: the four non-zero B-splines at each, and their triangular factor.
 pub(crate) struct Problem {
     knots: Vec<f64>,
     rows: Vec<(usize, [f64; WIDTH])>,
     means: Vec<f64>,
     triangle: Triangle,
-    /// The B-splines at places in wide gaps between targets, where the spline may not leave the band of the readings.
+    /// B-splines at places in wide gaps between targets, where the spline may not leave the band of the readings.
     in_gaps: Vec<(usize, [f64; WIDTH])>,
     band: [f64; 2],
 }
 
-/// The spline of one smoothing parameter, and what it leaves of each target.
+/// Spline for one smoothing parameter, with its residual at each target.
 pub(crate) struct Smoothed {
     pub(crate) coefficients: Vec<f64>,
     pub(crate) residuals: Vec<f64>,
@@ -61,7 +61,7 @@ pub(crate) struct Smoothed {
 }
 
 impl Problem {
-    /// Of at least 4 targets, increasing.
+    /// Builds the problem of at least 4 ascending targets.
     pub(crate) fn new(targets: &[[f64; 2]]) -> Self {
         let (lower, upper) = (targets[0][0], targets[targets.len() - 1][0]);
         let knots = uniform_knots(lower, upper, targets.len() - 1);
@@ -88,12 +88,11 @@ impl Problem {
         }
     }
 
-    /// The spline with these coefficients.
     pub(crate) fn curve(&self, coefficients: Vec<f64>) -> Result<BSpline, FitError> {
         Ok(BSpline::new(self.knots.clone(), coefficients, DEGREE)?)
     }
 
-    /// The same problem with other mean readings of the same targets.
+    /// The same problem for other mean readings of the same targets.
     pub(crate) fn with(&self, means: &[f64]) -> Self {
         let mut triangle = Triangle::new(self.triangle.size());
         for ((first, row), &mean) in self.rows.iter().zip(means) {
@@ -109,11 +108,10 @@ impl Problem {
         }
     }
 
-    /// The power of ten of the smoothing parameter with the smallest generalised cross-validation score: a
-    /// search over powers of ten, then bisection of the step around the best.
+    /// Decimal exponent of the smoothing parameter with the smallest score: a search over powers of ten, then bisection of the step around the best.
     pub(crate) fn cross_validated(&self) -> Result<f64, FitError> {
         let score = |log: f64| Some((self.score(&self.penalised(log)?), log));
-        // Where none is worth anything the stiffest stays.
+        // If every score is infinite, the stiffest spline stays.
         let better = |a: (f64, f64), b: (f64, f64)| {
             let is_better = b.0 < a.0 || a.0.is_infinite() && b.0.is_infinite() && b.1 > a.1;
             if is_better { b } else { a }
@@ -137,7 +135,7 @@ impl Problem {
         Ok(best.1)
     }
 
-    /// The spline of a smoothing parameter.
+    /// Solves for one smoothing parameter.
     pub(crate) fn smoothed(&self, log_lambda: f64) -> Result<Smoothed, FitError> {
         let triangle = self
             .penalised(log_lambda)
@@ -159,7 +157,7 @@ impl Problem {
         }
     }
 
-    /// The triangle with the rows of the penalty among those of the readings; none when it is singular.
+    /// Triangular factor with the rows of the penalty added to those of the readings; `None` if it is singular.
     fn penalised(&self, log_lambda: f64) -> Option<Triangle> {
         let root = 10_f64.powf(log_lambda / 2.0);
         let size = self.triangle.size();
@@ -179,8 +177,8 @@ impl Problem {
             .collect()
     }
 
-    /// What a smoothing parameter is judged by: the generalised cross-validation; with wide gaps between the targets the errors of those left out
-    /// one at a time, infinite where the spline leaves the band of the readings in such a gap.
+    /// Score of a smoothing parameter: generalised cross-validation. With wide gaps between the targets it is the leave-one-out error, infinite where
+    /// the spline leaves the band of the readings in such a gap.
     fn score(&self, triangle: &Triangle) -> f64 {
         if self.in_gaps.is_empty() {
             return self.generalised(triangle);
@@ -200,8 +198,7 @@ impl Problem {
             .sum()
     }
 
-    /// `n Σe² / (n − tr H)²`; infinite where the spline has no freedom left, for there rounding alone
-    /// would decide.
+    /// `n Σe² / (n − tr H)²`; infinite if the spline has no degrees of freedom left, because rounding alone would decide there.
     fn generalised(&self, triangle: &Triangle) -> f64 {
         let count = self.means.len() as f64;
         let freedom = count - triangle.trace_with(&self.triangle);
@@ -213,7 +210,7 @@ impl Problem {
     }
 }
 
-/// The value of a spline from the B-splines that are not zero at a place.
+/// Evaluates a spline from its non-zero B-splines at a place.
 fn value((first, row): &(usize, [f64; WIDTH]), coefficients: &[f64]) -> f64 {
     let acting = &coefficients[*first..first + WIDTH];
     row.iter().zip(acting).map(|(b, c)| b * c).sum()
@@ -224,7 +221,7 @@ fn uniform_knots(lower: f64, upper: f64, gaps: usize) -> Vec<f64> {
     let step = (upper - lower) / segments as f64;
     (0..=segments + 2 * DEGREE)
         .map(|i| match i {
-            // The ends of the domain are those of the targets to the last digit.
+            // The ends of the domain must equal the outer targets exactly.
             _ if i == DEGREE => lower,
             _ if i == DEGREE + segments => upper,
             _ => lower + (i as f64 - DEGREE as f64) * step,
@@ -232,8 +229,7 @@ fn uniform_knots(lower: f64, upper: f64, gaps: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The B-splines that are not zero at `x`, which lies in the domain: the place of the first, and their values (de Boor, J.
-/// Approx. Theory 6, 1972).
+/// Non-zero B-splines at `x`, which must lie in the domain: index of the first, and their values (de Boor, J. Approx. Theory 6, 1972).
 fn basis(knots: &[f64], x: f64) -> (usize, [f64; WIDTH]) {
     let inner = &knots[DEGREE..knots.len() - DEGREE];
     let above = inner.partition_point(|&t| t <= x).clamp(1, inner.len() - 1);

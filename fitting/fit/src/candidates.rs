@@ -1,4 +1,4 @@
-//! The candidates of the automatic choice, and what each misses of the targets that are left out.
+//! Candidates of the automatic choice with their leave-one-out errors.
 
 use volcomp_curve::{Chebyshev, MovingLeastSquares, Table};
 
@@ -10,36 +10,36 @@ use crate::{FitError, FitOptions, Method, fourier, mls, polynomial, readings, ta
 
 const SHAPE: f64 = 3.0;
 const MLS_TARGETS: usize = 7;
-/// The highest order of a polynomial in powers, and of a Chebyshev series.
+/// Highest order of a polynomial in powers, and of a Chebyshev series.
 const HIGHEST_POWER: usize = 8;
 const HIGHEST_ORDER: usize = 15;
 const HIGHEST_HARMONIC: usize = 20;
-/// Orders and supports of moving least squares tried: the published pair and stiffer and looser ones. Few on purpose: of
-/// the whole grid of the automatic mode the leave-one-out error picks what follows the scatter of the readings, and
-/// the calibration of the demonstration loses a third of its accuracy.
+/// Orders and supports of moving least squares tried: the published pair, and stiffer and looser ones. The list is short on purpose: over the whole
+/// grid of the automatic mode the leave-one-out error selects settings that follow the scatter of the readings, which costs the demonstration
+/// calibration a third of its accuracy.
 const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
-/// Order and half width in gaps between targets, tried besides where these are less than the least support above.
+/// Order and half width in gaps between targets, tried as well where that is less than the smallest support above.
 const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
-/// A setting that looks at more nodes than this, over all targets, is none for so many targets: the spline does the same in a
-/// fraction of the time.
+/// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
+/// same result in a fraction of the time.
 const MOST_LOOKS: f64 = 400_000.0;
-/// Targets determine a Fourier series only if they cover this share of the period.
+/// Minimum share of the period that the targets must cover to determine a Fourier series.
 const SHARE_OF_PERIOD: f64 = 0.5;
 
-/// A candidate and what it does with the targets of one set or several.
+/// Candidate with its errors over the targets of one or more sets.
 pub(crate) struct Candidate {
     pub(crate) method: Method,
-    /// The trace of the hat matrix, summed over the sets.
+    /// Trace of the hat matrix, summed over the sets.
     pub(crate) coefficients: f64,
-    /// What is missed of each inner target that is left out.
+    /// Leave-one-out errors of the inner targets.
     pub(crate) errors: Vec<f64>,
     pub(crate) largest_residual: f64,
-    /// The sum of the squares of the residuals, each with the weight of its readings, and the degrees of freedom it has.
+    /// Sum of squared residuals, each weighted by the number of readings, and its degrees of freedom.
     pub(crate) squares: f64,
     pub(crate) freedom: f64,
-    /// Diagonal of the hat matrix, of each target of the first set.
+    /// Diagonal of the hat matrix for the targets of the first set.
     pub(crate) leverages: Vec<f64>,
-    /// The curves of moving least squares, of each set: their values take long, and the fit needs them again. Empty for other methods.
+    /// Curves of moving least squares of each set, kept because they are slow to evaluate and the fit needs them again; empty for other methods.
     pub(crate) moving: Vec<mls::Candidate>,
 }
 
@@ -52,7 +52,7 @@ impl Candidate {
         }
     }
 
-    /// Together with the same method among the candidates of another set.
+    /// Combines this candidate with the one of the same method for another set; `None` if that set has none.
     pub(crate) fn with(mut self, others: &[Self]) -> Option<Self> {
         let same = others.iter().find(|other| other.method == self.method)?;
         self.coefficients += same.coefficients;
@@ -64,7 +64,7 @@ impl Candidate {
         Some(self)
     }
 
-    /// Of a fit that is linear in the means of the targets.
+    /// Candidate of a fit whose curve is linear in the mean readings.
     fn linear(method: Method, targets: &[Target], residuals: &[f64], leverages: &[f64]) -> Self {
         let errors: Vec<f64> = residuals
             .iter()
@@ -95,7 +95,7 @@ fn inner(errors: &[f64]) -> Vec<f64> {
     errors.get(1..last).unwrap_or_default().to_vec()
 }
 
-/// Every candidate that the targets, one at least, carry; those of equal numbers of coefficients in the order of [`Method`].
+/// All candidates that the targets (at least one) can carry, by ascending number of coefficients; ties in the order of [`Method`].
 pub(crate) fn candidates(
     targets: &[Target],
     options: &FitOptions,
@@ -122,13 +122,13 @@ pub(crate) fn candidates(
     }
     let domain = [first.x, last.x];
     let range = last.x - first.x;
-    // A curve cannot be made over such a range; the fit refuses it with its reason.
+    // No curve can be built over such a range; the fit reports the reason.
     Chebyshev::new(vec![0.0], domain)?;
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let mut all = Vec::new();
     let count = targets.len();
     let goes_round = options.period.is_some_and(|period| {
-        // The step from the last target to the first of the next turn is one as between the others.
+        // The gap from the last target to the first of the next turn counts like the others.
         let gap = range / (count - 1) as f64;
         count > 2 && range + gap >= period * (1.0 - HAIR)
     });
@@ -140,7 +140,7 @@ pub(crate) fn candidates(
     let highest = if goes_round { 0 } else { order };
     polynomials(targets, highest, domain, &mut all)?;
     if count == 3 && !goes_round {
-        // The one inner target does not tell a constant from a line.
+        // A single inner target cannot distinguish a constant from a line.
         all.retain(|c| c.coefficients > 1.5);
     }
     if of_two {
@@ -181,10 +181,9 @@ pub(crate) fn candidates(
     Ok(all)
 }
 
-/// Rounding of targets, as a share of the period.
+/// Rounding tolerance of targets, as a share of the period.
 const HAIR: f64 = 1e-9;
 
-/// A table through the means.
 fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitError> {
     let build = if method == Method::CubicTable {
         Table::cubic
@@ -203,7 +202,7 @@ fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitErr
     })
 }
 
-/// What one method, whether it is a candidate of the choice or not, does with the targets of one set.
+/// Errors of one method, candidate of the choice or not, over the targets of one set.
 pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate, FitError> {
     let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
@@ -240,7 +239,6 @@ pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate,
     Ok(Candidate::least_squares(method, targets, &solution))
 }
 
-/// Of moving least squares.
 fn moved(method: Method, targets: &[Target], curve: MovingLeastSquares) -> Candidate {
     let moving = mls::Candidate::of(curve);
     Candidate {
@@ -249,7 +247,7 @@ fn moved(method: Method, targets: &[Target], curve: MovingLeastSquares) -> Candi
     }
 }
 
-/// Polynomials up to the order, then Chebyshev series: the same functions, which keep their digits where powers lose them.
+/// Polynomials up to the order, then Chebyshev series: the same functions, but numerically accurate where powers lose digits.
 fn polynomials(
     targets: &[Target],
     order: usize,
@@ -260,7 +258,7 @@ fn polynomials(
     let magnitude = readings::magnitude(targets.iter().map(|t| t.mean));
     let mut series = Vec::new();
     for order in 0..=order {
-        // Higher orders lose more; what was found below still stands.
+        // Higher orders are worse conditioned; the lower ones remain valid.
         let Some(solution) = nested.solution(order + 1) else {
             break;
         };
@@ -296,7 +294,7 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
         if count * (2.0 * support).min(1.0) * count > MOST_LOOKS {
             continue;
         }
-        // A setting that these targets cannot carry is no candidate.
+        // These targets cannot carry the setting.
         let Ok(curve) = MovingLeastSquares::new(means.to_vec(), order, support, SHAPE) else {
             continue;
         };

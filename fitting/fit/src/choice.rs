@@ -1,20 +1,20 @@
-//! What an automatic choice of a curve is asked for, and what it answers: plain data.
+//! Input and result of the automatic choice of a curve.
 
 use std::fmt;
 
 use crate::{Fit, Method, Noise};
 
-/// What an automatic choice is asked for; by default nothing is.
+/// Requirements on an automatic choice; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default))]
 pub struct FitOptions {
-    /// No mean reading may be further from the curve, in units of the readings, if any candidate can do that.
+    /// Largest admissible deviation of a mean reading from the curve, in the unit of the readings. It is ignored if no candidate meets it.
     pub required_residual: Option<f64>,
-    /// What a single reading scatters. Without it the scatter of the readings of the same target counts, where there are several.
+    /// Scatter of a single reading. `None`: the scatter of repeated readings of the same target, if there are any.
     pub noise: Option<Noise>,
-    /// The period of the coordinate (360 for a rotary axis in degrees): Fourier series are candidates too, and where the
-    /// targets go all the way round nothing that would jump there.
+    /// Period of the coordinate (360 for a rotary axis in degrees). It adds Fourier series to the candidates; if the targets cover the full turn, it
+    /// removes every curve that would jump there.
     pub period: Option<f64>,
 }
 
@@ -84,13 +84,12 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// The score of the method chosen.
+    /// Score of the chosen method.
     pub fn chosen(&self) -> Option<&Score> {
         self.scores.iter().find(|score| score.method == self.method)
     }
 
-    /// Says that the curve chosen leaves more of the readings than these scatter; `None` where it follows them. `unit` is that of the
-    /// readings.
+    /// Message if the chosen curve leaves more of the readings than their scatter; `None` if it follows them. `unit` is the unit of the readings.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
         let score = self.chosen().filter(|score| !score.follows)?;
         Some(format!(
@@ -99,7 +98,7 @@ impl Choice {
         ))
     }
 
-    /// The best candidate of each kind by its leave-one-out error, in the order of the candidates.
+    /// Best candidate of each kind by leave-one-out error, in the order of the candidates.
     pub fn best_of_kinds(&self) -> Vec<Score> {
         let mut best: Vec<Score> = Vec::new();
         for score in &self.scores {
@@ -116,12 +115,12 @@ impl Choice {
     }
 }
 
-/// A curve chosen by itself.
+/// Automatically chosen curve.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AutoFit {
-    /// The curve.
+    /// Fitted curve.
     pub fit: Fit,
-    /// How it was chosen.
+    /// Method and scores of the choice.
     pub choice: Choice,
 }

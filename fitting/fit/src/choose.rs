@@ -1,14 +1,14 @@
-//! The automatic choice of a curve: one rule for all callers.
+//! Automatic choice of a curve: one rule for all callers.
 
 use crate::between::Band;
 use crate::candidates::{Candidate, candidates};
 use crate::{AutoFit, Choice, Fit, FitError, FitOptions, Noise, Reason, Score, readings};
 
-/// Candidates whose leave-one-out RMS is more than this many times the smallest are put aside, though they may follow the readings
-/// better at the targets: what they do between these is worse by far.
+/// Candidates whose leave-one-out RMS exceeds this multiple of the smallest are rejected. They may follow the readings better at the targets, but are
+/// far worse between them.
 const FAR: f64 = 2.0;
-/// A simpler candidate is taken for the best only if its leave-one-out RMS is at most this many times the best one: with few
-/// targets one standard error is much. On the generated curves of `examples/automatic.rs` this comes nearest to the truth, of 1.0 to 1.25.
+/// A simpler candidate replaces the best only if its leave-one-out RMS is at most this multiple of the best one: with few targets one standard error
+/// is large. Of the values 1.0 to 1.25 this one comes closest to the true curves of `examples/automatic.rs`.
 const AT_MOST: f64 = 1.1;
 
 /// Chooses a curve for readings `u` at `x` by [`choose`] and fits it.
@@ -17,35 +17,36 @@ const AT_MOST: f64 = 1.1;
 /// Those of [`choose`].
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
     let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
-    // One set, one fit.
+    // One set gives one fit.
     let fit = fits
         .pop()
         .ok_or(FitError::Undetermined { coefficients: 1 })?;
     Ok(AutoFit { fit, choice })
 }
 
-/// Chooses one method for several sets of readings, such as those of both directions of a measured line, by what it misses of
-/// whole targets that are left out with all their readings.
+/// Chooses one method for several sets of readings, such as both directions of a measured line, by its errors at whole targets that are left out with
+/// all their readings.
 ///
-/// Candidates are polynomials in powers up to order 8 and Chebyshev series up to order 15, both up to twice the root of the number of targets
-/// (beyond it a polynomial through evenly spaced targets swings at its ends) and up to that number less 2; from 3 targets on both tables,
-/// from 4 on the smoothing B-spline, from 7 on moving least squares in a few settings of
-/// shape 3; with a period Fourier series. Of those that meet the required residual, if any do:
+/// Candidates are polynomials in powers up to order 8 and Chebyshev series up to order 15. Both are limited to twice the root of the number of
+/// targets (beyond it a polynomial through evenly spaced targets oscillates at its ends) and to that number less 2. Both tables need 3 targets, the
+/// smoothing B-spline 4, moving least squares in a few settings of shape 3 need 7. With a period Fourier series are added. Of the candidates that
+/// meet the required residual, if any do:
 ///
-/// 1. Put aside are those whose leave-one-out RMS is more than twice the smallest; then, if any are left without them, those that leave more of the readings than
-///    these scatter (a test of the residuals against the scatter, which one of a hundred true curves fails). The scatter is that of the
-///    readings of the same target, or what the options state; without it all stay. Leaving out sees no difference between scatter and what is true of a
-///    single target; several runs do.
-/// 2. The best is the one with the smallest leave-one-out RMS over the inner targets. The first and the last target of a set are not left
-///    out: the curve is never asked beyond them, and not every kind can be.
-/// 3. Taken is the simplest, the one with the fewest coefficients (trace of the hat matrix), whose squared leave-one-out errors
-///    exceed those of the best, target by target, in the mean by no more than one standard error of that mean, and whose
-///    leave-one-out RMS is at most 1.1 times that of the best.
-/// 4. A candidate whose curve leaves, between targets, the band of the mean readings by more than a quarter of its height is put aside,
-///    and the rule begins anew without it.
+/// 1. Those whose leave-one-out RMS is more than twice the smallest are rejected. Then those that leave more of the readings than the scatter are
+///    rejected, unless none would remain (a test of the residuals against the scatter, which one in a hundred true curves fails). The scatter comes
+///    from repeated readings of the same target or from the options; if it is unknown, all remain. Leave-one-out errors cannot separate scatter from
+///    a real error at a single target; several runs can.
+/// 2. The best is the one with the smallest leave-one-out RMS over the inner targets. The first and the last target of a set are not left out: the
+///    curve is never evaluated beyond them, and not every kind can predict them.
+/// 3. The simplest is chosen, the one with the fewest coefficients (trace of the hat matrix), whose squared leave-one-out errors exceed those of the
+///    best, compared target by target, on average by at most one standard error of that mean, and whose leave-one-out RMS is at most 1.1 times that
+///    of the best.
+/// 4. A candidate whose curve leaves the band of the mean readings between targets by more than a quarter of its height is rejected, and the rule is
+///    repeated with the others.
 ///
-/// One target gives a constant, two give a line; three give a line, or a table where the line leaves more than the readings scatter. With a period, where the targets go all the way round, only a constant, Fourier series and, if the
-/// last reading is that of the first, tables are candidates: nothing else closes.
+/// One target gives a constant, two give a line; three give a line, or a table where the line leaves more than the scatter of the readings. With a
+/// period and targets that cover the full turn, only a constant, Fourier series and, if the last reading equals the first, tables are candidates:
+/// nothing else closes.
 ///
 /// # Errors
 /// Unequal lengths, numbers that are not finite, no set, a set without a reading, a required residual or a period that is not positive.
@@ -53,7 +54,7 @@ pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice,
     choose_and_fit(sets, options).map(|(choice, _)| choice)
 }
 
-/// Chooses one method for several sets of readings by [`choose`], with the fit of each set: the choice has made them already.
+/// Chooses one method for several sets of readings by [`choose`] and returns the fit of each set, which the choice computes anyway.
 ///
 /// # Errors
 /// Those of [`choose`].
@@ -128,7 +129,7 @@ pub fn choose_and_fit(
             Ok(mut fits) => {
                 let mut pairs = fits.iter().zip(&bands);
                 let holds = pairs.all(|(fit, band)| band.holds(&fit.curve));
-                // The last one left stays in any case.
+                // The last remaining candidate is kept in any case.
                 if holds || left.len() == 1 {
                     for fit in &mut fits {
                         fit.meets_required = options.required_residual.map(|_| any);
@@ -160,12 +161,12 @@ pub fn choose_and_fit(
             };
             return Ok((choice, fits));
         }
-        // `place` is found: the method comes from the candidates.
+        // The place exists: the method comes from the candidates.
         swings[place.unwrap_or_default()] = true;
     }
 }
 
-/// Rules 1 to 3, of candidates that are sorted by their coefficients.
+/// Applies rules 1 to 3 to candidates sorted by their number of coefficients.
 fn simplest<'a>(
     candidates: &[&'a Candidate],
     follows: &dyn Fn(&Candidate) -> bool,
@@ -173,7 +174,7 @@ fn simplest<'a>(
 ) -> Option<(&'a Candidate, Reason)> {
     let rounding = 1e-9 * magnitude;
     let first = *candidates.first()?;
-    // Without an inner target nothing is judged: the constant of one target, the line of two.
+    // Without an inner target there is nothing to compare: the constant of one target, the line of two.
     if first.errors.is_empty() {
         let most = candidates.iter().copied().reduce(|most, c| {
             if c.coefficients > most.coefficients + 0.5 {
@@ -215,7 +216,7 @@ fn simplest<'a>(
     Some((taken, reason))
 }
 
-/// Whether the squares of the errors exceed those of the best in the mean by no more than one standard error of the mean.
+/// Whether the squared errors exceed those of the best on average by at most one standard error of the mean.
 fn within_one_error(candidate: &Candidate, best: &Candidate) -> bool {
     let pairs = candidate.errors.iter().zip(&best.errors);
     let differences: Vec<f64> = pairs.map(|(own, best)| own * own - best * best).collect();

@@ -36,7 +36,7 @@ pub enum FitError {
         found: usize,
         needed: usize,
     },
-    /// A target lies outside the domain asked for.
+    /// A target lies outside the requested domain.
     #[error("target {index} is {value}: expected it in the domain [{lower}, {upper}]")]
     OutsideDomain {
         index: usize,
@@ -57,7 +57,7 @@ pub enum FitError {
         order: usize,
         lower: f64,
         upper: f64,
-        /// Largest deviation found, in units of the readings.
+        /// Largest deviation, in units of the readings.
         error: f64,
     },
     /// No order and support of moving least squares has enough nodes with a weight everywhere.
@@ -65,18 +65,18 @@ pub enum FitError {
         "{targets} targets leave no order and support with enough nodes within the support everywhere: expected more, or more evenly spread, targets, or a smaller shape than {shape}"
     )]
     NoCandidate {
-        /// The number of different targets that was found.
+        /// Number of different targets.
         targets: usize,
         shape: f64,
     },
-    /// A parameter is not what it must be.
+    /// A parameter is out of its range.
     #[error("{what} is {value}: expected {expected}")]
     Parameter {
         what: &'static str,
         value: f64,
         expected: &'static str,
     },
-    /// The curve refuses its parameters.
+    /// The curve rejects its parameters.
     #[error(transparent)]
     Curve(#[from] CurveError),
 }

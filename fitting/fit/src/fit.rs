@@ -11,31 +11,29 @@ pub struct Fit {
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
-    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts each of
-    /// these. Like the residuals it counts every reading, so that it is never below their root mean square: what the readings
-    /// of one target differ by no curve predicts.
+    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts each of these. Like the residuals
+    /// it counts every reading, so it is never below their root mean square: no curve predicts the differences between readings of one target.
     ///
-    /// Support, knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
-    /// only. Infinite when a target cannot be predicted from the others.
+    /// Support, knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets only. Infinite if a target cannot be
+    /// predicted from the others.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
-    /// The same of the inner targets alone: the curve is never asked beyond the first and the last, and not every kind can predict them.
+    /// Leave-one-out RMS of the inner targets alone: the curve is never evaluated beyond the first and the last, and not every kind can predict them.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub inner_rms: f64,
-    /// Whether the residual asked for is met; none where nothing was asked for.
+    /// Whether the required residual is met; `None` if none is required.
     pub meets_required: Option<bool>,
 }
 
 impl Fit {
-    /// `missed` is what the curve misses of the means of targets that are left out, each with the place of its target; none
-    /// where nothing can be left out.
+    /// `missed` holds the leave-one-out errors of the mean readings, each with the index of its target; empty if nothing can be left out.
     pub(crate) fn new(
         curve: Curve,
         x: &[f64],
         u: &[f64],
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
-        // Several runs ask for the same places, and moving least squares are slow to answer.
+        // Runs repeat their targets, and moving least squares are slow to evaluate: evaluate each place once.
         let mut places = x.to_vec();
         places.sort_by(f64::total_cmp);
         places.dedup();
@@ -43,7 +41,7 @@ impl Fit {
         Self::of_values(curve, &known, x, u, missed)
     }
 
-    /// As [`new`](Self::new), of a curve of which places and values are known, by ascending place: those of the targets.
+    /// Like [`new`](Self::new), for a curve whose places and values at the targets are known, by ascending place.
     pub(crate) fn of_values(
         curve: Curve,
         known: &[[f64; 2]],
@@ -53,7 +51,7 @@ impl Fit {
     ) -> Self {
         let at = |x: f64| {
             let place = known.binary_search_by(|[place, _]| place.total_cmp(&x));
-            // 0 and −0 are one place.
+            // 0 and −0 are the same place.
             place.map_or_else(|_| curve.value(x), |place| known[place][1])
         };
         let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x));
@@ -69,7 +67,7 @@ impl Fit {
         }
     }
 
-    /// The fit of a curve whose coefficients were solved for by least squares.
+    /// Fit of a curve with least-squares coefficients.
     pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Self {
         let errors = solution.residuals.iter().zip(&solution.leverages);
         let missed = errors.map(|(&e, &h)| left_out(e, h)).enumerate();
@@ -100,7 +98,7 @@ impl Fit {
     }
 }
 
-/// Root mean square over the readings of targets, from what is missed of their means; infinite where nothing can be left out.
+/// Root mean square over the readings of targets, from the leave-one-out errors of their means; infinite if nothing can be left out.
 fn over_readings(x: &[f64], u: &[f64], missed: impl Iterator<Item = (usize, f64)>) -> f64 {
     let targets = readings::counted(x, u);
     let (mut sum, mut count) = (0.0, 0.0);
@@ -133,7 +131,7 @@ pub(crate) fn left_out(residual: f64, leverage: f64) -> f64 {
     }
 }
 
-/// A candidate of an automatic choice: whether it meets the required residual, and its leave-one-out RMS.
+/// Candidate of an automatic choice: whether it meets the required residual, and its leave-one-out RMS.
 #[derive(Clone, Copy)]
 pub(crate) struct Judged {
     pub(crate) meets: bool,
@@ -141,8 +139,8 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Whether this candidate takes the place of the best so far: who meets the required residual comes first, then the
-    /// leave-one-out RMS decides where it is better by more than rounding of readings of this magnitude.
+    /// Whether this candidate replaces the best so far. One that meets the required residual wins; otherwise the smaller leave-one-out RMS wins, if
+    /// it is smaller by more than the rounding of readings of this magnitude.
     pub(crate) fn beats(self, best: Option<Self>, magnitude: f64) -> bool {
         let Some(best) = best else { return true };
         match (self.meets, best.meets) {

@@ -4,15 +4,15 @@ use crate::readings::Target;
 
 pub(crate) struct Solution {
     pub(crate) coefficients: Vec<f64>,
-    /// Diagonal of the hat matrix, of the mean of each target with the weight of its readings.
+    /// Diagonal of the hat matrix for the mean reading of each target, weighted by its number of readings.
     pub(crate) leverages: Vec<f64>,
     /// Mean reading minus curve, of each target.
     pub(crate) residuals: Vec<f64>,
 }
 
-/// Least squares by Householder QR of the mean readings of targets, each with the number of its readings as its weight: the
-/// same coefficients as those of all readings, and leverages that tell what happens when a target is left out with all its
-/// readings. One factorisation holds the solutions of all leading columns.
+/// Least squares by Householder QR of the mean readings of targets, each weighted by its number of readings. The coefficients equal those of a fit to
+/// all readings, and the leverages describe the effect of leaving a target out with all its readings. One factorisation holds the solutions of all
+/// leading columns.
 pub(crate) struct Nested {
     q: DMatrix<f64>,
     r: DMatrix<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct Nested {
 }
 
 impl Nested {
-    /// Of a matrix with a row for each target.
+    /// The matrix has one row for each target.
     pub(crate) fn new(mut matrix: DMatrix<f64>, targets: &[Target]) -> Self {
         let roots: Vec<f64> = targets.iter().map(|t| t.count.sqrt()).collect();
         for (mut row, &root) in matrix.row_iter_mut().zip(&roots) {
@@ -46,7 +46,7 @@ impl Nested {
         }
     }
 
-    /// The solution with the first so many columns; none when these are dependent, or more than there are targets.
+    /// Solution with the first `columns` columns; `None` if these are linearly dependent, or more than there are targets.
     pub(crate) fn solution(&self, columns: usize) -> Option<Solution> {
         if columns > self.r.nrows() || columns > self.r.ncols() || columns == 0 {
             return None;

@@ -1,4 +1,4 @@
-//! A kind of curve with its settings.
+//! Kinds of curves with their settings.
 
 use std::fmt;
 
@@ -67,7 +67,7 @@ impl Method {
             Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
             Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
             Self::Fourier { order, period } => {
-                // Round the whole turn the curve holds everywhere, beyond the last target too.
+                // Over the full turn the curve is valid everywhere, beyond the last target too.
                 let gaps = readings::targets(x, u).len().saturating_sub(1).max(1) as f64;
                 let range = upper - lower;
                 let domain = if range >= period - 1.5 * range / gaps && range < period {

@@ -4,18 +4,18 @@ use volcomp_curve::MovingLeastSquares;
 use crate::fit::{Judged, left_out, rms};
 use crate::{Fit, FitError, readings};
 
-/// The orders of moving least squares that [`scan_mls`] and [`fit_mls_auto`] try.
+/// Orders of moving least squares that [`scan_mls`] and [`fit_mls_auto`] try.
 pub const MLS_ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 /// Supports tried, in twentieths of the range.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 /// The name of the fit in messages about too few targets.
 const PURPOSE: &str = "moving least squares";
 const OF_ORDER: &str = "a curve of moving least squares of this order";
-/// The widest support: with more every target weighs nearly alike, and the curve is one polynomial.
+/// Widest support, as a share of the range: above it every target has nearly the same weight, and the curve is a single polynomial.
 const WIDEST: f64 = 1.0;
-/// The published order and support of long gantries, tried besides the grid.
+/// Published order and support for long gantries, tried in addition to the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
-/// The smallest ratio of singular values of the weighted design matrix of a candidate.
+/// Smallest admissible ratio of the smallest to the largest singular value of the weighted design matrix of a candidate.
 const LEAST_CONDITION: f64 = 1e-10;
 
 /// Fits moving least squares of the order, the support (a share of the range of the targets, above 0 and at most 1) and
@@ -60,8 +60,7 @@ pub struct MlsTrial {
     pub leave_one_out_rms: f64,
 }
 
-/// The settings among which [`fit_mls_auto`] chooses, lower orders first, within an order wider supports first. An order
-/// and support that is not in the list is not carried by the targets.
+/// Settings among which [`fit_mls_auto`] chooses, by ascending order, then by descending support. Settings that the targets cannot carry are omitted.
 ///
 /// # Errors
 /// Those of [`fit_mls_auto`].
@@ -127,12 +126,12 @@ pub fn fit_mls_auto(
     })
 }
 
-/// The order and the support with which moving least squares follow several sets of readings best, such as those of both
-/// directions of a measured line. The settings tried and the part of the required residual are those of [`fit_mls_auto`].
+/// Order and support with which moving least squares follow several sets of readings best, such as both directions of a measured line. The settings
+/// tried and the treatment of the required residual are those of [`fit_mls_auto`].
 ///
-/// One setting is chosen for all sets, by the root mean square of the errors with which targets that are left out are
-/// predicted: the more readings judge it, the less of the choice is luck. The first and the last target of each set are not
-/// left out: the curve is never asked beyond them, and a high order that misses there would lose by these two alone.
+/// One setting is chosen for all sets, by the leave-one-out RMS over all of them: more readings make the choice less accidental. The first and the
+/// last target of each set are not left out: the curve is never evaluated beyond them, and they alone would decide against a high order that misses
+/// them.
 ///
 /// # Errors
 /// Those of [`fit_mls_auto`]; no set.
@@ -175,20 +174,19 @@ pub fn choose_mls(
         .ok_or(none)
 }
 
-/// A setting and how well it does in several sets of readings.
+/// Setting with its errors over several sets of readings.
 #[derive(Clone, Copy)]
 struct Together {
     order: usize,
     support: f64,
     max_residual: f64,
-    /// The sum of the squares of what the curve misses of targets that are left out, and how many these are.
+    /// Sum of squared leave-one-out errors, and the number of targets left out.
     squares: f64,
     targets: f64,
 }
 
 impl Together {
-    /// Targets at the ends are not left out: the curve is never asked beyond them, and what a high order misses there
-    /// would decide alone.
+    /// Targets at the ends are not left out: the curve is never evaluated beyond them, and the error of a high order there would decide alone.
     fn of(candidate: &Candidate) -> Self {
         let curve = &candidate.curve;
         let inner = 1..curve.nodes().len().saturating_sub(1);
@@ -204,7 +202,7 @@ impl Together {
         }
     }
 
-    /// Together with the same setting among those of another set.
+    /// Combines this setting with the same one for another set; `None` if that set has none.
     fn with(self, others: &[Self]) -> Option<Self> {
         let mut others = others.iter();
         let same = others.find(|other| {
@@ -219,15 +217,15 @@ impl Together {
     }
 }
 
-/// The targets of a scan over orders and supports.
+/// Checked targets of a scan over orders and supports.
 fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> {
     let targets = readings::checked_targets(x, u, 3, PURPOSE)?;
-    // The shape is refused here, before it is taken for a lack of candidates.
+    // Report an invalid shape here, before it is mistaken for a lack of candidates.
     MovingLeastSquares::new(targets.clone(), 1, 2.0 * targets.len() as f64, shape)?;
     Ok(targets)
 }
 
-/// All candidates that the targets carry, lower orders first, within an order wider supports first.
+/// All candidates that the targets can carry, by ascending order, then by descending support.
 fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidate> {
     MLS_ORDERS.flat_map(move |order| {
         let supports = SUPPORTS.rev().map(|step| f64::from(step) / 20.0);
@@ -244,13 +242,13 @@ fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidat
     })
 }
 
-/// A curve and what it does with its targets.
+/// Curve with its errors at the targets.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     curve: MovingLeastSquares,
-    /// Each target and the curve there.
+    /// Each target with the value of the curve there.
     values: Vec<[f64; 2]>,
-    /// What the curve leaves of each target, and how much of its own reading the curve takes there.
+    /// Residual of each target, and its leverage: the weight of the reading in the curve there.
     pub(crate) residuals: Vec<f64>,
     pub(crate) influences: Vec<f64>,
     leave_one_out_rms: f64,
@@ -291,7 +289,7 @@ impl Candidate {
         }
     }
 
-    /// The fit to the readings that the targets are from.
+    /// Fit to the readings that the targets were averaged from.
     pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));
@@ -299,9 +297,9 @@ impl Candidate {
     }
 }
 
-/// Whether the targets carry a candidate: everywhere in the range as many nodes with a positive weight as leave one
-/// more than the coefficients when one is left out, and a least-squares problem that is not nearly singular. It is
-/// looked at where it is worst: at the ends, at nodes, half-way between them, and where a node enters the support.
+/// Whether the targets can carry the curve. Everywhere in the range there must be enough nodes with a positive weight that one more than the number
+/// of coefficients remains when one is left out, and the least-squares problem must not be nearly singular. It is checked in the worst places: at the
+/// ends, at nodes, half-way between them, and where a node enters the support.
 fn carries(curve: &MovingLeastSquares) -> bool {
     if !curve.has_nodes_everywhere(curve.order() + 2) {
         return false;
@@ -317,7 +315,7 @@ fn carries(curve: &MovingLeastSquares) -> bool {
     places.all(|x| reciprocal_condition(&curve.design(x)) >= LEAST_CONDITION)
 }
 
-/// The smallest singular value of some rows over the largest; 0 where they are singular.
+/// Ratio of the smallest to the largest singular value of a matrix given by rows; 0 if it is singular.
 fn reciprocal_condition(rows: &[Vec<f64>]) -> f64 {
     let columns = rows.first().map_or(0, Vec::len);
     let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| rows[row][column]);

@@ -1,20 +1,20 @@
-//! How much readings scatter, and what that explains.
+//! Scatter of readings, and tests against it.
 
 use crate::readings;
 
-/// A standard deviation and how well it is known.
+/// Standard deviation with its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Noise {
     /// Standard deviation of a reading.
     pub deviation: f64,
-    /// Degrees of freedom that it was estimated with; infinite where it is known.
+    /// Degrees of freedom of the estimate; infinite if the deviation is known.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub freedom: f64,
 }
 
 impl Noise {
-    /// From the readings of the same targets; `None` where no target has several, or where they do not differ.
+    /// Pooled standard deviation of repeated readings; `None` if no target has several, or if they do not differ.
     pub(crate) fn pooled(targets: &[readings::Target]) -> Option<Self> {
         let squares: f64 = targets.iter().map(|t| t.squares).sum();
         let freedom: f64 = targets.iter().map(|t| t.count - 1.0).sum();
@@ -22,8 +22,8 @@ impl Noise {
         (deviation > 0.0 && deviation.is_finite()).then_some(Self { deviation, freedom })
     }
 
-    /// Whether a sum of squares of residuals, each with the weight of its readings, with so many degrees of freedom is what this noise makes:
-    /// in all but one of a hundred cases it is (E. Paulson, Ann. Math. Stat. 13, 1942: the cube root of F is nearly normal).
+    /// Whether this noise explains a sum of squared residuals, each weighted by its number of readings, with these degrees of freedom: a test at the
+    /// 1 % level (E. Paulson, Ann. Math. Stat. 13, 1942: the cube root of F is nearly normal).
     pub(crate) fn explains(&self, squares: f64, freedom: f64) -> bool {
         if freedom < LEAST_FREEDOM {
             return true;
@@ -35,7 +35,7 @@ impl Noise {
     }
 }
 
-/// The quantile of the normal distribution that one in a hundred is above.
+/// 99 % quantile of the standard normal distribution.
 const ONE_IN_A_HUNDRED: f64 = 2.326_348;
-/// With less freedom than this a curve goes through the readings.
+/// Minimum degrees of freedom of the test: with fewer the curve interpolates the readings.
 const LEAST_FREEDOM: f64 = 0.5;

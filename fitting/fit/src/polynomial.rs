@@ -37,7 +37,7 @@ pub fn fit_polynomial(
     Ok(Fit::least_squares(polynomial.into(), x, u, &solution))
 }
 
-/// A series in powers of the argument, if these lose no more than 1e-7 of readings of this magnitude.
+/// Converts a series to powers of the argument, if the error is at most 1e-7 of readings of this magnitude.
 pub(crate) fn in_powers(series: &Chebyshev, magnitude: f64) -> Result<Polynomial, FitError> {
     let order = series.coefficients().len() - 1;
     let [lower, upper] = series.domain();
@@ -65,7 +65,7 @@ fn series(
     domain: [f64; 2],
 ) -> Result<(Chebyshev, Solution), FitError> {
     readings::check(x, u)?;
-    // An empty domain is refused before readings are held against it.
+    // Report an empty domain before checking readings against it.
     Chebyshev::new(vec![0.0], domain)?;
     readings::check_domain(x, domain)?;
     let needed = order.saturating_add(1);
@@ -83,7 +83,7 @@ fn series(
 
 const PURPOSE: &str = "a polynomial of this order";
 
-/// The series of all orders up to this one.
+/// Least-squares solutions of all series up to this order.
 pub(crate) fn nested(targets: &[Target], order: usize, domain: [f64; 2]) -> Nested {
     Nested::new(chebyshev_matrix(targets, order, domain), targets)
 }
@@ -103,8 +103,7 @@ fn chebyshev_matrix(targets: &[Target], order: usize, [lower, upper]: [f64; 2]) 
     matrix
 }
 
-/// The coefficients in powers of x of a Chebyshev series: Clenshaw's recurrence carried out on
-/// polynomials, with `t = shift + rate x`.
+/// Coefficients in powers of x of a Chebyshev series: Clenshaw's recurrence applied to polynomials, with `t = shift + rate x`.
 fn powers(series: &Chebyshev) -> Vec<f64> {
     let [lower, upper] = series.domain();
     let (shift, rate) = (-(lower + upper) / (upper - lower), 2.0 / (upper - lower));

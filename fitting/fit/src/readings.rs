@@ -42,18 +42,18 @@ pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), Fi
     }
 }
 
-/// A target with the mean of its readings.
+/// Target with the mean of its readings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Target {
     pub(crate) x: f64,
     pub(crate) mean: f64,
-    /// How many readings it has.
+    /// Number of readings.
     pub(crate) count: f64,
-    /// The sum of the squares of what they differ from their mean.
+    /// Sum of squared deviations of the readings from their mean.
     pub(crate) squares: f64,
 }
 
-/// The targets, increasing.
+/// Targets by ascending abscissa.
 pub(crate) fn counted(x: &[f64], u: &[f64]) -> Vec<Target> {
     let mut pairs: Vec<[f64; 2]> = x.iter().zip(u).map(|(&x, &u)| [x, u]).collect();
     pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -72,12 +72,12 @@ pub(crate) fn counted(x: &[f64], u: &[f64]) -> Vec<Target> {
         .collect()
 }
 
-/// The mean reading of each target, targets increasing.
+/// Mean reading of each target, by ascending target.
 pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
     counted(x, u).iter().map(|t| [t.x, t.mean]).collect()
 }
 
-/// Checked readings as the mean of each target, of which `purpose` needs so many.
+/// Checks the readings and returns the mean of each target; `purpose` needs at least `needed` targets.
 pub(crate) fn checked_targets(
     x: &[f64],
     u: &[f64],
@@ -107,7 +107,7 @@ pub(crate) fn require(
     }
 }
 
-/// The size of the readings, below which by a factor of 1e-9 differences are rounding.
+/// Magnitude of the readings; differences below 1e-9 of it are rounding.
 pub(crate) fn magnitude(u: impl IntoIterator<Item = f64>) -> f64 {
     u.into_iter()
         .fold(0.0, |largest: f64, u| largest.max(u.abs()))

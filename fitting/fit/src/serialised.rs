@@ -1,4 +1,4 @@
-//! A number that may be infinite, which JSON does not have: written as nothing, and read back as infinite.
+//! A number that may be infinite, which JSON cannot represent: written as null, read back as infinite.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

@@ -1,6 +1,6 @@
-//! Student's t: how much wider a band of 95 % is where the standard deviation comes from a few readings.
+//! Student's t: widening of a 95 % band whose standard deviation comes from few readings.
 
-/// Half the width of the band of 95 % of a normal distribution, in standard deviations.
+/// Half width of the 95 % band of a normal distribution, in standard deviations.
 const NORMAL_95: f64 = 1.959_964;
 
 /// t for 95 % (two sides) by degrees of freedom (JCGM 100, table G.2), with the digits of its closed forms and tables.
@@ -29,8 +29,7 @@ const TABLE: [(f64, f64); 22] = [
     (f64::INFINITY, NORMAL_95),
 ];
 
-/// t for 95 % (two sides), between the values of the table by its logarithm over 1/ν; below one degree of freedom that of
-/// one.
+/// Two-sided t for 95 %, interpolated in the table by its logarithm over 1/ν; below one degree of freedom the value for one.
 pub(crate) fn student_95(degrees: f64) -> f64 {
     let at = 1.0 / degrees.max(1.0);
     let mut wide = TABLE[0];
@@ -49,8 +48,7 @@ pub(crate) fn student_95(degrees: f64) -> f64 {
     NORMAL_95
 }
 
-/// How many times larger a standard uncertainty from a standard deviation with so many degrees of freedom has to be, so that
-/// ±1.96 of it are the band of 95 % (JCGM 100, G.3).
+/// Factor by which a standard uncertainty with these degrees of freedom is widened so that ±1.96 times the result is the 95 % band (JCGM 100, G.3).
 pub fn student_widening(degrees: f64) -> f64 {
     student_95(degrees) / NORMAL_95
 }

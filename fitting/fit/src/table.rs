@@ -31,8 +31,7 @@ fn fit_table(
     Ok(Fit::new(build(targets)?.into(), x, u, missed))
 }
 
-/// What the table through all other targets misses of each inner target. Slopes reach no further than the next but one
-/// target, so a piece of the table is enough.
+/// Leave-one-out errors of the inner targets. Slopes depend on no more than two targets on each side, so a piece of the table is enough.
 pub(crate) fn left_out(
     targets: &[[f64; 2]],
     build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,

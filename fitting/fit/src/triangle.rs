@@ -1,10 +1,10 @@
-//! Least squares with rows of four neighbouring numbers: a banded QR factorisation.
+//! Least squares with rows of four adjacent non-zero entries: a banded QR factorisation.
 
-/// Numbers in a row.
+/// Number of non-zero entries of a row.
 pub(crate) const WIDTH: usize = 4;
 
-/// The triangle R of a QR factorisation, of which a row has four numbers, and Qᵀ times the right-hand side. It is built row
-/// by row with Givens rotations; rows are added in the order of their first column, so that each meets four rows at the most.
+/// Triangular factor R of a QR factorisation with bandwidth 4, and Qᵀ times the right-hand side. It is built row by row with Givens rotations. Rows
+/// are added by ascending first column, so that each meets at most four rows.
 #[derive(Clone)]
 pub(crate) struct Triangle {
     r: Vec<[f64; WIDTH]>,
@@ -23,12 +23,12 @@ impl Triangle {
         self.r.len()
     }
 
-    /// The rows, each from its diagonal on, with its right-hand side.
+    /// Rows, each from its diagonal entry on, with its right-hand side.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&[f64; WIDTH], f64)> {
         self.r.iter().zip(self.y.iter().copied())
     }
 
-    /// Adds a row whose first number stands in the column `first`.
+    /// Adds a row whose first entry is in the column `first`.
     pub(crate) fn add(&mut self, first: usize, mut row: [f64; WIDTH], mut right: f64) {
         for (mine, y) in self.r.iter_mut().zip(&mut self.y).skip(first) {
             if row == [0.0; WIDTH] {
@@ -46,14 +46,14 @@ impl Triangle {
         }
     }
 
-    /// Whether no number on the diagonal is as good as zero.
+    /// Whether no diagonal entry is numerically zero.
     pub(crate) fn is_regular(&self) -> bool {
         let diagonal = || self.r.iter().map(|row| row[0].abs());
         let largest = diagonal().fold(0.0, f64::max);
         largest.is_finite() && diagonal().all(|d| d > 1e-13 * largest)
     }
 
-    /// Solves R a = y; the triangle is regular.
+    /// Solves R a = y; R must be regular.
     pub(crate) fn solution(&self) -> Vec<f64> {
         let size = self.size();
         let mut a = vec![0.0; size + WIDTH];
@@ -68,7 +68,7 @@ impl Triangle {
 
     /// `bᵀ (RᵀR)⁻¹ b` of a row that starts in the column `first`: its entry on the diagonal of the hat matrix.
     pub(crate) fn leverage(&self, first: usize, row: &[f64; WIDTH]) -> f64 {
-        // Rᵀ z = b from the first number that is not zero on; the rest of b is zero.
+        // Solve Rᵀ z = b from the first non-zero entry of b on.
         let mut pending = *row;
         let mut sum = 0.0;
         for mine in self.r.iter().skip(first) {
@@ -80,7 +80,7 @@ impl Triangle {
                 0.0,
             ];
             sum += z * z;
-            // What comes after this is less than rounding of the sum.
+            // Further terms are below the rounding of the sum.
             if pending.iter().all(|p| p.abs() < 1e-18 * mine[0].abs()) {
                 break;
             }
@@ -88,8 +88,8 @@ impl Triangle {
         sum
     }
 
-    /// The trace of `(RᵀR)⁻¹ SᵀS` of another triangle S of the same size: only the numbers of the inverse within the band are
-    /// needed, and these follow from the last row to the first (M. F. Hutchinson, F. R. de Hoog, Numer. Math. 47, 1985).
+    /// Trace of `(RᵀR)⁻¹ SᵀS` for another triangle S of the same size. Only the entries of the inverse within the band are needed, and these follow
+    /// from the last row to the first (M. F. Hutchinson, F. R. de Hoog, Numer. Math. 47, 1985).
     pub(crate) fn trace_with(&self, other: &Self) -> f64 {
         let size = self.size();
         // inverse[i][d] = C[i][i + d]; rows beyond the last are zero.

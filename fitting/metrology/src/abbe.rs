@@ -1,22 +1,22 @@
-//! Abbe's principle: what angular errors add to a linear error measured away from the point it is stated at.
+//! Abbe's principle: the contribution of angular errors to a linear error measured away from its functional point.
 
-/// Where the measured point stands.
+/// Side of the joint on which the measured point is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Rides {
-    /// It rides with the carriage that the error belongs to: the tool-side component of an axis right of `b`, the
-    /// workpiece-side component left of it.
+    /// It moves with the carriage that the error belongs to: the tool-side component of an axis right of `b`, the workpiece-side component left of
+    /// it.
     #[default]
     Carriage,
-    /// It stands on the other side of the joint.
+    /// It is on the other side of the joint.
     Other,
 }
 
-/// Which side of the machine an axis carries.
+/// Side of the machine that an axis carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CarriedSide {
-    /// The tool: the axis stands right of `b` in the structure.
+    /// The tool: the axis is right of `b` in the structure.
     Tool,
     /// The workpiece: left of `b`.
     Workpiece,
@@ -32,11 +32,11 @@ impl CarriedSide {
     }
 }
 
-/// The measured axis at one target.
+/// Measured axis at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Travel {
-    /// Which side the axis carries.
+    /// Side that the axis carries.
     pub side: CarriedSide,
     /// Unit direction u of the axis, MCS.
     pub direction_mcs: [f64; 3],
@@ -44,11 +44,10 @@ pub struct Travel {
     pub position_mm: f64,
 }
 
-/// The lever from the point at which a linear axis's errors are stated to the measured point, mm along the MCS axes.
+/// Lever from the point at which the errors of a linear axis are defined to the measured point, mm along the MCS axes.
 ///
-/// `point_mcs` is m, the measured point with the measured axis at 0 and every other axis where it stood;
-/// `carriage_point_mcs` is c̃, the axis's own `point` carried along by the held axes between `b` and it. The lever is
-/// m − c̃ for a point that rides with the carriage, else m + σ u q − c̃.
+/// `point_mcs` is m, the measured point with the measured axis at 0 and every other axis at its position in the test; `carriage_point_mcs` is c̃, the
+/// axis's own `point` moved by the held axes between `b` and it. The lever is m − c̃ for a point that moves with the carriage, else m + σ u q − c̃.
 pub fn lever_mm(
     point_mcs: [f64; 3],
     carriage_point_mcs: [f64; 3],
@@ -64,8 +63,7 @@ pub fn lever_mm(
     })
 }
 
-/// The part of the measured linear errors that the angular errors add: δ_measured − δ = ε × lever, µm along the MCS
-/// axes.
+/// Contribution of the angular errors to the measured linear errors: δ_measured − δ = ε × lever, µm along the MCS axes.
 ///
 /// `tilts_urad` is ε = (EAN, EBN, ECN) at the target, µrad; `lever_mm` from [`lever_mm`].
 pub fn abbe_um(tilts_urad: [f64; 3], lever_mm: [f64; 3]) -> [f64; 3] {

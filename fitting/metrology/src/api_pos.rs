@@ -11,18 +11,18 @@ use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
 use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
 
 const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
-/// mm in the file, µm in memory.
+/// The file uses mm, memory µm.
 const UM_PER_MM: f64 = 1e3;
 
-/// Reads a position file of an API laser (`.pos`): the tables headed `Position  Bidirectional | Forward Directional | Backward
-/// Directional Avg Error`, targets and errors in mm.
+/// Reads a position file of an API laser (`.pos`): the tables headed `Position  Bidirectional | Forward Directional | Backward Directional Avg
+/// Error`, targets and errors in mm.
 ///
-/// The file holds means over the runs, not the runs: forward and backward means become one run each. Where it has only the
-/// mean of both directions, that stands as one forward run, with a note. The mean of both is compared with its halves.
+/// The file holds means over the runs, not the runs: forward and backward means become one run each. If it has only the mean of both directions, that
+/// becomes one forward run, with a note. The mean of both is checked against the two directions.
 ///
 /// # Errors
-/// None of the tables, a table twice, rows that are not two numbers, a target twice, tables of different targets, a mean
-/// of both directions that is not that of the two.
+/// None of the tables, a table twice, rows that are not two numbers, a target twice, tables of different targets, a mean of both directions that is
+/// not that of the two.
 pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -154,7 +154,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
         let cells: Vec<&str> = line.split_ascii_whitespace().collect();
         let is_text = line.starts_with(|c: char| c.is_alphabetic());
         if is_text && !table.rows.is_empty() {
-            // Another part of the file that is not known, such as a summary.
+            // Another, unknown part of the file, such as a summary.
             open = false;
             continue;
         }
@@ -182,7 +182,7 @@ fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
     Ok(tables)
 }
 
-/// Tables of one test have the same targets, and the mean of both directions is that of the two.
+/// Checks that tables of one test have the same targets, and that the mean of both directions is that of the two.
 fn compare(
     name: &str,
     forward: &Table,
@@ -216,7 +216,7 @@ fn compare(
         let Some(both) = both else { continue };
         let (mean, line, of_mean) = value(both, row.target).ok_or_else(missing)?;
         let expected = f64::midpoint(row.error_mm, back);
-        // With exponents each number has a last digit of its own.
+        // With exponents the last digit differs from number to number.
         let rounding = 1.01 * step_of([row.decimals, of_back, of_mean].into_iter());
         if (mean - expected).abs() > rounding {
             let place = Place::new(name, line);
@@ -237,8 +237,8 @@ const MM_PER_UM: f64 = 1e-3;
 
 /// Writes the position file of an API laser (`.pos`): tables of targets and mean errors in mm, CRLF, seven decimals.
 ///
-/// The file has no place for single runs: the means over the runs of a direction are written, and where both directions were
-/// run their mean in front. Deviations are taken to be µm, as the format holds lengths alone.
+/// The format cannot hold single runs. It holds the means over the runs of each direction, preceded by the mean of both if both were run. Deviations
+/// are taken as µm, because the format holds lengths only.
 pub fn write_pos(measurement: &Measurement) -> String {
     let [forward, backward] = Direction::BOTH.map(|direction| measurement.mean_curve_in(direction));
     let mut text = head_of(&measurement.metadata);

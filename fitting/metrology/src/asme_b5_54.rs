@@ -2,8 +2,8 @@
 
 use crate::{Iso230Part2, StandardQuantity};
 
-/// The quantities of ASME B5.54 in its edition of 2005, which evaluates as ISO 230-2:1997 does, under names of its own; from memory,
-/// not proven by the text. The edition of 1992 is not evaluated.
+/// Quantities of ASME B5.54-2005, which evaluates like ISO 230-2:1997 under different names. The names are from memory, not verified against the
+/// text. The edition of 1992 is not supported.
 pub fn asme_b5_54(result: &Iso230Part2) -> Vec<StandardQuantity> {
     [
         ("A", "bidirectional positioning accuracy", result.a),

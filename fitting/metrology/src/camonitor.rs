@@ -1,4 +1,4 @@
-//! Logs of EPICS `camonitor`: channels that report whenever they change, interleaved, each with its own clock.
+//! Logs of EPICS `camonitor`: interleaved channels that report on change, each with its own time stamps.
 
 use std::collections::BTreeMap;
 
@@ -16,35 +16,35 @@ const US_PER_S: f64 = 1e6;
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChannelLog {
-    /// The file it came from, for messages.
+    /// Source file, for messages.
     pub name: String,
-    /// The date of the first line, as written.
+    /// Date of the first line, as written.
     pub date: Option<String>,
-    /// The channels, by name.
+    /// Channels, by name.
     pub channels: Vec<Channel>,
-    /// Notes for a person on how the file was read.
+    /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
-/// One channel of a [`ChannelLog`].
+/// Channel of a [`ChannelLog`].
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel {
-    /// Its name.
+    /// Name of the channel.
     pub name: String,
-    /// Time (s since the earliest line of the log) and value, in the order of time.
+    /// Time (s since the earliest line of the log) and value, by ascending time.
     pub samples: Vec<(f64, f64)>,
-    /// How many values came with each alarm, `LOLO MAJOR`; those that are `INVALID` are not among the samples.
+    /// Number of values with each alarm, such as `LOLO MAJOR`; values with `INVALID` are not among the samples.
     pub alarms: BTreeMap<String, usize>,
 }
 
 impl ChannelLog {
-    /// The channel of a name.
+    /// Channel with this name.
     pub fn channel(&self, name: &str) -> Option<&Channel> {
         self.channels.iter().find(|channel| channel.name == name)
     }
 
-    /// How long the log is, s.
+    /// Duration of the log, s.
     pub fn duration_s(&self) -> f64 {
         let last = self
             .channels
@@ -54,7 +54,7 @@ impl ChannelLog {
     }
 }
 
-/// Whether most of the first lines of a text are those of such a log.
+/// Whether most of the first lines of a text are in the format of `camonitor`.
 pub(crate) fn is_log(text: &str) -> bool {
     let lines: Vec<&str> = text
         .lines()
@@ -67,9 +67,8 @@ pub(crate) fn is_log(text: &str) -> bool {
 
 /// Reads a log of `camonitor`: `<channel> <YYYY-MM-DD> <hh:mm:ss.ffffff> <value> [<alarm words>]`.
 ///
-/// Values are put in the order of time within their channel. Values with the alarm `INVALID` are left out, those with others
-/// are kept; lines that are no numbers (a channel that is not connected, a text) are passed over. All of this is noted
-/// with counts.
+/// Values are sorted by time within their channel. Values with the alarm `INVALID` are dropped, those with other alarms are kept; lines without a
+/// number (a disconnected channel, a text) are skipped. Notes give the number of each.
 ///
 /// # Errors
 /// A text without a line of this kind.
@@ -121,10 +120,10 @@ pub fn parse_camonitor(bytes: &[u8], name: &str) -> Result<ChannelLog, Metrology
     })
 }
 
-/// What was read of one channel, in the order of the file.
+/// Values of one channel, in the order of the file.
 #[derive(Default)]
 struct Raw {
-    /// Microseconds and value.
+    /// Time in µs, and value.
     samples: Vec<(i64, f64)>,
     alarms: BTreeMap<String, usize>,
     out_of_order: usize,
@@ -205,7 +204,7 @@ impl<'t> Line<'t> {
             (words.next()?, words.next()?, words.next()?, words.next()?);
         let value = Place::new("", 0).number("value", value).ok()?;
         let alarm: Vec<&str> = words.collect();
-        // A waveform has numbers behind the first.
+        // A waveform has more numbers after the first.
         let is_word = |word: &&str| word.chars().all(|c| c.is_ascii_alphabetic() || c == '_');
         alarm.iter().all(is_word).then_some(())?;
         Some(Self {
@@ -234,7 +233,7 @@ fn days_of(date: &str) -> Option<i64> {
     if !(1970..=9999).contains(&year) {
         return None;
     }
-    // Years that begin in March, so that the leap day is their last.
+    // Years are counted from March, so that the leap day is their last.
     let year = if month <= 2 { year - 1 } else { year };
     let month = (month + 9) % 12;
     let of_year = (153 * month + 2) / 5 + day - 1;

@@ -1,5 +1,4 @@
-//! Checks that stop a wrong number: readings, surroundings and files that no test of a machine tool should show. They inform; nothing is
-//! ever removed.
+//! Plausibility checks of readings, surroundings and files against what tests of machine tools show. They only report; nothing is removed.
 
 use std::collections::{BTreeMap, BTreeSet, btree_map::Entry};
 
@@ -7,16 +6,15 @@ use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{DeviationUnit, Environment, Measurement, Quantity, ReferenceLine, StartEnd};
 
-/// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
+/// Deviations above this are implausible for a machine tool: 1 mm and 1 mrad, in µm and µrad.
 pub const ODD_ABOVE: f64 = 1e3;
-/// Deviations that are all smaller are odd for a machine tool: 0.1 µm and 0.1 µrad.
+/// Deviations that are all below this are implausible for a machine tool: 0.1 µm and 0.1 µrad.
 pub const SMALL_BELOW: f64 = 0.1;
-/// No linear axis is longer, mm.
+/// Maximum plausible length of a linear axis, mm.
 const LONGEST_MM: f64 = 200_000.0;
 
-/// Warnings for a person: what the reader noted, and what no test of a machine tool should show: deviations that are all
-/// the same, very large or very small, targets beyond any axis, a unit of targets that is not that of the axis, a
-/// single target, runs and readings unlike the others.
+/// Warnings for the user: notes of the reader, and anomalies for a machine tool. Anomalies are deviations that are all equal, very large or very
+/// small, targets beyond any axis, targets in a unit that does not fit the axis, a single target, and outlying runs and readings.
 pub fn oddities(measurement: &Measurement) -> Vec<String> {
     let mut odd = measurement.notes.clone();
     let sizes = || measurement.readings.iter().map(|reading| reading.deviation);
@@ -65,8 +63,8 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
     odd
 }
 
-/// The line that a straightness contains, along which the optics were set up: its size says nothing of the machine. Two targets have none that
-/// leaves anything.
+/// Least-squares line of a straightness measurement. It depends on the alignment of the optics, not on the machine, so it is removed
+/// before the size of the deviations is checked. `None` for two targets, which leave no deviation from the line.
 fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
     let is_straightness = measurement.quantity == Some(Quantity::Straightness);
     let points = measurement.mean_curve();
@@ -74,8 +72,7 @@ fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
     ReferenceLine::least_squares(&points).ok()
 }
 
-/// That deviations with this largest size, µm or µrad, are larger or smaller than those of a machine tool, in a sentence: most often
-/// they are in another unit.
+/// Warning if the largest deviation, µm or µrad, is implausibly large or small for a machine tool: most often the unit is wrong.
 pub fn odd_size(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
     large(largest, unit).or_else(|| small(largest, unit))
 }
@@ -100,7 +97,7 @@ fn with_space(unit: Option<DeviationUnit>) -> String {
     unit.map_or(String::new(), |unit| format!(" {unit}"))
 }
 
-/// The axis of a text such as `X`, `x-axis` or `Axis Y`.
+/// Axis named in a text such as `X`, `x-axis` or `Axis Y`.
 pub fn axis_named(text: &str) -> Option<AxisName> {
     let words = text.split(|c: char| !c.is_alphanumeric());
     let mut letters = words.filter_map(|word| word.to_uppercase().parse::<AxisName>().ok());
@@ -126,19 +123,18 @@ pub struct OutlierHint {
     pub text: String,
 }
 
-/// A reading is pointed at when it differs from the median of the runs by more than this many scatters.
+/// Readings that differ from the median of the runs by more than this multiple of the scatter are reported.
 const READING_LIMIT: f64 = 6.0;
 
-/// With fewer runs nobody can tell which one is wrong.
+/// Minimum number of runs to identify an outlying one.
 const FEWEST_RUNS: usize = 3;
 
-/// Points at runs, and at single readings of other runs, that differ from the rest.
+/// Reports outlying runs, and single outlying readings of other runs.
 ///
-/// Each reading is compared with the median of all runs at its target and direction; the scatter is estimated from
-/// the lower quartile of the differences between runs (one bad run of three does not hide itself), never
-/// below the resolution of the readings. Limits: 6 scatters for a reading, 2 + 4/√targets for the root mean square of
-/// a run; Gaussian readings of 5 runs each way at 21 targets give no hint in 99 % of tests. Directions with fewer than
-/// three runs are passed over.
+/// Each reading is compared with the median of all runs at its target and direction. The scatter is estimated from the lower quartile of the
+/// differences between runs (one bad run of three does not hide itself), and is at least the resolution of the readings. Limits: 6 times the scatter
+/// for a reading, 2 + 4/√targets for the root mean square of a run; Gaussian readings of 5 runs each way at 21 targets give no hint in 99 % of tests.
+/// Directions with fewer than three runs are skipped.
 pub fn outlier_hints(measurement: &Measurement) -> Vec<OutlierHint> {
     let residuals = residuals(measurement);
     let Some(scatter) = scatter(measurement) else {
@@ -221,9 +217,9 @@ fn residuals(measurement: &Measurement) -> Vec<Residual> {
     residuals
 }
 
-/// Standard deviation of a reading about its target's mean, insensitive to single runs and readings.
+/// Standard deviation of a reading about the mean of its target, robust against single outlying runs and readings.
 fn scatter(measurement: &Measurement) -> Option<f64> {
-    // All pairs of five runs; more runs add neighbours only, so that the work stays linear.
+    // Covers all pairs of five runs; with more runs only neighbours are compared, so that the effort stays linear.
     const FARTHEST_RUN: usize = 4;
     // Lower quartile of |a − b| for two Gaussian readings of standard deviation 1.
     const QUARTILE_OF_GAUSSIAN: f64 = 0.450_624;
@@ -245,7 +241,7 @@ fn scatter(measurement: &Measurement) -> Option<f64> {
     Some((quartile / QUARTILE_OF_GAUSSIAN).max(smallest_scatter(measurement)))
 }
 
-/// Rounded readings often coincide; their scatter is not below the rounding step's share, nor below 0.05 µm or µrad.
+/// Lower bound of the scatter: rounded readings often coincide, so it is at least a share of the rounding step, and at least 0.05 µm or µrad.
 fn smallest_scatter(measurement: &Measurement) -> f64 {
     const STEPS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];
     const SHARE: f64 = 0.6;
@@ -273,21 +269,21 @@ fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// The temperature at which lengths are stated (ISO 1), °C.
+/// Reference temperature of lengths (ISO 1), °C.
 pub const REFERENCE_DEGC: f64 = 20.0;
 
-/// A material temperature that is farther from 20 °C than this is noted, K: at 11 µm/(m·K) steel is 11 µm/m longer, more
-/// than a laser's own error and about that of a good scale.
+/// Maximum deviation of a material temperature from 20 °C without a note, K. At 11 µm/(m·K) steel expands by 11 µm/m, which exceeds the error of a
+/// laser and is about that of a good scale.
 pub const MATERIAL_WITHIN_K: f64 = 1.0;
 
-/// Outside of these no machine is measured, °C.
+/// Plausible range of the temperature of a workshop, °C.
 const ROOM_DEGC: [f64; 2] = [-5.0, 60.0];
-/// µm/(m·K): from Invar to plastics.
+/// Plausible range of expansion coefficients, from Invar to plastics, µm/(m·K).
 const COEFFICIENTS: [f64; 2] = [0.0, 100.0];
 
-/// Notes on the surroundings of a test: material farther than 1 K from 20 °C or changing by more during the test, with
-/// what hangs on the expansion coefficient, and values that no workshop has. The material matters to lengths along an axis
-/// alone: of straightness and of angles only what no workshop has is noted.
+/// Notes on the surroundings of a test: material more than 1 K from 20 °C or changing by more during the test, with the effect of the expansion
+/// coefficient, and values that are implausible for a workshop. The material affects only lengths along an axis: for straightness and angles only
+/// implausible values are noted.
 pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<String> {
     let is_length = quantity == Quantity::Positioning;
     let mut notes = Vec::new();
@@ -316,7 +312,7 @@ pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<S
     notes
 }
 
-/// How the file states that the readings were brought to 20 °C, in one sentence.
+/// One sentence on how the file states that the readings were corrected to 20 °C.
 pub fn material_compensation(environment: &Environment) -> String {
     let sensors = environment.material_temperature.iter().flatten().count();
     let coefficient = environment.expansion_coefficient.map(|c| c.start);
@@ -385,14 +381,14 @@ fn material(name: &str, degc: &StartEnd, environment: &Environment) -> Option<St
     ))
 }
 
-/// With fewer different deviations two tests may well be alike.
+/// Minimum number of different deviations to identify a test: with fewer, two tests may well agree by chance.
 const FEWEST_DIFFERENT: usize = 3;
 
-/// The tests that were seen, by their readings. No two tests scatter alike: where a second one has the readings of a first, it is
-/// most likely the same test under another name.
+/// Readings of the tests so far, to detect duplicates. The scatter of two tests never agrees, so a second test with the same readings is most likely
+/// the same one under another name.
 #[derive(Debug, Clone)]
 pub struct SeenReadings<T> {
-    /// Target, run, direction and size of the deviation of each reading, and what was said to have them first.
+    /// Target, run, direction and magnitude of the deviation of each reading, and the label of the first test that had them.
     first: BTreeMap<Vec<[u64; 4]>, T>,
 }
 
@@ -405,13 +401,13 @@ impl<T> Default for SeenReadings<T> {
 }
 
 impl<T> SeenReadings<T> {
-    /// What was seen before with the same readings, signs of deviations apart; where nothing was, `this` is what later ones are told.
-    /// `None` also for readings with fewer than three different deviations, which say nothing.
+    /// Label of an earlier test with the same readings, apart from the signs of the deviations. A new test is stored with the label `this`.
+    /// `None` also for readings with fewer than three different deviations, which identify no test.
     pub fn before(&mut self, measurement: &Measurement, this: T) -> Option<&T> {
         let key: Vec<[u64; 4]> = (measurement.readings.iter())
             .map(|reading| {
                 [
-                    // 0 and −0 are one target.
+                    // 0 and −0 are the same target.
                     (reading.target + 0.0).to_bits(),
                     u64::from(reading.run),
                     u64::from(reading.direction == Direction::Negative),

@@ -1,4 +1,4 @@
-//! The plain table of readings, `target,run,direction,deviation` or `target,deviation`.
+//! Plain table of readings, `target,run,direction,deviation` or `target,deviation`.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
@@ -17,25 +17,23 @@ use crate::{
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
-/// A head such as `Run 1 Fwd` does not state how its run and its direction are meant.
+/// A column head such as `Run 1 Fwd` does not define its run and direction.
 const ONE_ROW_A_READING: &str = "one row for each reading, `target,run,direction,deviation`: columns for each run or direction are not read";
 
 /// Reads a table of readings from CSV text.
 ///
-/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`);
-/// without these two, the rows are one unidirectional run. Columns may stand in any order; others are not read, and
-/// named in a note. Cells are separated by `,`, `;` or tabs; where not by commas, numbers may have a decimal comma.
-/// Targets are mm or deg, or inches where their head states it (`target inch`). The head of the deviations may have a unit behind it, `deviation [µm]`, `deviation_mm`,
-/// `deviation arcsec`: they are then brought into µm or µrad, and [`Measurement::unit`] says which. Without it they are
-/// read as they stand, and the unit is `None`. `name` is used in messages.
+/// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`); without these two, the rows
+/// are one unidirectional run. The order of columns is free; other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs; unless
+/// commas separate them, numbers may have a decimal comma. Targets are mm or deg, or inches if their head states it (`target inch`). The head of the
+/// deviations may be followed by a unit, `deviation [µm]`, `deviation_mm`, `deviation arcsec`: they are then converted to µm or µrad, and
+/// [`Measurement::unit`] names it. Otherwise they are not converted, and the unit is `None`. `name` is used in messages.
 ///
-/// The format has no end mark. A last line without a line break is refused when its number has fewer decimals
-/// than every other one (a number cut in two) and noted otherwise; a run that lacks a target, or a direction with
-/// fewer runs, is noted.
+/// The format has no end mark. A last line without a line break is rejected if its number has fewer decimals than every other one (a truncated
+/// number) and noted otherwise; a run that lacks a target, or a direction with fewer runs, is noted.
 ///
 /// # Errors
-/// Wrong header or number of columns, anything but finite numbers, repeated readings, an empty file: with file, line,
-/// what was found and what was expected.
+/// Wrong header or number of columns, anything but finite numbers, repeated readings, an empty file: with file, line, what was found and what was
+/// expected.
 pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED_HEADER)?;
@@ -70,9 +68,9 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     })
 }
 
-/// Writes the readings as `target,run,direction,deviation`, in their order, with as many digits as it takes to
-/// read the very same numbers again. The heads state the unit of the deviations where it is known (`deviation_um`), and that of the
-/// targets where the metadata name the axis (`target_mm`). Other metadata, environment and notes have no place in the format.
+/// Writes the readings as `target,run,direction,deviation`, in their order, with enough digits to read the same numbers again. The heads state the
+/// unit of the deviations if it is known (`deviation_um`), and that of the targets if the metadata name the axis (`target_mm`). The format cannot
+/// hold other metadata, environment and notes.
 pub fn write_csv(measurement: &Measurement) -> String {
     let axis = measurement.metadata.axis.as_deref();
     let axis: Option<AxisName> = axis.and_then(|letter| letter.trim().parse().ok());
@@ -100,14 +98,14 @@ pub fn write_csv(measurement: &Measurement) -> String {
     text
 }
 
-/// Where the quantities of a reading stand.
+/// Columns of the quantities of a reading.
 struct Columns {
     target: Column,
-    /// The unit in the head of the targets; inches are brought into mm.
+    /// Unit in the head of the targets; inches are converted to mm.
     target_unit: Option<TargetUnit>,
     targets_in_inches: bool,
     deviation: Column,
-    /// The unit in the head of the deviations.
+    /// Unit in the head of the deviations.
     unit: Option<ReadingUnit>,
     run_and_direction: Option<(Column, Column)>,
 }
@@ -170,7 +168,7 @@ impl Columns {
     }
 }
 
-/// The readings of the rows so far.
+/// Readings of the rows so far.
 #[derive(Default)]
 struct Rows {
     readings: Vec<Reading>,

@@ -1,16 +1,17 @@
-//! The heads of columns: names alone or with a unit behind them.
+//! Column heads: a name, alone or followed by a unit.
 
 use volcomp_document::{Column, CsvTable, quoted, split_head};
 
 use crate::MetrologyError;
 
-/// The unit of a head of this name, empty for the name alone: `target`, `target mm`, `target_mm`, `deviation [µm]`. `None` where the head is another one.
+/// Unit in a head with this name, empty for the name alone: `target`, `target mm`, `target_mm`, `deviation [µm]`. `None` if the head has another
+/// name.
 pub(crate) fn unit_of<'a>(head: &'a str, name: &str) -> Option<&'a str> {
     let (found, unit) = split_head(head);
     found.eq_ignore_ascii_case(name).then_some(unit)
 }
 
-/// The column of a name, alone or with a unit behind it, and that unit.
+/// Column with this name, alone or followed by a unit, and that unit.
 pub(crate) fn with_unit<'t>(
     table: &'t CsvTable,
     name: &str,
@@ -18,7 +19,7 @@ pub(crate) fn with_unit<'t>(
     one_column(table, name, |head| unit_of(head, name))
 }
 
-/// The one column in whose head a unit is found, which may be empty.
+/// The only column in whose head a unit, possibly empty, is found.
 pub(crate) fn one_column<'t>(
     table: &'t CsvTable,
     name: &str,
@@ -35,13 +36,13 @@ pub(crate) fn one_column<'t>(
     Ok(first)
 }
 
-/// All heads as the file has them, for messages.
+/// All column heads as written in the file, for messages.
 pub(crate) fn heads(table: &CsvTable) -> String {
     let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
     quoted(&heads.join(&table.separator().to_string()))
 }
 
-/// The note on columns with these heads.
+/// Note on the ignored columns.
 pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }

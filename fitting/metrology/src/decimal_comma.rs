@@ -1,4 +1,4 @@
-//! Decimal commas in files whose numbers stand between blanks and tabs, where a comma separates nothing.
+//! Decimal commas in files whose numbers are separated by blanks and tabs, where a comma is no separator.
 
 use std::borrow::Cow;
 
@@ -7,12 +7,11 @@ use volcomp_document::quoted;
 use crate::MetrologyError;
 use crate::number::{Place, with_point};
 
-/// The text with decimal points where its numbers have decimal commas, line for line. `numbers` is given each line in order and says from
-/// which byte on it holds numbers; `None`: it is no line of numbers, and stays as it is.
+/// Replaces decimal commas in the numbers of a text by points, line by line. `numbers` is called with each line in order and returns the byte from
+/// which it holds numbers; a line with `None` stays as it is.
 ///
 /// # Errors
-/// Numbers with commas and numbers with points in one file; and commas of which none need be a decimal one, since three digits follow each:
-/// `1,000` may be a thousand.
+/// Numbers with commas and numbers with points in one file; and ambiguous commas, if three digits follow each of them: `1,000` may be a thousand.
 pub(crate) fn with_points<'t>(
     text: &'t str,
     name: &str,
@@ -64,7 +63,7 @@ pub(crate) fn with_points<'t>(
     Ok(Cow::Owned(written))
 }
 
-/// `1,250`, but neither `0,250` nor `1,25`.
+/// True for `1,250`, but neither for `0,250` nor `1,25`.
 fn may_be_thousands(number: &str) -> bool {
     let digits = number.trim_start_matches(['+', '-']);
     let parts = digits.split_once(',');
@@ -73,7 +72,7 @@ fn may_be_thousands(number: &str) -> bool {
     })
 }
 
-/// Whether a line begins with a number, of either notation.
+/// Whether a line begins with a number in either notation.
 pub(crate) fn begins_with_number(line: &str) -> bool {
     let first = line.split_ascii_whitespace().next().unwrap_or_default();
     let place = Place::new("", 0);

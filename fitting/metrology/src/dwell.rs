@@ -1,46 +1,46 @@
-//! Readings from a log of channels: where the axis stood still, and what the instrument said there.
+//! Readings from a log of channels: the value of the instrument at each standstill of the axis.
 
 use crate::camonitor::{Channel, ChannelLog};
 use crate::number::range;
 use crate::travel::runs_by_travel;
 use crate::{FileFormat, Measurement, Metadata, MetrologyError, Reading, ReadingUnit};
 
-/// Which channels of a log are what, and when the axis counts as standing.
+/// Roles of the channels of a log, and the criteria for standstill of the axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channels {
-    /// The channel of the axis position: the command or the display of the machine, mm or deg.
+    /// Channel of the axis position: command or display of the machine, mm or deg.
     pub target: String,
-    /// The channel of the instrument.
+    /// Channel of the instrument.
     pub reading: String,
-    /// Whether the instrument reads positions, from which the target is subtracted; else it reads deviations.
+    /// Whether the instrument reads positions, from which the target is subtracted; otherwise it reads deviations.
     pub reads_position: bool,
-    /// The unit of the instrument's channel.
+    /// Unit of the channel of the instrument.
     pub unit: ReadingUnit,
-    /// The nominal targets, mm or deg; where there are none they come from the places at which the axis stood.
+    /// Nominal targets, mm or deg. Empty: the positions at which the axis stopped.
     pub targets: Vec<f64>,
-    /// The axis stands while its channel stays within this of where it stopped, mm or deg.
+    /// Maximum distance of the axis from the stop position during a standstill, mm or deg.
     pub within: f64,
-    /// It has to stand at least so long to be read, s.
+    /// Minimum duration of a standstill, s.
     pub dwell_s: f64,
-    /// The first part of each stand that is not read, s. With 0 the readings tell where it ends: it is what differs from the
-    /// second half of the stand by more than that scatters.
+    /// Settling time at the start of a standstill that is ignored, s. With 0 it is detected: the samples that differ from the second half of the
+    /// standstill by more than that scatters.
     pub settle_s: f64,
     /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
     pub zero_at_first: bool,
 }
 
-/// A stand of the axis: from, to (s) and its mean position.
+/// Standstill of the axis: start, end (s) and mean position.
 struct Stand {
     from_s: f64,
     to_s: f64,
     position: f64,
 }
 
-/// Takes the readings of a log where the axis stood still: the mean of what the instrument reported while it did, or, where it
-/// reported nothing because nothing changed, what it reported last. Runs and directions follow the order of travel.
+/// Reads a log at the standstills of the axis: the mean of the values of the instrument in each, or its last value before if it reported no
+/// change. Runs and directions follow the order of travel.
 ///
 /// # Errors
-/// A channel that the log does not have, no stand that is long enough, no reading before one of them.
+/// A channel that is missing from the log, no standstill that is long enough, no reading before one of them.
 pub fn readings_at_dwells(
     log: &ChannelLog,
     channels: &Channels,
@@ -109,15 +109,15 @@ pub fn readings_at_dwells(
     })
 }
 
-/// What was read at the stands of an axis.
+/// Readings at the standstills of an axis.
 #[derive(Default)]
 struct Read {
     readings: Vec<Reading>,
-    /// Stands that are at no target, or at one that was read before in the same run.
+    /// Number of standstills that are at no target, or at one that was read before in the same run.
     passed_over: usize,
-    /// Stands at the target of the stand before, which the axis had not left.
+    /// Number of standstills merged with the one before, because the axis had not left the target.
     joined: usize,
-    /// By how much the instrument moved at the most while the axis stood, µm or µrad.
+    /// Largest change of the instrument during a standstill, µm or µrad.
     widest: f64,
 }
 
@@ -135,7 +135,7 @@ impl Read {
             nearest(&nominal, stand.position)
                 .filter(|target| (target - stand.position).abs() <= reach)
         };
-        // An axis that creeps at a target, or overruns it by less than its reach, approached it once: the first stand is read.
+        // An axis that creeps at a target, or overruns it by less than its reach, approached it once: the first standstill counts.
         let is_left = |from: &Stand, to: &Stand| {
             let target = at_target(from);
             let stays = |(_, value): &(f64, f64)| {
@@ -147,7 +147,7 @@ impl Read {
             .chunk_by(|from, to| !is_left(from, to))
             .filter_map(<[Stand]>::first)
             .collect();
-        // Places that are no targets, such as overruns, still say from where a target was approached.
+        // Positions that are no targets, such as overruns, still define the direction of approach.
         let order: Vec<f64> = visits
             .iter()
             .map(|stand| at_target(stand).unwrap_or(stand.position))
@@ -163,7 +163,7 @@ impl Read {
             };
             let is_same = |r: &Reading| (r.run, r.direction, r.target) == (run, direction, target);
             if read.readings.iter().any(is_same) {
-                // Approached once more at the beginning of a run: one target, one reading.
+                // Approached again at the beginning of a run: keep one reading per target.
                 read.passed_over += 1;
                 continue;
             }
@@ -212,7 +212,7 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
     })
 }
 
-/// A channel reports only changes: each value holds until the next, the last until the log ends.
+/// A channel reports only changes: each value holds until the next one, the last until the log ends.
 fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
     let samples = &channel.samples;
     let mut stands = Vec::new();
@@ -242,7 +242,7 @@ fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
     stands
 }
 
-/// The stated targets, or the places at which the axis stood, each once.
+/// The stated targets, or the positions of the standstills, each once.
 fn nominal_targets(stands: &[Stand], channels: &Channels) -> Vec<f64> {
     if !channels.targets.is_empty() {
         return channels.targets.clone();
@@ -261,21 +261,21 @@ fn nearest(targets: &[f64], position: f64) -> Option<f64> {
     targets.iter().min_by(nearer).copied()
 }
 
-/// How far from a target the axis may stand and still be at it: ten times the limit of standing. An overrun is farther away.
+/// Maximum distance of the axis from a target: ten times the limit of standstill. An overrun is farther away.
 fn reach(channels: &Channels) -> f64 {
     10.0 * channels.within
 }
 
-/// What a channel reported from the end of one stand to the beginning of another.
+/// Samples of a channel between the end of one standstill and the start of another.
 fn between<'c>(channel: &'c Channel, from: &Stand, to: &Stand) -> &'c [(f64, f64)] {
     let place = |at: f64| channel.samples.partition_point(|(time, _)| *time < at);
     let samples = channel.samples.get(place(from.to_s)..place(to.from_s));
     samples.unwrap_or_default()
 }
 
-/// The samples from where they have come to rest, at least one of several: those before differ from the median of the second half by
-/// more than any of that half does. The last micrometres of an approach lie within the limit of standing, and have the sign of
-/// the direction: in the mean they would look like reversal.
+/// Samples after settling, at least one of several: those before differ from the median of the second half by more than any sample of that half. The
+/// last micrometres of an approach lie within the limit of standstill and have the sign of the direction, so that on average they would resemble a
+/// reversal value.
 fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
     let (first, second) = samples.split_at(samples.len() / 2);
     let mut values: Vec<f64> = second.iter().map(|(_, value)| *value).collect();
@@ -287,14 +287,14 @@ fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
         .iter()
         .map(|value| (value - median).abs())
         .fold(0.0, f64::max);
-    // Readings that do not scatter at all are equal but for rounding.
+    // Samples without scatter are equal up to rounding.
     let scatter = scatter + 1e-12 * median.abs();
     let moves = |(_, value): &(f64, f64)| (value - median).abs() > scatter;
     let from = first.iter().rposition(moves).map_or(0, |last| last + 1);
     &samples[from..]
 }
 
-/// The mean of a channel while the axis stood, and by how much it moved.
+/// Mean of a channel during a standstill, and its range of change.
 fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, f64)> {
     let from = stand.from_s + settle_s;
     let first = channel.samples.partition_point(|(time, _)| *time < from);
@@ -306,7 +306,7 @@ fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, 
         let last = channel.samples.get(end.checked_sub(1)?)?;
         return Some((last.1, 0.0));
     }
-    // Whoever states how long it takes is believed.
+    // A stated settling time is used as it is.
     let read = if settle_s > 0.0 {
         within
     } else {

@@ -1,17 +1,16 @@
-//! The editions of ISO 230-2: their names for the same quantities, and whether they have an annex on uncertainty.
+//! Editions of ISO 230-2: their names for the same quantities, and whether they have an annex on uncertainty.
 
 use crate::{Iso230Part2, StandardQuantity};
 
-/// An edition of ISO 230-2. All three evaluate with limits of 2 s and the estimator s with n − 1; the edition of 1988, with 3 s,
-/// is not evaluated.
+/// Edition of ISO 230-2. All three evaluate with limits of 2 s and the estimator s with n − 1; the edition of 1988, with 3 s, is not supported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Edition {
-    /// The second edition, 1997.
+    /// Second edition, 1997.
     Iso1997,
-    /// The third edition, 2006: an annex on the measurement uncertainty comes in.
+    /// Third edition, 2006: adds an annex on the measurement uncertainty.
     Iso2006,
-    /// The fourth edition, 2014: "error" where the ones before said "deviation" or "value".
+    /// Fourth edition, 2014: "error" replaces "deviation" and "value".
     #[default]
     Iso2014,
 }
@@ -95,7 +94,7 @@ const NAMES: [Names; 12] = [
 ];
 
 impl Edition {
-    /// The year of the edition.
+    /// Year of publication.
     pub fn year(self) -> u16 {
         match self {
             Self::Iso1997 => 1997,
@@ -104,7 +103,7 @@ impl Edition {
         }
     }
 
-    /// The edition of a year; `None` for a year that is not evaluated.
+    /// Edition of a year; `None` for an unsupported year.
     pub fn of_year(year: u16) -> Option<Self> {
         let all = [Self::Iso1997, Self::Iso2006, Self::Iso2014];
         all.into_iter().find(|edition| edition.year() == year)
@@ -115,12 +114,12 @@ impl Edition {
         self != Self::Iso1997
     }
 
-    /// The symbols of the quantities, in their order: the same in every edition.
+    /// Symbols of the quantities, in their order: the same in every edition.
     pub fn symbols() -> [&'static str; 12] {
         NAMES.map(|(symbol, _)| symbol)
     }
 
-    /// The quantities of an evaluation, with the names of the edition.
+    /// Quantities of an evaluation, with the names of the edition.
     pub fn quantities(self, result: &Iso230Part2) -> Vec<StandardQuantity> {
         let values = [
             result.a,

@@ -1,9 +1,9 @@
-//! Text of measurement files: UTF-8, else GBK or Latin-1 (Windows-1252) in the free text.
+//! Text encoding of measurement files: UTF-8, else GBK or Latin-1 (Windows-1252) in the free text.
 
 use crate::MetrologyError;
 use crate::number::Place;
 
-/// The text of a file, and a note when it is not UTF-8.
+/// Text of a file, and a note if it is not UTF-8.
 pub(crate) fn decode(bytes: &[u8], file: &str) -> Result<(String, Option<String>), MetrologyError> {
     let refuse = |at: usize, found: &str| {
         let line = bytes[..at].split(|b| *b == b'\n').count();
@@ -30,8 +30,8 @@ pub(crate) fn decode(bytes: &[u8], file: &str) -> Result<(String, Option<String>
     Ok((text.into_owned(), Some(note)))
 }
 
-/// Chinese text in GBK is pairs of high bytes, most of them punctuation (lead A1–A3) or common characters (lead B0–D7);
-/// in Latin-1 high bytes stand alone between letters.
+/// Whether the bytes are Chinese text in GBK: pairs of high bytes, mostly punctuation (lead A1–A3) or common characters (lead B0–D7). In Latin-1,
+/// high bytes are isolated between letters.
 fn looks_like_gbk(bytes: &[u8]) -> bool {
     let runs = || bytes.split(u8::is_ascii).filter(|run| !run.is_empty());
     let all_pairs =
@@ -46,7 +46,7 @@ fn looks_like_gbk(bytes: &[u8]) -> bool {
     all_pairs && 2 * common > leads.len()
 }
 
-/// Refuses a text file without any content.
+/// Rejects a text file without content.
 pub(crate) fn refuse_empty(text: &str, file: &str, expected: &str) -> Result<(), MetrologyError> {
     if text.trim().is_empty() {
         return Err(MetrologyError::Empty {
@@ -57,7 +57,7 @@ pub(crate) fn refuse_empty(text: &str, file: &str, expected: &str) -> Result<(),
     Ok(())
 }
 
-/// The first line that is not blank, with its number from 1.
+/// First line that is not blank, with its number from 1.
 pub(crate) fn first_line(text: &str) -> Option<(usize, &str)> {
     text.lines()
         .enumerate()

@@ -1,22 +1,22 @@
-//! The reasons why a measurement file, or a request about one, is refused.
+//! Errors of reading and evaluating measurement files.
 
 use volcomp_document::InputError;
 
 use crate::Direction;
 
-/// Where in a file something is wrong, what stands there and what should.
+/// Location of an error in a file, with the text found and the text expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Finding {
-    /// The file as it was named by the caller.
+    /// File as named by the caller.
     pub file: String,
     /// Line in the file, from 1.
     pub line: usize,
-    /// The item concerned: a key, a column, a section.
+    /// Key, column or section concerned.
     pub what: String,
-    /// The text found there, shortened when long.
+    /// Text found there, shortened if long.
     pub found: String,
-    /// The text that the format asks for.
+    /// Text that the format requires.
     pub expected: String,
 }
 
@@ -36,57 +36,57 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// Everything that can be wrong with a measurement file or with what is asked of it.
+/// Errors of a measurement file or of a request about one.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum MetrologyError {
-    /// The operating system does not give the file.
+    /// The operating system cannot read the file.
     #[error("{file}: cannot be read: {source}")]
     Unreadable {
         file: String,
         source: std::io::Error,
     },
-    /// A directory stands where a file should.
+    /// The path is a directory.
     #[error(
         "{file}: found a directory, expected a measurement file ({})",
         crate::READ_EXTENSIONS
     )]
     Directory { file: String },
-    /// The extension does not say how to read the file.
+    /// The extension is unknown.
     #[error(
         "{file}: found {found}, expected one that is read: {}",
         crate::READ_EXTENSIONS
     )]
     Extension { file: String, found: String },
-    /// The file is larger than any measurement file.
+    /// The file exceeds the size limit of measurement files.
     #[error(
         "{file}: found more than {limit_mib} MiB, expected a measurement file of at most that size"
     )]
     TooLarge {
         file: String,
-        /// The largest size that is read, MiB.
+        /// Size limit, MiB.
         limit_mib: u64,
     },
     /// The file holds no data.
     #[error("{file}: found nothing in the file, expected {expected}")]
     Empty { file: String, expected: String },
-    /// The bytes are not a text file of a known encoding.
+    /// The bytes are not text in a known encoding.
     #[error("{0}")]
     Encoding(Finding),
-    /// A table has no header as expected, or a row with more or fewer cells, or points among decimal commas.
+    /// A table has no valid header, a row with more or fewer cells, or decimal points among decimal commas.
     #[error(transparent)]
     Table(Box<InputError>),
-    /// The content is of another kind than the extension or the caller says.
+    /// The content is of another kind than the extension or the caller states.
     #[error("{0}")]
     Kind(Finding),
-    /// A line or key breaks the grammar.
+    /// A line or key violates the grammar.
     #[error("{0}")]
     Structure(Finding),
     /// A number is not a number, not finite or out of its range.
     #[error("{0}")]
     Number(Finding),
-    /// A declared count differs from what the file holds, a target or key stands twice, or the order of targets contradicts the directions.
+    /// A declared count differs from the content, a target or key is repeated, or the order of targets contradicts the directions.
     #[error("{0}")]
     Contradiction(Finding),
     /// The file ends before it is complete.
@@ -98,11 +98,11 @@ pub enum MetrologyError {
     )]
     TargetLacking {
         name: String,
-        /// The target, mm or deg.
+        /// Target, mm or deg.
         target: f64,
         direction: Direction,
     },
-    /// Readings that cannot be evaluated (only possible when built in code).
+    /// Readings that cannot be evaluated (only possible if built in code).
     #[error("{name}: {what}: found {found}, expected {expected}")]
     Readings {
         name: String,
@@ -110,7 +110,7 @@ pub enum MetrologyError {
         found: String,
         expected: String,
     },
-    /// The targets are not one bridge length apart.
+    /// The spacing of the targets is not the bridge length.
     #[error(
         "straightness by the angular method, targets {from} and {to}: found a spacing of {found} mm, expected the bridge length {bridge_mm} mm within 1 %"
     )]
@@ -119,29 +119,29 @@ pub enum MetrologyError {
         from: f64,
         /// Second target of the pair, mm.
         to: f64,
-        /// The distance between them, mm.
+        /// Distance between them, mm.
         found: f64,
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
     },
-    /// A file holds no readings at targets, though something else.
+    /// The file holds data, but no readings at targets.
     #[error("{file}: found {found}, expected readings at targets: {how}")]
     NoTargets {
         file: String,
         found: String,
         how: String,
     },
-    /// The file that says what the columns or channels of another mean cannot be read.
+    /// The mapping file of the columns or channels cannot be read.
     #[error("{message}")]
     Mapping { message: String },
-    /// A mapping of columns for a log, or of channels for a table.
+    /// A mapping of columns was given for a log, or one of channels for a table.
     #[error("{file}: found {found}, expected {expected}")]
     WrongMapping {
         file: String,
         found: &'static str,
         expected: &'static str,
     },
-    /// An error name has no meaning in this place.
+    /// The error name is invalid here.
     #[error("{what}: found `{found}`, expected {expected}")]
     ErrorName {
         what: String,

@@ -1,4 +1,4 @@
-//! Kinds of measurement files: what each is called, how its signs are meant and how far that is proven.
+//! Kinds of measurement files: name, sign convention and how far it is verified.
 
 /// A kind of measurement file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub enum FileFormat {
 }
 
 impl FileFormat {
-    /// A word for documents and scripts.
+    /// Key in documents and scripts.
     pub fn key(self) -> &'static str {
         match self {
             Self::RenishawLinear => "renishaw-linear",
@@ -42,7 +42,7 @@ impl FileFormat {
         }
     }
 
-    /// The instrument or program that writes such files, in words.
+    /// Instrument or program that writes such files.
     pub fn instrument(self) -> &'static str {
         match self {
             Self::RenishawLinear => "Renishaw laser, linear optics (.rtl)",
@@ -57,7 +57,7 @@ impl FileFormat {
         }
     }
 
-    /// How the sign of a deviation is meant.
+    /// Sign convention of the deviations.
     pub fn sign(self) -> &'static str {
         match self {
             Self::RenishawLinear | Self::ApiPos | Self::Camonitor => "measured minus target",
@@ -89,7 +89,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// The quantity in documents: `positioning`, `straightness` or `angle`.
+    /// Key of the quantity in documents: `positioning`, `straightness` or `angle`.
     pub fn key(self) -> &'static str {
         match self {
             Self::Positioning => "positioning",

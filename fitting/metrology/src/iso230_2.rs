@@ -188,7 +188,7 @@ struct DirectionSummary {
     systematic: Option<f64>,
 }
 
-/// A, the largest 4 s_i and E over these approaches; `None` where one of them is lacking or has no s.
+/// A, the largest 4 s_i and E over these approaches; `None` if one of them is missing or has no s.
 fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> DirectionSummary {
     let all: Option<Vec<Approach>> = approaches.collect();
     let means = all

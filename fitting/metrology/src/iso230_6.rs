@@ -15,14 +15,14 @@ use crate::{
 #[cfg_attr(feature = "serde", serde(into = "&'static str"))]
 pub struct Diagonal([i8; 3]);
 
-/// Every name that is known, body diagonals first.
+/// All diagonal names, body diagonals first.
 pub const DIAGONAL_NAMES: [&str; 10] = [
     "PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP",
 ];
 
 impl Diagonal {
-    /// The diagonal of a name in letters of either case: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y,
-    /// `P0P` and `N0P` in X–Z, `0PP` and `0NP` in Y–Z.
+    /// Diagonal of a name, case ignored: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y, `P0P` and `N0P` in X–Z, `0PP`
+    /// and `0NP` in Y–Z.
     pub fn named(name: &str) -> Option<Self> {
         let upper = name.trim().to_ascii_uppercase();
         if !DIAGONAL_NAMES.contains(&upper.as_str()) {
@@ -39,31 +39,30 @@ impl Diagonal {
         Some(Self(signs))
     }
 
-    /// Its name.
+    /// Name of the diagonal, such as `PPN`.
     pub fn name(self) -> &'static str {
         let same = |name: &&&str| Self::named(name) == Some(self);
         DIAGONAL_NAMES.iter().find(same).copied().unwrap_or("")
     }
 
-    /// The signs of X, Y and Z.
+    /// Signs of X, Y and Z along the diagonal; 0 for an axis at rest.
     pub fn signs(self) -> [i8; 3] {
         self.0
     }
 
-    /// The axes that move.
+    /// Which of the axes X, Y and Z move.
     fn moving(self) -> [bool; 3] {
         self.0.map(|sign| sign != 0)
     }
 
-    /// The diagonals that are measured together with this one.
+    /// Diagonals that are measured together with this one.
     fn set(self) -> Vec<Self> {
         let all = DIAGONAL_NAMES.iter().filter_map(|name| Self::named(name));
         all.filter(|other| other.moving() == self.moving())
             .collect()
     }
 
-    /// The diagonal that a text names: one of its words, such as `diagonal PPP` or `x-ppn.csv`; `None` where there is none or more
-    /// than one.
+    /// Diagonal named by a word of a text, such as `diagonal PPP` or `x-ppn.csv`; `None` without such a word or with more than one.
     pub fn in_text(text: &str) -> Option<Self> {
         let words = text.split(|c: char| !c.is_alphanumeric());
         let mut named = words.filter_map(Self::named);
@@ -137,14 +136,14 @@ pub struct Iso230Part6 {
     pub lacking: Vec<Diagonal>,
 }
 
-/// How far the lengths of diagonals may be from each other and from the edges of the box, as a share.
+/// Maximum relative difference of the lengths of diagonals from each other and from the edges of the box.
 const LENGTHS_WITHIN: f64 = 0.01;
 
-/// Evaluates measured diagonals; `edges_mm` are the edges of the box along X, Y and Z.
+/// Evaluates measured diagonals; `edges_mm` are the edges of the box along X, Y and Z, mm.
 ///
 /// # Errors
-/// No diagonal, one that stands twice, body and face diagonals or faces of different planes together, lengths that differ from each
-/// other or from the edges by more than 1 %, angles in place of lengths, and what [`evaluate`] refuses.
+/// No diagonal, a repeated one, body and face diagonals or faces of different planes together, lengths that differ from each other or from the edges
+/// by more than 1 %, angles in place of lengths, and those of [`evaluate`].
 pub fn evaluate_diagonals(
     measured: &[(Diagonal, &Measurement)],
     edges_mm: Option<[f64; 3]>,
@@ -208,7 +207,7 @@ pub fn evaluate_diagonals(
 }
 
 impl Iso230Part6 {
-    /// The quantities by symbol and name.
+    /// Quantities by symbol and name.
     pub fn quantities(&self) -> Vec<StandardQuantity> {
         [
             ("E_d", "diagonal systematic deviation", self.e_d_um),
@@ -243,7 +242,7 @@ fn one_diagonal(
         let found = "a single target".to_owned();
         refuse(measurement, "targets", found, "at least two on a diagonal")
     })?;
-    // Two targets at least: the line was laid through them.
+    // There are at least two targets, because the line was fitted to them.
     let targets = measurement.targets();
     let length_mm = targets
         .last()
@@ -304,8 +303,8 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
     Ok(())
 }
 
-/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z, 0), one that closes it by EB0Z
-/// (z, 0, 0); along a diagonal that is ∓ ab/D and so on, so that sums with the signs of the diagonals leave one of them each.
+/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z, 0), one that closes it by EB0Z (z, 0, 0). Along a
+/// diagonal that is ∓ ab/D and so on, so that sums with the signs of the diagonals isolate one squareness each.
 fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
     let parts = [
@@ -329,7 +328,7 @@ fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<S
         let area = edges_mm[i] * edges_mm[j];
         SquarenessHint {
             error,
-            // Every plane has a squareness, which opens its angle or closes it.
+            // The sign is that with which the squareness opens or closes the angle.
             urad: -opening(error).unwrap_or(1.0) * sum / (count * area) * URAD_PER_UM_PER_MM,
         }
     };

@@ -14,10 +14,10 @@ use crate::{
 };
 
 const EXPECTED: &str = "a report with rows of target, forward, reverse and system mean, 2σ forward, 2σ reverse and dead zone";
-/// What a row holds, in the order of the published report.
+/// Number of columns of a row in the published report.
 const COLUMNS: usize = 7;
 
-/// Whether a text has the words of such a report.
+/// Whether a text contains the words of such a report.
 pub(crate) fn is_report(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
     lower.contains("dead zone")
@@ -28,16 +28,16 @@ pub(crate) fn is_report(text: &str) -> bool {
 
 /// Reads a text report of a HP, Agilent or Keysight 5529 or 5530 laser.
 ///
-/// Rows are, with or without a number in front: target; mean forward, reverse, of both (system); 2σ forward, reverse; dead
-/// zone. The order is that of one published report. Each row proves it, or is refused: the system mean is that of the two, the dead zone is
-/// reverse minus forward. Errors are laser minus machine reading. Their unit is that of the one
-/// length or angle unit which the heads of the columns name in brackets; without it [`Measurement::unit`] is `None`.
+/// Rows are, with or without a leading number: target; mean forward, reverse, of both (system); 2σ forward, reverse; dead zone. The order is that of
+/// one published report. Each row is checked for it: the system mean is that of the two, the dead zone is reverse minus forward. Errors are laser
+/// minus machine reading. Their unit is the only length or angle unit in brackets in the heads of the columns; otherwise [`Measurement::unit`] is
+/// `None`.
 ///
-/// A report holds no single readings: the means of forward and reverse become one run each, and a note says what cannot be had
+/// A report holds no single readings: the means of forward and reverse become one run each, and a note names the quantities that cannot be derived
 /// from them.
 ///
 /// # Errors
-/// No such rows, rows that contradict themselves, several units, a target twice.
+/// No such rows, inconsistent rows, several units, a target twice.
 pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -105,7 +105,7 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         }
         let cells = match cells.len() {
             COLUMNS => &cells[..],
-            // A number of the row in front.
+            // The row has a leading number.
             n if n == COLUMNS + 1 && *first == (rows.len() + 1).to_string() => &cells[1..],
             n => {
                 let expected = format!("{COLUMNS} numbers: {EXPECTED}");
@@ -146,7 +146,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
         two_sigma_reverse,
         dead_zone,
     ] = values;
-    // Each of three numbers is rounded by itself.
+    // Each of the three numbers is rounded separately.
     let rounding = 2.01 * step_of(cells[1..].iter().map(|cell| decimals_of(cell)));
     let check = |what: &str, found: f64, expected: f64, why: &str| {
         if (found - expected).abs() <= rounding {
@@ -181,7 +181,7 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
     })
 }
 
-/// The unit that stands in brackets on lines about means, errors, the dead zone or sigma; several are refused.
+/// Unit in brackets on lines about means, errors, the dead zone or sigma; an error if there are several.
 fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
     let mut found: Option<ReadingUnit> = None;
     for (index, line) in text.lines().enumerate() {
@@ -232,13 +232,11 @@ fn bracketed(line: &str) -> impl Iterator<Item = &str> {
 /// Decimals of targets, and of means and scatter in µm or µrad.
 const DECIMALS: usize = 4;
 
-/// Writes a text report in the order of the one published report of a 5529 laser: number, target, mean forward, reverse and of
-/// both, twice the standard deviation forward and reverse, dead zone (reverse minus forward); CRLF, four decimals, the unit in
-/// brackets in the heads.
+/// Writes a text report in the order of the one published report of a 5529 laser: number, target, mean forward, reverse and of both, twice the
+/// standard deviation forward and reverse, dead zone (reverse minus forward); CRLF, four decimals, the unit in brackets in the heads.
 ///
-/// The report has no place for single runs. Targets that were not approached from both sides have no dead zone, and are left
-/// out; where that is all, [`parse_keysight_report`](crate::parse_keysight_report) refuses the text. The standard deviation of a
-/// single run is written as 0.
+/// The report cannot hold single runs. Targets that were not approached from both sides have no dead zone and are omitted; if that omits all,
+/// [`parse_keysight_report`](crate::parse_keysight_report) rejects the text. The standard deviation of a single run is written as 0.
 pub fn write_keysight_report(measurement: &Measurement) -> String {
     let unit = match measurement.unit {
         Some(DeviationUnit::Urad) => "urad",
@@ -274,7 +272,7 @@ pub fn write_keysight_report(measurement: &Measurement) -> String {
     text
 }
 
-/// The mean and twice the standard deviation, `None` without readings.
+/// Mean and twice the standard deviation; `None` without readings.
 fn scatter(deviations: &[f64]) -> Option<[f64; 2]> {
     approach(deviations).map(|found| [found.mean, 2.0 * found.s.unwrap_or(0.0)])
 }

@@ -1,4 +1,4 @@
-//! Tables whose columns a mapping names.
+//! Tables with columns assigned by a mapping.
 
 use std::collections::HashMap;
 
@@ -16,13 +16,13 @@ use crate::{
     TargetUnit,
 };
 
-/// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows passed over.
+/// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows skipped.
 ///
-/// Without a column of directions they follow the order of travel: a target is approached in the direction of the move towards
-/// it, the second time in a row from the other side. Without a column of runs they are counted.
+/// Without a column of directions these follow the order of travel: a target is approached in the direction of the move towards it, the second time
+/// in a row from the other side. Without a column of runs they are counted.
 ///
 /// # Errors
-/// A column that is not there or stands twice, cells that are no numbers, no direction or no run, a reading twice.
+/// A column that is missing or repeated, cells that are not numbers, an invalid direction or run, a repeated reading.
 pub fn parse_table_with(
     bytes: &[u8],
     name: &str,
@@ -71,7 +71,7 @@ pub fn parse_table_with(
     })
 }
 
-/// The rows that are not blank, with their lines.
+/// Rows that are not blank, with their line numbers.
 fn rows(
     text: &str,
     name: &str,
@@ -115,7 +115,7 @@ fn rows(
     Ok(rows)
 }
 
-/// Counts the lines of a text on the way through it.
+/// Counts the lines of a text incrementally.
 struct Lines<'t> {
     text: &'t str,
     at: usize,
@@ -123,7 +123,7 @@ struct Lines<'t> {
 }
 
 impl Lines<'_> {
-    /// The line of a record. The reader states the place before the blank lines above it.
+    /// Line of a record. The position that the CSV reader reports is before the blank lines above the record.
     fn of(&mut self, start: usize) -> usize {
         let bytes = self.text.as_bytes();
         while let Some(byte) = bytes.get(self.at) {
@@ -140,7 +140,7 @@ impl Lines<'_> {
     }
 }
 
-/// The places of the columns, from 0.
+/// Indices of the columns, from 0.
 struct Places {
     target: usize,
     reading: usize,
@@ -211,7 +211,7 @@ impl Places {
         })
     }
 
-    /// The columns with the units that their heads state: `Soll mm`, `Abweichung [µm]`, or a unit alone.
+    /// Adds the units stated in the heads: `Soll mm`, `Abweichung [µm]`, or a unit alone.
     fn with_units_of_heads(
         &self,
         header: Option<&(usize, Vec<String>)>,
@@ -260,7 +260,7 @@ impl Places {
         Ok(columns)
     }
 
-    /// The heads of the other columns.
+    /// Note on the heads of the ignored columns.
     fn columns_not_read(&self, header: Option<&(usize, Vec<String>)>) -> Option<String> {
         let read = [
             Some(self.target),
@@ -329,7 +329,7 @@ impl Places {
     }
 }
 
-/// The unit in a head: alone, in brackets or behind the name. A bracket at the end that holds anything else, as `[1/1000 mm]`, states none that is known.
+/// Unit in a head: alone, in brackets or after the name. Brackets at the end with other content, such as `[1/1000 mm]`, are not a known unit.
 fn unit_in(head: &str) -> Option<&'static str> {
     let head = head.replace('（', "(").replace('）', ")");
     let in_brackets = head.rsplit_once(['[', '(', '{']).and_then(|(_, behind)| {
@@ -347,7 +347,7 @@ fn unit_in(head: &str) -> Option<&'static str> {
         .or_else(behind)
 }
 
-/// µm of a mm or µrad of a degree: by the unit of the targets where it is stated, else by that of the readings.
+/// µm per mm or µrad per degree: by the unit of the targets if it is stated, else by that of the readings.
 fn target_micro(columns: &Columns) -> f64 {
     match columns.target_unit {
         Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),

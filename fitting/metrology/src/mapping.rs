@@ -1,4 +1,4 @@
-//! What the columns of a table or the channels of a log mean, as a TOML file states it.
+//! Roles of the columns of a table or the channels of a log, stated in a TOML file.
 
 use std::path::{Path, PathBuf};
 
@@ -7,16 +7,16 @@ use volcomp_document::{Document, InputError, Section, Value};
 use crate::dwell::Channels;
 use crate::{DeviationUnit, MetrologyError, ReadingUnit, TargetUnit};
 
-/// What the user says of a file that does not say it itself.
+/// Information from the user that a file does not contain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Mapping {
-    /// Of a table: which column is what.
+    /// Roles of the columns of a table.
     Columns(Columns),
-    /// Of a log: which channel is what, and when the axis stands.
+    /// Roles of the channels of a log, and the criteria for standstill of the axis.
     Channels(Channels),
 }
 
-/// A column of a table, by its head or its number from 1.
+/// Column of a table, by its head or its number from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ColumnName {
     /// The head of the column, case ignored.
@@ -25,28 +25,28 @@ pub enum ColumnName {
     Number(usize),
 }
 
-/// Which columns of a table are what.
+/// Roles of the columns of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
-    /// The targets.
+    /// Column of the targets.
     pub target: ColumnName,
-    /// The deviations, or the measured positions from which the targets are subtracted.
+    /// Column of the deviations, or of measured positions from which the targets are subtracted.
     pub reading: ColumnName,
     /// Whether `reading` holds measured positions.
     pub reads_position: bool,
-    /// The numbers of runs; without it runs are counted.
+    /// Column of the run numbers. `None`: runs are counted.
     pub run: Option<ColumnName>,
-    /// The directions of approach; without it they follow the order of travel.
+    /// Column of the directions of approach. `None`: directions follow the order of travel.
     pub direction: Option<ColumnName>,
-    /// What separates the cells; `None`: one or more blanks.
+    /// Separator of the cells; `None`: one or more blanks.
     pub separator: Option<char>,
     /// Whether numbers have a decimal comma.
     pub decimal_comma: bool,
-    /// The unit of the readings, where it is stated.
+    /// Unit of the readings, if stated.
     pub unit: Option<ReadingUnit>,
-    /// The unit of the targets: mm or deg.
+    /// Unit of the targets, if stated: mm or deg.
     pub target_unit: Option<TargetUnit>,
-    /// Lines of the file above the first reading, blank ones as well; the last of them that is not blank holds the heads.
+    /// Number of lines above the first reading, including blank ones; the last of them that is not blank holds the heads.
     pub header_rows: usize,
 }
 
@@ -64,17 +64,17 @@ const UNITS: [(&str, ReadingUnit); 10] = [
 ];
 
 impl Mapping {
-    /// The name of the file that may stand beside a measurement file and says what is in it: `x.csv.toml` beside `x.csv`.
+    /// Path of the mapping file next to a measurement file: `x.csv.toml` for `x.csv`.
     pub fn beside(file: &Path) -> PathBuf {
         let mut name = file.file_name().unwrap_or_default().to_owned();
         name.push(".toml");
         file.with_file_name(name)
     }
 
-    /// Reads the file beside a measurement file; `None` where there is none.
+    /// Reads the mapping file next to a measurement file; `None` if it does not exist.
     ///
     /// # Errors
-    /// It cannot be read, is no TOML or says something else than the columns or the channels.
+    /// It cannot be read, is not valid TOML or states anything but columns or channels.
     pub fn read_beside(file: &Path) -> Result<Option<Self>, MetrologyError> {
         let path = Self::beside(file);
         if !path.is_file() {
@@ -87,19 +87,19 @@ impl Mapping {
         Ok(document.decode(|root| Self::decode(&root))?)
     }
 
-    /// The mapping that the keys `columns` or `channels` of a table state; `None` where it has neither.
+    /// Mapping in the keys `columns` or `channels` of a table; `None` if it has neither.
     ///
     /// # Errors
-    /// Both keys, another key in a table of its own, a value that has no meaning.
+    /// Both keys, any other key, an invalid value.
     pub fn decode(root: &Section<'_>) -> Result<Option<Self>, InputError> {
         root.allow(&["columns", "channels"])?;
         Self::decode_keys(root)
     }
 
-    /// As [`Mapping::decode`], in a table that has other keys, too.
+    /// Like [`Mapping::decode`], for a table that may have other keys.
     ///
     /// # Errors
-    /// Both keys, a value that has no meaning.
+    /// Both keys, an invalid value.
     pub fn decode_keys(section: &Section<'_>) -> Result<Option<Self>, InputError> {
         match (section.section("columns")?, section.section("channels")?) {
             (Some(_), Some(channels)) => Err(channels.error(
@@ -113,10 +113,10 @@ impl Mapping {
 }
 
 impl Columns {
-    /// The columns as a table of a TOML file states them.
+    /// Reads the columns from a table of a TOML file.
     ///
     /// # Errors
-    /// An unknown key, a value that has no meaning, no reading.
+    /// An unknown key, an invalid value, no reading.
     pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
         section.allow(&[
             "target",
@@ -183,7 +183,7 @@ impl Columns {
         Ok(columns)
     }
 
-    /// Targets are subtracted from measured positions: both are lengths or both are angles.
+    /// Targets are subtracted from measured positions, so both must be lengths or both angles.
     fn refuse_contradictory_units(&self, section: &Section<'_>) -> Result<(), InputError> {
         let (true, Some(unit), Some(target)) = (self.reads_position, self.unit, self.target_unit)
         else {
@@ -199,7 +199,7 @@ impl Columns {
         )))
     }
 
-    /// Every column that is named, with what it is.
+    /// Every column that is named, with its role.
     pub(crate) fn names(&self) -> impl Iterator<Item = (&'static str, &ColumnName)> {
         [
             ("target", Some(&self.target)),
@@ -226,10 +226,10 @@ fn column(value: &Value<'_>) -> Result<ColumnName, InputError> {
 }
 
 impl Channels {
-    /// The channels as a table of a TOML file states them.
+    /// Reads the channels from a table of a TOML file.
     ///
     /// # Errors
-    /// An unknown key, a value that has no meaning, no channel.
+    /// An unknown key, an invalid value, no channel.
     pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
         section.allow(&[
             "target",

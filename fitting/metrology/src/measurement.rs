@@ -18,7 +18,7 @@ pub enum DeviationUnit {
 }
 
 impl DeviationUnit {
-    /// The unit in keys of files and answers: `um` or `urad`.
+    /// Key of the unit in files and responses: `um` or `urad`.
     pub fn key(self) -> &'static str {
         match self {
             Self::Um => "um",
@@ -42,9 +42,9 @@ impl std::fmt::Display for DeviationUnit {
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
-    /// Number of the run among the runs of its direction, from 1.
+    /// Number of the run among those of its direction, from 1.
     pub run: u32,
-    /// The direction in which the target was approached.
+    /// Direction in which the target was approached.
     pub direction: Direction,
     /// Measured minus target, µm or µrad ([`Measurement::unit`]).
     pub deviation: f64,
@@ -132,34 +132,34 @@ pub struct Environment {
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Measurement {
-    /// The file it came from, for messages.
+    /// Source file, for messages.
     pub name: String,
-    /// Unit of the deviations; `None` when the file does not say (CSV).
+    /// Unit of the deviations; `None` if the file does not state it (CSV).
     pub unit: Option<DeviationUnit>,
-    /// The kind of file that the readings came from; `None` for readings built in code.
+    /// Kind of file that the readings came from; `None` for readings built in code.
     #[cfg_attr(feature = "serde", serde(default))]
     pub format: Option<FileFormat>,
-    /// What was measured, where the kind of file says it.
+    /// Measured quantity, if the kind of file defines it.
     #[cfg_attr(feature = "serde", serde(default))]
     pub quantity: Option<Quantity>,
-    /// The unit in which the file has the deviations, where its header states one (CSV).
+    /// Unit of the deviations in the file, if its header states one (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub stated: Option<ReadingUnit>,
-    /// The unit of the targets, where the header of the file states it (CSV).
+    /// Unit of the targets, if the header of the file states it (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub target_unit: Option<TargetUnit>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
-    /// The statements of the file about itself and its machine.
+    /// Information in the file about itself and its machine.
     pub metadata: Metadata,
-    /// The surroundings during the test.
+    /// Surroundings during the test.
     pub environment: Environment,
-    /// Notes for a person on how the file was read.
+    /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
 impl Measurement {
-    /// The targets, mm or deg, ascending, each once.
+    /// Targets, mm or deg, ascending, each once.
     pub fn targets(&self) -> Vec<f64> {
         let mut targets: Vec<f64> = self.readings.iter().map(|r| r.target).collect();
         targets.sort_by(f64::total_cmp);
@@ -167,7 +167,7 @@ impl Measurement {
         targets
     }
 
-    /// The numbers of the runs of one direction, ascending, each once.
+    /// Numbers of the runs in one direction, ascending, each once.
     pub fn runs(&self, direction: Direction) -> Vec<u32> {
         let in_direction = self.readings.iter().filter(|r| r.direction == direction);
         let mut runs: Vec<u32> = in_direction.map(|r| r.run).collect();
@@ -181,10 +181,10 @@ impl Measurement {
         self.readings.iter().any(|r| r.direction == direction)
     }
 
-    /// Looks whether the targets are in the unit of the coordinates of an axis, where the file states theirs.
+    /// Checks that the targets are in the coordinate unit of an axis, if the file states their unit.
     ///
     /// # Errors
-    /// Targets in deg of a linear axis, in mm of a rotary one.
+    /// Targets in deg for a linear axis, in mm for a rotary one.
     pub fn check_targets(&self, axis: AxisName) -> Result<(), MetrologyError> {
         let expected = axis.kind().coordinate_unit();
         match self.target_unit {
@@ -198,8 +198,8 @@ impl Measurement {
         }
     }
 
-    /// Looks whether each target was read in each direction that was run: with a target lacking in one of them, means over
-    /// both directions jump by half of the reversal value there.
+    /// Checks that each target was read in each direction that was run: if one of them is missing, means over both directions jump by half of the
+    /// reversal value there.
     ///
     /// # Errors
     /// The first target that lacks a direction.
@@ -233,8 +233,8 @@ impl Measurement {
         mean(&self.deviations_at(target, direction))
     }
 
-    /// Targets and their means over what was run, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the one there is. Each
-    /// target counts once, however often it was measured.
+    /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the only direction. Each target counts once,
+    /// however often it was measured.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
@@ -246,7 +246,7 @@ impl Measurement {
         self.by_target().iter().filter_map(at).collect()
     }
 
-    /// Targets and means of one direction, ascending; empty when the direction was not run.
+    /// Targets and means of one direction, ascending; empty if the direction was not run.
     pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
         let in_direction = self.readings.iter().filter(|r| r.direction == direction);
         let mut sorted: Vec<&Reading> = in_direction.collect();
@@ -259,7 +259,7 @@ impl Measurement {
         groups.map(at).collect()
     }
 
-    /// The readings sorted by target, within it by run.
+    /// Readings sorted by target, then by run.
     pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
         let mut sorted: Vec<&Reading> = self.readings.iter().collect();
         sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));

@@ -2,21 +2,20 @@
 
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// The kind of an error motion with respect to its axis, which decides how it is measured and which reference is
-/// removed from its readings.
+/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is removed from the readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionKind {
-    /// The deviation of the coordinate itself: EXX of a linear axis, ECC of a rotary one.
+    /// Deviation of the coordinate itself: EXX of a linear axis, ECC of a rotary one.
     Positioning,
-    /// A deviation of a linear axis across its direction: EYX.
+    /// Deviation of a linear axis perpendicular to its direction: EYX.
     Straightness,
-    /// An angular error of a linear axis (EAX), or any error of a rotary axis but its positioning (EXC, EAC).
+    /// Angular error of a linear axis (EAX), or any error of a rotary axis except its positioning (EXC, EAC).
     Other,
 }
 
 impl MotionKind {
-    /// The kind of an error motion; the component of a location error is taken as that of a motion.
+    /// Kind of an error motion; the component of a location error is treated like that of a motion.
     pub fn of(error: ErrorName) -> Self {
         let own = error.component.mcs_index() == error.axis.mcs_index();
         match (error.axis.kind(), error.component.is_angular()) {

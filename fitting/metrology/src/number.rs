@@ -1,13 +1,13 @@
-//! Numbers as measurement files write them: plain decimal ASCII, nothing else.
+//! Numbers in measurement files: plain decimal ASCII, nothing else.
 
 use volcomp_document::quoted;
 
 use crate::{Finding, MetrologyError};
 
-/// Beyond any target or deviation; keeps sums and squares of readings finite.
+/// Maximum magnitude of a target or deviation; keeps sums and squares of readings finite.
 pub(crate) const LARGEST: f64 = 1e12;
 
-/// A place in a file, for messages.
+/// Location in a file, for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Place<'a> {
     pub(crate) file: &'a str,
@@ -70,12 +70,12 @@ impl<'a> Place<'a> {
         MetrologyError::Truncated(self.finding(what, found, expected))
     }
 
-    /// The content is of another kind than the extension or the caller says.
+    /// The content is of another kind than the extension or the caller states.
     pub(crate) fn wrong_kind(self, found: impl Into<String>, expected: &str) -> MetrologyError {
         MetrologyError::Kind(self.finding("kind of file", found, expected))
     }
 
-    /// A finite decimal number; −0 becomes 0, so that equal targets are equal.
+    /// Parses a finite decimal number; −0 becomes 0, so that equal targets are equal.
     pub(crate) fn number(self, what: &str, text: &str) -> Result<f64, MetrologyError> {
         let value = if is_decimal(text) {
             text.parse::<f64>().ok()
@@ -96,7 +96,7 @@ impl<'a> Place<'a> {
         }
     }
 
-    /// A whole number of at least 1.
+    /// Parses a whole number of at least 1.
     pub(crate) fn count(self, what: &str, text: &str) -> Result<u32, MetrologyError> {
         match text.parse::<u32>() {
             Ok(count) if count >= 1 && text.bytes().all(|b| b.is_ascii_digit()) => Ok(count),
@@ -105,27 +105,27 @@ impl<'a> Place<'a> {
     }
 }
 
-/// A number with a decimal comma, with a point in its place; `None` of anything else.
+/// Replaces the decimal comma of a number by a point; `None` for other text.
 pub(crate) fn with_point(text: &str) -> Option<String> {
     let (whole, part) = text.split_once(',')?;
     let number = format!("{whole}.{part}");
     (is_decimal(&number) && !whole.contains(['e', 'E'])).then_some(number)
 }
 
-/// Smallest and largest of some numbers.
+/// Minimum and maximum of the values.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
         [low.min(x), high.max(x)]
     })
 }
 
-/// Digits after the decimal point.
+/// Number of digits after the decimal point.
 pub(crate) fn decimals(text: &str) -> usize {
     text.split_once('.')
         .map_or(0, |(_, fraction)| fraction.len())
 }
 
-/// `[+-] digits [. digits] [e [+-] digits]`; a number that ends in a point is a cut one.
+/// Matches `[+-] digits [. digits] [e [+-] digits]`; a number that ends in a point is truncated and does not match.
 fn is_decimal(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let (mantissa, exponent) = match unsigned.split_once(['e', 'E']) {

@@ -1,28 +1,27 @@
-//! The measurement uncertainty of a positioning test, in the manner of ISO/TR 230-9 and the annex of ISO 230-2:2006 and 2014:
-//! expanded uncertainties with k = 2, in µm.
+//! Measurement uncertainty of a positioning test, following ISO/TR 230-9 and the annex of ISO 230-2:2006 and 2014: expanded uncertainties with k = 2,
+//! in µm.
 
 use crate::MetrologyError;
 
-/// What is known of how the test was made. What is not stated contributes nothing, and is named in
-/// [`PositioningUncertainty::left_out`].
+/// Conditions of the test. Unknown conditions contribute nothing and are listed in [`PositioningUncertainty::left_out`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UncertaintyInputs {
-    /// Expanded uncertainty (k = 2) of the instrument by its calibration: a part that grows with the length, µm/m.
+    /// Expanded uncertainty (k = 2) of the instrument by its calibration: part proportional to the length, µm/m.
     pub device_um_per_m: Option<f64>,
-    /// The part of it that does not grow, µm.
+    /// Constant part of the same, µm.
     pub device_um: Option<f64>,
     /// Range of the misalignment of the beam to the axis over the length, mm.
     pub misalignment_mm: Option<f64>,
-    /// Range R(θ) of the uncertainty of the temperature of the machine, K.
+    /// Range R(θ) of the uncertainty of the machine temperature, K.
     pub temperature_range_k: Option<f64>,
     /// Expansion coefficient α of the machine, µm/(m·K).
     pub expansion_um_per_m_k: Option<f64>,
     /// Range R(α) of the uncertainty of that coefficient, µm/(m·K).
     pub expansion_range_um_per_m_k: Option<f64>,
-    /// Difference of the temperature of the machine to 20 °C, K; either sign.
+    /// Difference of the machine temperature from 20 °C, K; either sign.
     pub from_20_degc_k: Option<f64>,
-    /// Environment variation E_VE: range of a drift test over the time of the test, µm.
+    /// Environment variation E_VE: range of a drift test over the duration of the test, µm.
     pub environment_um: Option<f64>,
 }
 
@@ -66,8 +65,8 @@ pub struct PositioningUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// A range R of a uniform distribution has the standard uncertainty R/(2√3) and the expanded one R/√3; the annex rounds that to
-/// 0.6 R, which is 4 % more.
+/// Expanded uncertainty for a range R: a uniform distribution has the standard uncertainty R/(2√3) and the expanded one R/√3. The annex rounds that
+/// to 0.6 R, which is 4 % more.
 const EXPANDED_OF_RANGE: f64 = 0.577_350_269_189_625_8;
 
 /// Evaluates the uncertainty over a length, m, with a number of runs in each direction.
@@ -84,8 +83,8 @@ pub fn positioning_uncertainty(
         (None, None) => None,
         (per_m, fixed) => Some(per_m.unwrap_or(0.0) * length_m + fixed.unwrap_or(0.0)),
     };
-    // A beam that runs off by r over the length L measures r²/(2L) too little; that is the range of a uniform distribution. With mm
-    // and m it comes out in µm.
+    // A beam misaligned by r over the length L measures r²/(2L) too little; that is the range of a uniform distribution. With r in mm and L in m the
+    // result is in µm.
     let misalignment = inputs
         .misalignment_mm
         .map(|r| EXPANDED_OF_RANGE * r * r / (2.0 * length_m));
@@ -121,7 +120,7 @@ pub fn positioning_uncertainty(
             u_um: environment,
         },
     ];
-    // What is the same in every reading at one target, and so cancels in B and R.
+    // Contributions that are equal in every reading at one target, and so cancel in B and R.
     let common: f64 = [device, misalignment, temperature, expansion]
         .iter()
         .flatten()
@@ -144,8 +143,7 @@ pub fn positioning_uncertainty(
 }
 
 impl PositioningUncertainty {
-    /// The expanded uncertainty of a quantity by its symbol; `None` for one that it is not stated for, and where nothing was stated
-    /// that it is made of.
+    /// Expanded uncertainty of a quantity by its symbol; `None` for one without a stated uncertainty, or if no input to it is known.
     pub fn of(&self, symbol: &str) -> Option<f64> {
         let u = match symbol {
             "A" | "A_forward" | "A_backward" => self.a_um,
@@ -195,7 +193,7 @@ fn check(inputs: &UncertaintyInputs, length_m: f64, runs: usize) -> Result<(), M
     Ok(())
 }
 
-/// The contributions that are not stated, with what they lack.
+/// Unknown contributions, with the missing inputs.
 fn left_out(inputs: &UncertaintyInputs, contributions: &[Contribution]) -> Vec<String> {
     let lacking = |symbol: &str| -> Vec<&str> {
         let pairs: Vec<(&str, bool)> = match symbol {

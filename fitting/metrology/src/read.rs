@@ -1,4 +1,4 @@
-//! A measurement file of any kind, by its extension and its content.
+//! Reads a measurement file of any kind, by its extension and its content.
 
 use std::io::Read;
 use std::path::Path;
@@ -16,27 +16,27 @@ use crate::renishaw::{Capture, parse_ren, parse_rtx};
 use crate::{Measurement, MetrologyError, RenishawKind, parse_csv, parse_renishaw};
 use volcomp_document::quoted;
 
-/// The extensions that [`read_file`] knows, for messages.
+/// Extensions that [`read_file`] supports, for messages.
 pub const READ_EXTENSIONS: &str = ".rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat";
 
 const LIMIT_MIB: u64 = 256;
 
-/// What a measurement file holds.
+/// Content of a measurement file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
     /// Readings at targets.
     Measurement(Box<Measurement>),
-    /// A dynamic capture, without targets.
+    /// Dynamic capture, without targets.
     Capture(Box<Capture>),
-    /// A log of channels, of which nobody said which is what.
+    /// Log of channels without a mapping of their roles.
     Log(Box<ChannelLog>),
 }
 
 impl Content {
-    /// The readings at targets.
+    /// Readings at targets.
     ///
     /// # Errors
-    /// A capture or a log without a mapping has none.
+    /// A capture, or a log without a mapping, has none.
     pub fn into_measurement(self) -> Result<Measurement, MetrologyError> {
         match self {
             Self::Measurement(measurement) => Ok(*measurement),
@@ -62,18 +62,17 @@ impl Content {
 
 /// Reads a measurement file with readings at targets; case of the extension ignored.
 ///
-/// The extension says how to read, the content is checked against it: `.rtl`, `.rta` and `.rts` (Renishaw laser), `.REN`
-/// (compensation export), `.pos` (API laser), `.csv` (table of readings). `.txt`, `.log` and `.dat` are told by their content: reports of
-/// 5529 and 5530 lasers, logs of `camonitor`. A file `NAME.toml` beside the file NAME says which columns or channels
-/// are what ([`Mapping`]).
+/// The extension selects the reader, and the content is checked against it: `.rtl`, `.rta` and `.rts` (Renishaw laser), `.REN` (compensation export),
+/// `.pos` (API laser), `.csv` (table of readings). `.txt`, `.log` and `.dat` are recognised by their content: reports of 5529 and 5530 lasers, logs
+/// of `camonitor`. A file `NAME.toml` next to the file NAME states the roles of its columns or channels ([`Mapping`]).
 ///
 /// # Errors
-/// The file cannot be read, its extension is not known, its content is broken, or it holds no targets.
+/// The file cannot be read, its extension is unknown, its content is invalid, or it holds no targets.
 pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
     read_file_with(path, None)
 }
 
-/// As [`read_file`], with the meaning of columns or channels where the caller knows it.
+/// Like [`read_file`], with the roles of columns or channels from the caller.
 ///
 /// # Errors
 /// As [`read_file`], and a mapping of another kind than the file.
@@ -84,7 +83,7 @@ pub fn read_file_with(
     read_content(path, mapping)?.into_measurement()
 }
 
-/// Reads a file of any kind, those without targets included.
+/// Reads a file of any kind, including those without targets.
 ///
 /// # Errors
 /// As [`read_file`].
@@ -176,7 +175,7 @@ fn by_content(
             expected: "a report, a log or a table".into(),
         });
     };
-    // A table may be called `.txt`, with the heads of the plain one.
+    // A `.txt` file may hold a table with the heads of the plain CSV format.
     let lower = first.to_lowercase();
     if lower.contains("target") && lower.contains("deviation") {
         return parse_csv(bytes, name).map(measured);

@@ -1,32 +1,33 @@
-//! What readings of the same targets scatter by from run to run.
+//! Scatter of readings of the same targets from run to run.
 
 use std::collections::BTreeMap;
 
 use crate::{Measurement, Reading, ReferenceLine};
 
-/// What each run has for itself, which is no scatter: an instrument is set to zero, and a straightness reference aligned, anew for each.
+/// Alignment that is specific to each run and does not count as scatter: an instrument is zeroed, and a straightness reference aligned, before each
+/// run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OfRun {
-    /// Its zero.
+    /// Zero offset.
     Zero,
-    /// Its zero and slope.
+    /// Zero offset and slope.
     Line,
 }
 
-/// The scatter of mean readings.
+/// Scatter of mean readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunScatter {
-    /// The standard deviation of the mean reading of a target in one direction, µm or µrad.
+    /// Standard deviation of the mean reading of a target in one direction, µm or µrad.
     pub deviation: f64,
-    /// Its degrees of freedom.
+    /// Degrees of freedom of the standard deviation.
     pub freedom: f64,
 }
 
 impl Measurement {
-    /// The standard deviation of a mean reading, pooled over targets and directions, without what each run has for itself; `None` without repeated
+    /// Standard deviation of a mean reading, pooled over targets and directions after removing the alignment of each run; `None` without repeated
     /// runs, or without scatter.
     pub fn scatter_of_mean(&self, of_run: OfRun) -> Option<RunScatter> {
-        // Sorted once: looking for the readings of each target through all of them takes seconds with ten thousand targets.
+        // Sort once: a search for the readings of each target takes seconds with ten thousand targets.
         let mut sorted: Vec<&Reading> = self.readings.iter().collect();
         let place = |of: &Reading| of.direction as usize;
         sorted.sort_by(|a, b| (a.target.total_cmp(&b.target)).then(place(a).cmp(&place(b))));
@@ -53,7 +54,7 @@ impl Measurement {
         let all = runs.iter().flat_map(BTreeMap::values);
         let squares: f64 = all.map(|run| squares_without(run, of_run)).sum();
         let variance = squares / freedom / (count / groups);
-        // Of straight lines without scatter the least squares leave their rounding.
+        // Least squares of exactly straight lines leaves rounding errors.
         let largest = self.readings.iter().map(|r| r.deviation.abs());
         let rounding = (1e-12 * largest.fold(0.0, f64::max)).powi(2);
         (freedom > 0.0 && variance > rounding && variance.is_finite()).then(|| RunScatter {
@@ -63,7 +64,7 @@ impl Measurement {
     }
 }
 
-/// The sum of the squares of what is left of a run.
+/// Sum of the squared residuals of a run after removing its alignment.
 fn squares_without(run: &[(f64, f64)], of_run: OfRun) -> f64 {
     if of_run == OfRun::Line
         && let Ok(line) = ReferenceLine::least_squares(run)

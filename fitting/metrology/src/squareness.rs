@@ -1,15 +1,15 @@
-//! Squareness of two linear axes, from the slopes of their straightness curves, and its measurement uncertainty.
+//! Squareness of two linear axes from the slopes of their straightness curves, and its measurement uncertainty.
 
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
 use crate::MetrologyError;
 
-/// The names that [`squareness`] knows, for messages.
+/// Error names that [`squareness`] supports, for messages.
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
-/// How a location error changes the angle between the + directions of its axis and of the one that is square to it and to the direction
-/// about which it turns: a positive value opens the angle (1) or closes it (−1), as the right-hand rule has it. `None` for every error
-/// that is no tilt of X, Y or Z, and for the roll of an axis about itself: no angle between these axes depends on it.
+/// Effect of a location error on the angle between the + directions of its axis and of the axis perpendicular to both that axis and the axis of
+/// rotation: by the right-hand rule a positive value opens the angle (1) or closes it (−1). `None` for errors that are no tilt of X, Y or Z, and for
+/// the roll of an axis about itself, which changes no angle between these axes.
 pub fn opening(error: ErrorName) -> Option<f64> {
     let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     let (own, about) = (error.axis.mcs_index(), error.component.mcs_index());
@@ -21,10 +21,10 @@ pub fn opening(error: ErrorName) -> Option<f64> {
     Some(if turns_away { 1.0 } else { -1.0 })
 }
 
-/// The two straightness errors whose slopes make a squareness error: EXY and EYX for EC0Y.
+/// The two straightness errors whose slopes define a squareness error: EXY and EYX for EC0Y.
 ///
 /// # Errors
-/// `error` is none of EC0Y, EA0Z, EB0Z.
+/// `error` is not one of EC0Y, EA0Z, EB0Z.
 pub fn squareness_parts(error: ErrorName) -> Result<[ErrorName; 2], MetrologyError> {
     use {AxisName as Axis, Component as C};
     if !error.location {
@@ -41,12 +41,11 @@ pub fn squareness_parts(error: ErrorName) -> Result<[ErrorName; 2], MetrologyErr
 
 /// Squareness of two linear axes, positive by the right-hand rule (a positive EC0Y opens the angle from X to Y).
 ///
-/// EC0Y = (φ − π/2) − slope(EXY) − slope(EYX), EA0Z = (φ − π/2) − slope(EYZ) − slope(EZY),
-/// EB0Z = slope(EXZ) + slope(EZX) − (φ − π/2).
+/// EC0Y = (φ − π/2) − slope(EXY) − slope(EYX), EA0Z = (φ − π/2) − slope(EYZ) − slope(EZY), EB0Z = slope(EXZ) + slope(EZX) − (φ − π/2).
 ///
-/// `reference_angle` is φ − π/2, φ the angle between the + directions of the two reference beams (0 with a perfect
-/// optical square). `slopes` are the two straightness errors by name, in either order, with the slopes of their
-/// least-squares lines ([`ReferenceLine::slope`](crate::ReferenceLine::slope)).
+/// `reference_angle` is φ − π/2, where φ is the angle between the + directions of the two reference beams (0 with a perfect optical square). `slopes`
+/// are the two straightness errors by name, in either order, with the slopes of their least-squares lines
+/// ([`ReferenceLine::slope`](crate::ReferenceLine::slope)).
 ///
 /// # Errors
 /// `error` is no squareness error, or the slopes are not those of [`squareness_parts`].
@@ -78,16 +77,16 @@ fn unknown(error: ErrorName) -> MetrologyError {
     }
 }
 
-/// What is known of how two straightness lines were measured. What is not stated contributes nothing, and is named in
+/// Conditions of the measurement of two straightness lines. Unknown conditions contribute nothing and are listed in
 /// [`SquarenessUncertainty::left_out`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SquarenessInputs {
-    /// Expanded uncertainty (k = 2) of the angle between the references, by the calibration of the square, µrad.
+    /// Expanded uncertainty (k = 2) of the angle between the references, from the calibration of the square, µrad.
     pub square_urad: Option<f64>,
-    /// Expanded uncertainty (k = 2) of the straight edge or straightness optics at any place, by its calibration, µm.
+    /// Expanded uncertainty (k = 2) of the straight edge or straightness optics at any place, from its calibration, µm.
     pub straight_edge_um: Option<f64>,
-    /// Range of the angle between the axes by changes of temperature, over as long as the test, µrad.
+    /// Range of the angle between the axes due to temperature changes over the duration of the test, µrad.
     pub temperature_urad: Option<f64>,
 }
 
@@ -110,11 +109,11 @@ pub struct SquarenessUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// Evaluates the uncertainty. `slopes_urad` are the standard uncertainties of the two slopes by their residuals, `lengths_mm` the
-/// lengths of the two lines.
+/// Evaluates the uncertainty. `slopes_urad` are the standard uncertainties of the two slopes by their residuals, `lengths_mm` the lengths of the two
+/// lines.
 ///
-/// The square counts as calibrated. A straight edge that is wrong by U at both ends of a line of length L, independently, turns it by
-/// √2 U/L. A range R of the angle by temperature is that of a uniform distribution, R/√3.
+/// The square counts as calibrated. Independent errors U of a straight edge at both ends of a line of length L turn the line by √2 U/L. A range R of
+/// the angle due to temperature is that of a uniform distribution, R/√3.
 ///
 /// # Errors
 /// A length that is not above zero, a number that is negative or not finite.

@@ -1,24 +1,24 @@
-//! Straightness: bridge readings to a profile, and the reference lines that are removed from a profile.
+//! Straightness: profiles from bridge readings, and the reference lines that are removed from a profile.
 
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::{MetrologyError, MotionKind};
 
-/// How the sign of a bridge's tilt reading is meant.
+/// Sign convention of the tilt reading of a bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TiltReading {
-    /// In the right-hand sign of the angular error `E?N` about its axis.
+    /// Right-hand sign of the angular error `E?N` about its axis.
     RightHand,
-    /// As the slope of the profile: positive where the deviation grows along the axis.
+    /// Slope of the profile: positive if the deviation increases along the axis.
     Slope,
 }
 
-/// The sign σ that turns a tilt reading into the slope of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX,
-/// EXY, EYZ with right-hand readings, +1 with slopes.
+/// Sign σ that converts a tilt reading to the slope of a straightness error: +1 for EYX, EZY, EXZ and −1 for EZX, EXY, EYZ with right-hand readings,
+/// +1 with slopes.
 ///
 /// # Errors
-/// `error` is none of these six.
+/// `error` is not one of these six.
 pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, MetrologyError> {
     let primary = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
     if error.location || !primary || MotionKind::of(error) != MotionKind::Straightness {
@@ -28,8 +28,7 @@ pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, Metrolog
             expected: "EYX, EZX, EXY, EZY, EXZ or EYZ".into(),
         });
     }
-    // The rotation about the third axis lifts the profile where axis, deviation and third axis follow each other as
-    // X, Y, Z do.
+    // Rotation about the third axis raises the profile if axis, deviation and third axis are in cyclic order like X, Y, Z.
     let follows = (error.axis.mcs_index() + 1) % 3 == error.component.mcs_index();
     Ok(match reading {
         TiltReading::RightHand if !follows => -1.0,
@@ -37,15 +36,14 @@ pub fn tilt_sign(error: ErrorName, reading: TiltReading) -> Result<f64, Metrolog
     })
 }
 
-/// Straightness profile from the tilts of a bridge that is moved on by its own length.
+/// Straightness profile from the tilts of a bridge that is moved in steps of its length.
 ///
-/// `tilts` are (target in mm, θ_k in µrad), targets ascending; θ_k is read with the feet on targets k − 1 and k, the
-/// first reading is not used. `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and
-/// h_k = h_{k−1} + s σ θ_k, before any reference line is removed.
+/// `tilts` are (target in mm, θ_k in µrad), targets ascending; θ_k is read with the feet on targets k − 1 and k, the first reading is not used.
+/// `bridge_mm` is the foot spacing s. Returns (target in mm, h_k in µm) with h_0 = 0 and h_k = h_{k−1} + s σ θ_k, before any reference line is
+/// removed.
 ///
 /// # Errors
-/// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs
-/// from `bridge_mm` by more than 1 %.
+/// Not a straightness error, fewer than two targets, numbers that are not finite, or a target spacing that differs from `bridge_mm` by more than 1 %.
 pub fn angular_method_um(
     error: ErrorName,
     reading: TiltReading,
@@ -76,7 +74,7 @@ pub fn angular_method_um(
     Ok(profile)
 }
 
-/// How the reference line of a straightness profile is laid (ISO 230-1 names all three).
+/// Definition of the reference line of a straightness profile (ISO 230-1 names all three).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ReferenceKind {
@@ -85,11 +83,11 @@ pub enum ReferenceKind {
     LeastSquares,
     /// Through the first and the last target.
     EndPoints,
-    /// The middle of the narrowest strip that holds all points.
+    /// Middle of the narrowest strip that encloses all points.
     MinimumZone,
 }
 
-/// A straight line through a profile: what is removed before straightness is stated, and what squareness is made of.
+/// Straight line through a profile: removed before straightness is evaluated, and the basis of squareness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceLine {
@@ -123,7 +121,7 @@ impl ReferenceLine {
         ))
     }
 
-    /// The line through the values at the smallest and the largest target.
+    /// Line through the values at the smallest and the largest target.
     ///
     /// # Errors
     /// Fewer than two different targets, or numbers that are not finite.
@@ -141,8 +139,8 @@ impl ReferenceLine {
         Ok(Self::through(q_0, x_0, (x_1 - x_0) / (q_1 - q_0)))
     }
 
-    /// The middle of the narrowest strip, measured in the direction of the deviations, between two parallel lines that
-    /// hold all points. Exact: a side of the strip lies on an edge of their convex hull.
+    /// Middle of the narrowest strip, measured in the direction of the deviations, between two parallel lines that enclose all points. Exact: one
+    /// side of the strip lies on an edge of their convex hull.
     ///
     /// # Errors
     /// Fewer than two different targets, or numbers that are not finite.
@@ -160,7 +158,7 @@ impl ReferenceLine {
             let heights = upper.iter().map(|(q, x)| -x - slope * q);
             heights.fold(f64::NEG_INFINITY, f64::max)
         };
-        // The width is a convex function of the slope that bends only where a side lies on an edge.
+        // The width is a convex function of the slope with kinks only where a side lies on an edge.
         let edges = |hull: &[(f64, f64)], sign: f64| -> Vec<f64> {
             let edges = hull.windows(2).filter(|edge| edge[1].0 > edge[0].0);
             let slope =
@@ -173,7 +171,7 @@ impl ReferenceLine {
         let best = slopes
             .into_iter()
             .min_by(|a, b| width(a).total_cmp(&width(b)));
-        // Two different targets make one edge at least.
+        // Two different targets make at least one edge.
         let slope = best.unwrap_or_default();
         Ok(Self {
             slope_um_per_mm: slope,
@@ -181,7 +179,7 @@ impl ReferenceLine {
         })
     }
 
-    /// The line of this kind.
+    /// Line of this kind.
     ///
     /// # Errors
     /// Fewer than two different targets, or numbers that are not finite.
@@ -200,18 +198,18 @@ impl ReferenceLine {
         }
     }
 
-    /// The slope as an angle, the unit of squareness: 1 µm/mm = 1000 µrad.
+    /// Slope as an angle, the unit of squareness: 1 µm/mm = 1000 µrad.
     pub fn slope(&self) -> Urad {
         const URAD_PER_UM_PER_MM: f64 = 1000.0;
         Urad(self.slope_um_per_mm * URAD_PER_UM_PER_MM)
     }
 
-    /// The line's value at a coordinate in mm, µm.
+    /// Value of the line at a coordinate in mm, µm.
     pub fn value_um(&self, target_mm: f64) -> f64 {
         self.intercept_um + self.slope_um_per_mm * target_mm
     }
 
-    /// The profile without the line: (target in mm, deviation in µm).
+    /// Profile after removing the line: (target in mm, deviation in µm).
     pub fn removed_from(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         points
             .iter()
@@ -220,7 +218,7 @@ impl ReferenceLine {
     }
 }
 
-/// The lower half of the convex hull of points in ascending order (Andrew's monotone chain).
+/// Lower half of the convex hull of points in ascending order (Andrew's monotone chain).
 pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
     let mut hull: Vec<(f64, f64)> = Vec::new();
     for point in points {
@@ -231,7 +229,7 @@ pub(crate) fn half_hull(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f
             }
             hull.pop();
         }
-        // Of several values at the first target the lowest stands there already.
+        // Of several values at the first target the lowest is already in the hull.
         if hull
             .last()
             .is_none_or(|last| last.0 < point.0 || last.1 > point.1)

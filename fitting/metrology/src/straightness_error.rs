@@ -1,39 +1,39 @@
-//! The straightness of a motion from its readings: the same profile about each of the reference lines of ISO 230-1.
+//! Straightness of a motion from its readings: the same profile about each of the reference lines of ISO 230-1.
 
 use std::collections::BTreeMap;
 
 use crate::number::range;
 use crate::{Direction, Measurement, MetrologyError, ReferenceKind, ReferenceLine};
 
-/// The straightness error about one reference line.
+/// Straightness error about one reference line.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StraightnessAbout {
-    /// How the line was laid.
+    /// Definition of the line.
     pub kind: ReferenceKind,
-    /// The line.
+    /// The reference line.
     pub line: ReferenceLine,
     /// Straightness error: the range of the profile about the line, µm.
     pub error_um: f64,
 }
 
-/// The straightness of a motion.
+/// Straightness of a motion.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Straightness {
     /// Targets, mm, and the mean deviation of all runs, µm, before any line is removed.
     pub profile: Vec<(f64, f64)>,
-    /// About the line of least squares, the one through the end points, and the middle of the minimum zone.
+    /// About the least-squares line, the end-point line, and the middle of the minimum zone.
     pub about: [StraightnessAbout; 3],
-    /// The largest difference of the means of the two directions, µm; `None` with one direction.
+    /// Largest difference of the means of the two directions, µm; `None` with one direction.
     pub reversal_um: Option<f64>,
-    /// Standard uncertainty of the slope of least squares by the residuals alone, µrad; `None` with two targets. Straightness itself
-    /// counts as noise in it.
+    /// Standard uncertainty of the least-squares slope from the residuals alone, µrad; `None` with two targets. The straightness error itself counts
+    /// as noise.
     pub slope_standard_uncertainty_urad: Option<f64>,
 }
 
 impl Straightness {
-    /// The straightness about a line of this kind.
+    /// Straightness about a line of this kind.
     pub fn of(&self, kind: ReferenceKind) -> &StraightnessAbout {
         match kind {
             ReferenceKind::LeastSquares => &self.about[0],
@@ -94,8 +94,8 @@ pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, M
     })
 }
 
-/// The standard uncertainty of the slope of a line, µrad: what its readings leave (`of_line`), or that of the slopes of its runs, where these scatter for
-/// themselves, as of a beam that is aligned anew.
+/// Standard uncertainty of the slope of a line, µrad: from its residuals (`of_line`), or from the slopes of its runs if these scatter more than the
+/// residuals explain, as with a beam that is realigned for each run.
 pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f64>) -> Option<f64> {
     let of_runs = slope_uncertainty_of_runs(measurement);
     match (of_runs, of_line) {
@@ -104,11 +104,11 @@ pub fn slope_uncertainty_with_runs(measurement: &Measurement, of_line: Option<f6
     }
 }
 
-/// The slopes of runs scatter for themselves where their mean is uncertain by more than so many times what its line leaves: readings that scatter
-/// independently do that to one line in twenty of two runs, and to fewer of more.
+/// Ratio of both uncertainties above which the slopes of the runs scatter more than the residuals of the line explain. Independent scatter of the
+/// readings exceeds it for one in twenty lines of two runs, and more rarely with more runs.
 const TIMES_OF_LINE: f64 = 2.0;
 
-/// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of one together; `None` of fewer than two.
+/// s/√n in µrad with s the standard deviation of the slopes of n runs, both directions of a run together; `None` for fewer than two.
 fn slope_uncertainty_of_runs(measurement: &Measurement) -> Option<f64> {
     let mut runs: BTreeMap<u32, Vec<(f64, f64)>> = BTreeMap::new();
     for reading in &measurement.readings {

@@ -1,34 +1,34 @@
-//! What ISO 230-2 asks of a positioning test: how many targets and runs, by the kind of axis and its travel.
+//! Requirements of ISO 230-2 on a positioning test: number of targets and runs, by the kind of axis and its travel.
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
 use crate::{Edition, Measurement, TargetUnit, axis_named};
 
-/// The smallest test that the standard accepts for an axis.
+/// Minimum test that the standard accepts for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct AskedFor {
-    /// The axis in words: `linear axes up to 2000 mm`.
+    /// Description of the axis: `linear axes up to 2000 mm`.
     pub axes: &'static str,
-    /// The fewest targets.
+    /// Minimum number of targets.
     pub targets: usize,
-    /// The fewest runs in each direction.
+    /// Minimum number of runs in each direction.
     pub runs: usize,
 }
 
-/// The longest travel with five runs, mm.
+/// Maximum travel with five runs, mm.
 const SHORT_MM: f64 = 2000.0;
-/// Targets of a metre on axes up to 2000 mm.
+/// Targets per metre on axes up to 2000 mm.
 const TARGETS_PER_M: f64 = 5.0;
-/// Mean distance of the targets on longer axes, mm.
+/// Mean spacing of the targets on longer axes, mm.
 const LONG_INTERVAL_MM: f64 = 250.0;
 const RUNS: usize = 5;
-/// A travel that is a hair longer than a limit by the rounding of its targets is not.
+/// Relative tolerance of a travel that exceeds a limit only by the rounding of its targets.
 const HAIR: f64 = 1e-6;
 
-/// The smallest test for an axis of this kind over this travel, mm or deg. The editions 1997 to 2014 ask for the same.
+/// Minimum test for an axis of this kind over this travel, mm or deg. The editions 1997 to 2014 have the same requirements.
 pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
-    // A conversion of what is too large, or no number, ends at the nearest whole number.
+    // The conversion saturates for large values and NaN.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -43,7 +43,7 @@ pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
         },
         AxisKind::Linear => AskedFor {
             axes: "linear axes over 2000 mm",
-            // So many intervals, and one target more.
+            // One target more than there are intervals.
             targets: whole(travel / LONG_INTERVAL_MM).saturating_add(1),
             runs: 1,
         },
@@ -64,15 +64,14 @@ pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
     }
 }
 
-/// The kind of the axis as the file tells it: by the unit of the targets, else by the axis that it names; `None` where it says
-/// neither.
+/// Kind of the axis: by the unit of the targets in the file, else by the axis that the file names; `None` without both.
 pub fn axis_kind(measurement: &Measurement) -> Option<AxisKind> {
     let named = || measurement.metadata.axis.as_deref().and_then(axis_named);
     let stated = measurement.target_unit.map(TargetUnit::kind);
     stated.or_else(|| named().map(AxisName::kind))
 }
 
-/// Where a test has fewer targets or runs than the standard asks for; empty where it has enough.
+/// Messages on fewer targets or runs than the standard requires; empty if there are enough.
 pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -> Vec<String> {
     let targets = measurement.targets();
     let (Some(first), Some(last)) = (targets.first(), targets.last()) else {

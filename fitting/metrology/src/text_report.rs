@@ -1,14 +1,14 @@
-//! What text reports of different makers have in common.
+//! Common parts of the text reports of different makers.
 
 use std::fmt::Write as _;
 
 use crate::Metadata;
 
-/// Finer steps than these are below what a sum of such numbers can hold.
+/// Maximum number of decimals: finer steps are lost in a sum of such numbers.
 const MOST_DECIMALS: i32 = 12;
 
-/// The decimals of the last digit of a number: 3 of `1.250`, 4 of `2.0E-03`, −2 of `1.2E+03`. A zero with an exponent has
-/// none that count, and as many as any.
+/// Decimals of the last digit of a number: 3 for `1.250`, 4 for `2.0E-03`, −2 for `1.2E+03`. The decimals of a zero with an exponent are unknown and
+/// count as the maximum.
 pub(crate) fn decimals_of(text: &str) -> i32 {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (mantissa, Some(exponent)),
@@ -19,17 +19,17 @@ pub(crate) fn decimals_of(text: &str) -> i32 {
         return MOST_DECIMALS;
     }
     let behind = i32::try_from(crate::number::decimals(mantissa)).unwrap_or(MOST_DECIMALS);
-    // An exponent that is no number of this size stands in no number that is read.
+    // An exponent that cannot be parsed belongs to no valid number.
     let exponent = exponent.map_or(0, |text| text.parse().unwrap_or(0));
     behind.saturating_sub(exponent).min(MOST_DECIMALS)
 }
 
-/// The size of the last digit of the coarsest of some numbers.
+/// Size of the last digit of the coarsest of some numbers.
 pub(crate) fn step_of(decimals: impl Iterator<Item = i32>) -> f64 {
     10_f64.powi(-decimals.min().unwrap_or(0))
 }
 
-/// The same lines, CRLF, for what is known; line breaks in texts become blanks.
+/// Writes the same lines, CRLF, for the known values; line breaks in texts become blanks.
 pub(crate) fn head_of(metadata: &Metadata) -> String {
     let texts = [
         ("Machine", &metadata.machine),
@@ -50,7 +50,7 @@ pub(crate) fn head_of(metadata: &Metadata) -> String {
     head
 }
 
-/// Lines `key: value` with keys that say the same in every report; others are passed over.
+/// Reads lines `key: value` with keys that have the same meaning in every report; others are skipped.
 pub(crate) fn metadata_of<'t>(lines: impl Iterator<Item = &'t str>) -> Metadata {
     let mut metadata = Metadata::default();
     for line in lines {

@@ -1,4 +1,4 @@
-//! A linear error on parallel lines, separated into the error at the axis's own point and the two angles that Abbe's principle mixes in.
+//! Separates a linear error measured on parallel lines into the error at the axis's own point and the two angles that contribute by Abbe's principle.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -7,19 +7,19 @@ use crate::MetrologyError;
 /// Deviations on one line, measured along the axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParallelLine {
-    /// Where the line lies from the point at which the error is wanted, across the axis, mm: along the second and the third axis, in cyclic
-    /// order (of X along Y and Z, of Y along Z and X).
+    /// Offset of the line from the point at which the error is required, perpendicular to the axis, mm: along the second and the third axis, in
+    /// cyclic order (for X along Y and Z, for Y along Z and X).
     pub offset_mm: [f64; 2],
-    /// The deviation at each target, µm.
+    /// Deviation at each target, µm.
     pub deviations_um: Vec<f64>,
 }
 
-/// The errors at one target.
+/// Errors at one target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Separated {
-    /// The linear error at the point itself, µm.
+    /// Linear error at the point itself, µm.
     pub linear_um: f64,
-    /// The angular errors about the second and the third axis, µrad: of X about Y and Z.
+    /// Angular errors about the second and the third axis, µrad: for X about Y and Z.
     pub angles_urad: [f64; 2],
 }
 
@@ -53,7 +53,7 @@ pub fn separate_parallel_lines(lines: &[ParallelLine]) -> Result<Vec<Separated>,
             "finite numbers",
         ));
     }
-    // µm by µrad: 1e-3 a mm.
+    // Lever in mm times angle in µrad: 1e-3 µm.
     let row = |l: &ParallelLine| Vector3::new(1.0, l.offset_mm[1] * 1e-3, -l.offset_mm[0] * 1e-3);
     let normal: Matrix3<f64> = lines.iter().map(|l| row(l) * row(l).transpose()).sum();
     let singular = normal.singular_values();

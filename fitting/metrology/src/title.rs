@@ -1,13 +1,13 @@
-//! Error motions that a title, or the name of a file, names.
+//! Error motions named in a title or a file name.
 
 use volcomp_vocabulary::ErrorName;
 
-/// Every error that stands as a word of a text, in either case, in the order of the words: of titles, of locations and of files' names.
-/// `EYX at Z-150` names EYX; the location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
+/// All errors that are words of a text, in either case, in the order of the words: of titles, of locations and of file names. `EYX at Z-150` names
+/// EYX; the location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
 pub fn errors_named(text: &str) -> Vec<ErrorName> {
     let error = |word: &str| -> Option<ErrorName> {
         let word = word.to_ascii_uppercase();
-        // `C0Y` is an error, too; as a word of a title it may be anything.
+        // `C0Y` is an error too; as a word of a title it may be anything.
         word.parse().ok().filter(|_| word.starts_with('E'))
     };
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));

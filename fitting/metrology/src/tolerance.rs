@@ -1,16 +1,16 @@
-//! Quantities of standards, tolerances on them, and the decision with the measurement uncertainty.
+//! Quantities of standards, their tolerances, and the decision with the measurement uncertainty.
 
 use crate::{DeviationUnit, MetrologyError};
 
-/// A quantity of a standard: what it is called there, and what it came to.
+/// Quantity of a standard, with its value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StandardQuantity {
-    /// The symbol in plain letters, as a tolerance names it: `A`, `A_forward`, `mean_B`, `Ps_max`.
+    /// Symbol in plain letters, as in tolerances: `A`, `A_forward`, `mean_B`, `Ps_max`.
     pub symbol: &'static str,
-    /// The name in words.
+    /// Name in the standard.
     pub name: &'static str,
-    /// The value in the unit of the evaluation; `None` where it cannot be evaluated.
+    /// Value in the unit of the evaluation; `None` if it cannot be evaluated.
     pub value: Option<f64>,
 }
 
@@ -24,13 +24,13 @@ impl StandardQuantity {
     }
 }
 
-/// The largest value that a quantity may have.
+/// Maximum value of a quantity.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tolerance {
-    /// The symbol of the quantity: `A`, `E_forward`, `B`.
+    /// Symbol of the quantity: `A`, `E_forward`, `B`.
     pub symbol: String,
-    /// The limit, in the unit of the evaluation.
+    /// Limit, in the unit of the evaluation.
     pub limit: f64,
 }
 
@@ -52,7 +52,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The verdict as a word: `pass`, `fail`, `undecided` or `not evaluated`.
+    /// Verdict in words: `pass`, `fail`, `undecided` or `not evaluated`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -62,7 +62,7 @@ impl Verdict {
         }
     }
 
-    /// The verdict on all together: one that fails fails them, then one that is open.
+    /// Combined verdict: the first of fail, not evaluated, undecided and pass that occurs; `Pass` for an empty list.
     pub fn of_all(verdicts: impl IntoIterator<Item = Self>) -> Self {
         let rank = |verdict: &Self| match verdict {
             Self::Fail => 3,
@@ -81,8 +81,8 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// Decides on the size of a value by ISO 14253-1: `u` is its expanded uncertainty (k = 2), not negative; `None` where none is stated, and the
-/// value is compared with the limit as it is.
+/// Decides on the magnitude of a value by ISO 14253-1. `u` is its expanded uncertainty (k = 2), not negative; with `None` the value is compared with
+/// the limit directly.
 pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
     let Some(size) = value.map(f64::abs) else {
         return Verdict::NotEvaluated;
@@ -120,7 +120,7 @@ pub struct JudgedQuantity {
     pub verdict: Option<Verdict>,
 }
 
-/// Judges the quantities of one standard by their tolerances and expanded uncertainties, by symbol.
+/// Compares the quantities of one standard with their tolerances, with expanded uncertainties by symbol.
 pub fn judged(
     standard: &str,
     quantities: impl IntoIterator<Item = StandardQuantity>,
@@ -177,12 +177,12 @@ impl Decision {
     }
 }
 
-/// Reads `A=10,E=8,B=2`. `known` are the symbols that may stand there; letters count in either case.
+/// Parses `A=10,E=8,B=2`. `known` lists the admissible symbols; case is ignored.
 ///
 /// # Errors
-/// A symbol that is not known or stands twice, a limit that is no finite number of at least 0, no tolerance at all.
+/// A symbol that is unknown or repeated, a limit that is not a finite number of at least 0, no tolerance at all.
 pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, MetrologyError> {
-    // `U_max` and `u_MAX` are one; where two differ in case alone the exact one counts.
+    // `U_max` and `u_MAX` are the same; if two symbols differ in case only, an exact match has priority.
     let named = |symbol: &str| {
         let exact = known.iter().find(|name| **name == symbol);
         let named = exact.or_else(|| known.iter().find(|name| name.eq_ignore_ascii_case(symbol)));
@@ -191,8 +191,8 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
     parse_tolerances_of(text, named, &format!("one of {}", known.join(", ")))
 }
 
-/// Reads tolerances of symbols that are no short list. `named` gives the symbol as it is spelled, and `None` where there is none of
-/// this name; `expected` says in a message what it may be.
+/// Parses tolerances whose symbols are not a short list. `named` returns the spelling of a symbol, or `None` for an unknown one; `expected` describes
+/// the admissible symbols in messages.
 ///
 /// # Errors
 /// As [`parse_tolerances`].

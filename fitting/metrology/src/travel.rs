@@ -2,12 +2,11 @@
 
 use crate::Direction;
 
-/// The run (counted among those of its direction, from 1) and the direction of approach of each target in the order of
-/// travel.
+/// Run (counted among those of its direction, from 1) and direction of approach of each target in the order of travel.
 ///
-/// A target is approached in the direction of the move towards it. The same target twice in a row was approached from the other
-/// side the second time, as after an overrun at the end of the travel. A single move back over several targets, after
-/// which the axis goes on in the first direction, is the return of a unidirectional test: its target begins the next run.
+/// A target is approached in the direction of the move towards it. The same target twice in a row was approached from the other side the second time,
+/// as after an overrun at the end of the travel. A single move back over several targets, after which the axis continues in the first direction, is
+/// the return of a unidirectional test: its target begins the next run.
 pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
     let directions = directions(targets);
     let mut runs = [0_u32; 2];
@@ -21,7 +20,7 @@ pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
     result
 }
 
-/// The direction of each approach, and whether a run begins there in the direction of the one before.
+/// Direction of each approach, and whether a new run in the same direction begins there.
 fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
     let toward = |from: f64, to: f64| {
         if to > from {

@@ -1,11 +1,11 @@
-//! The units of deviations and of targets in files, and how they are brought into those in which they are held.
+//! Units of deviations and of targets in files, and their conversion to the internal units.
 
 use volcomp_document::unit_named;
 use volcomp_vocabulary::AxisKind;
 
 use crate::{DeviationUnit, Measurement};
 
-/// A unit in which deviations are written in a file, or asked for.
+/// Unit of deviations in a file, or requested by the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -31,8 +31,7 @@ pub enum ReadingUnit {
 }
 
 impl ReadingUnit {
-    /// The unit of this name, as it stands behind the name of a column: `mm`, `µm`, `arcsec`, in letters of either case;
-    /// `None` for a unit that is not known.
+    /// Unit of this name, as in a column head: `mm`, `µm`, `arcsec`, case ignored; `None` for an unknown unit.
     pub fn named(name: &str) -> Option<Self> {
         if ["in", "inch", "inches"].contains(&name.to_lowercase().as_str()) {
             return Some(Self::Inch);
@@ -50,7 +49,7 @@ impl ReadingUnit {
         })
     }
 
-    /// The unit in which deviations of this kind are held.
+    /// Internal unit of deviations of this kind.
     pub fn held_in(self) -> DeviationUnit {
         match self {
             Self::Mm | Self::Um | Self::Nm | Self::Inch => DeviationUnit::Um,
@@ -58,7 +57,7 @@ impl ReadingUnit {
         }
     }
 
-    /// µm of a mm or µrad of a degree: of a coordinate whose deviations are in this unit.
+    /// µm per mm or µrad per degree, for a coordinate whose deviations are in this unit.
     pub(crate) fn micro_of_coordinate(self) -> f64 {
         match self.held_in() {
             DeviationUnit::Um => Self::Mm.micro(),
@@ -66,7 +65,7 @@ impl ReadingUnit {
         }
     }
 
-    /// How many µm or µrad it is.
+    /// Size of the unit in µm or µrad.
     pub fn micro(self) -> f64 {
         match self {
             Self::Mm | Self::Mrad => 1e3,
@@ -105,7 +104,7 @@ impl std::fmt::Display for ReadingUnit {
     }
 }
 
-/// The unit in which a file has its targets.
+/// Unit of targets in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -117,12 +116,12 @@ pub enum TargetUnit {
 }
 
 impl TargetUnit {
-    /// The word in files: `mm` or `deg`.
+    /// Key in files: `mm` or `deg`.
     pub fn key(self) -> &'static str {
         self.kind().coordinate_unit()
     }
 
-    /// The unit by any of its names; `None` where targets are never in it.
+    /// Unit by any of its names; `None` for a unit that is invalid for targets.
     pub(crate) fn named(text: &str) -> Option<Self> {
         match unit_named(text)? {
             "mm" => Some(Self::Mm),
@@ -131,7 +130,7 @@ impl TargetUnit {
         }
     }
 
-    /// The kind of the axis that has such targets.
+    /// Kind of the axis that has such targets.
     pub fn kind(self) -> AxisKind {
         match self {
             Self::Mm => AxisKind::Linear,
@@ -141,11 +140,11 @@ impl TargetUnit {
 }
 
 impl Measurement {
-    /// Takes the deviations for ones in `asked` and brings them into µm or µrad, where the file states no unit. Where it
-    /// states one the deviations have been brought there already, and `asked` must be the same.
+    /// Converts deviations in the unit `asked` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
+    /// `asked` must be the same.
     ///
     /// # Errors
-    /// The unit that the file states, where it is another one; nothing is changed then.
+    /// The unit stated in the file, if it is another one; nothing is changed then.
     pub fn take_in(&mut self, asked: ReadingUnit) -> Result<(), ReadingUnit> {
         match self.stated.or(self.unit.map(ReadingUnit::from)) {
             Some(stated) if stated == asked => Ok(()),

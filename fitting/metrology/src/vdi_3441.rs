@@ -2,7 +2,7 @@
 
 use crate::{Iso230Part2, StandardQuantity};
 
-/// The results of VDI/DGQ 3441 at one target, in the unit of the deviations.
+/// Results of VDI/DGQ 3441 at one target, in the unit of the deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Vdi3441Target {
@@ -16,11 +16,11 @@ pub struct Vdi3441Target {
     pub ps: f64,
 }
 
-/// The results of VDI/DGQ 3441 for an axis, in the unit of the deviations.
+/// Results of VDI/DGQ 3441 for an axis, in the unit of the deviations.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Vdi3441 {
-    /// The targets, ascending.
+    /// Results at the targets, ascending.
     pub targets: Vec<Vdi3441Target>,
     /// Positional uncertainty P = max(x̄_j + (U_j + Ps_j)/2) − min(x̄_j − (U_j + Ps_j)/2).
     pub p: f64,
@@ -36,9 +36,9 @@ pub struct Vdi3441 {
     pub ps_mean: f64,
 }
 
-/// Evaluates by VDI/DGQ 3441 what [`evaluate`](crate::evaluate) made of the readings.
+/// Evaluates the results of [`evaluate`](crate::evaluate) by VDI/DGQ 3441.
 ///
-/// `None` where a target lacks a direction or a standard deviation: the guideline evaluates both directions of several runs.
+/// `None` if a target lacks a direction or a standard deviation: the guideline requires both directions and several runs.
 pub fn vdi_3441(result: &Iso230Part2) -> Option<Vdi3441> {
     let at = |row: &crate::TargetRow| {
         let (up, down) = (row.forward?, row.backward?);
@@ -82,12 +82,12 @@ const QUANTITIES: [Quantity; 6] = [
 ];
 
 impl Vdi3441 {
-    /// The symbols of the quantities, in their order.
+    /// Symbols of the quantities, in their order.
     pub fn symbols() -> [&'static str; 6] {
         QUANTITIES.map(|(symbol, ..)| symbol)
     }
 
-    /// The quantities by symbol and name; each without a value where the guideline could not be evaluated.
+    /// Quantities by symbol and name, without values if the guideline could not be evaluated.
     pub fn quantities(evaluated: Option<&Self>) -> Vec<StandardQuantity> {
         QUANTITIES
             .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, evaluated.map(value)))

@@ -1,10 +1,10 @@
-//! The bound of every number in an input file.
+//! Bound of every number in an input file.
 
-/// The largest number that an input file may state, positive or negative. No quantity of a machine in mm, µm, µrad, °C, s
-/// or Pa comes near it, and squares and sums of such numbers stay finite.
+/// Maximum magnitude of a number in an input file. No quantity of a machine in mm, µm, µrad, °C, s or Pa comes near it, and squares and sums of such
+/// numbers stay finite.
 pub const LARGEST_NUMBER: f64 = 1e15;
 
-/// The number, or what was expected instead.
+/// Checks a number against the bound; the error describes what is expected.
 pub(crate) fn bounded(number: Option<f64>) -> Result<f64, &'static str> {
     match number.filter(|number| number.is_finite()) {
         None => Err("a finite number"),

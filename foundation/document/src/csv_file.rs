@@ -1,4 +1,4 @@
-//! A CSV table with a header, whose rows and cells know their place.
+//! CSV table with a header, whose rows and cells record their location.
 
 use core::ops::Range;
 use std::sync::Arc;
@@ -7,18 +7,18 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::{bound::bounded, error::InputError, quoted};
 
-/// A table with a header, read from CSV text.
+/// Table with a header, read from CSV text.
 ///
-/// The separator is the one that stands most often in the header, of `,`, `;` and the tab; a first line `sep=;` as
-/// spreadsheets write it is honoured, and lines above the header that begin with `#` are passed over. Where the separator is not a comma, numbers may have a decimal comma, then in
-/// the whole table. Cells may stand in double quotes; blanks around a cell, blank rows and a byte order mark are
-/// passed over. Columns are found by name, whatever their order; their case is ignored.
+/// The separator is the most frequent one in the header, of `,`, `;` and the tab. A first line `sep=;`, as written by spreadsheets, overrides it.
+/// Lines above the header that begin with `#` are skipped. Unless the separator is a comma, numbers may have a decimal comma, then in the whole
+/// table. Cells may be in double quotes; blanks around a cell, blank rows and a byte order mark are ignored. Columns are found by name, regardless of
+/// their order and of case.
 #[derive(Clone, Debug)]
 pub struct CsvTable {
     file: String,
     text: Arc<str>,
     separator: char,
-    /// The first row with a decimal comma, if the table has one.
+    /// First row with a decimal comma, if the table has one.
     decimal_comma_line: Option<usize>,
     header: Record,
     rows: Vec<Record>,
@@ -31,18 +31,18 @@ struct Record {
     cells: StringRecord,
 }
 
-/// A column of a [`CsvTable`], as [`CsvTable::column`] finds it.
+/// Column of a [`CsvTable`], as returned by [`CsvTable::column`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Column(usize);
 
-/// One row of a [`CsvTable`] under its header.
+/// Row of a [`CsvTable`] below its header.
 #[derive(Clone, Copy, Debug)]
 pub struct CsvRow<'t> {
     table: &'t CsvTable,
     record: &'t Record,
 }
 
-/// One cell of a [`CsvTable`].
+/// Cell of a [`CsvTable`].
 #[derive(Clone, Copy, Debug)]
 pub struct Cell<'t> {
     row: CsvRow<'t>,
@@ -53,7 +53,7 @@ impl CsvTable {
     /// Reads a table from the text of `file`.
     ///
     /// # Errors
-    /// There is no header, or a row has more or fewer cells than the header (empty cells at the end are passed over).
+    /// There is no header, or a row has more or fewer cells than the header (empty cells at the end are ignored).
     pub fn parse(file: &str, text: &str) -> Result<Self, InputError> {
         let text: Arc<str> = text.into();
         let (start, separator) = start_and_separator(&text);
@@ -115,7 +115,7 @@ impl CsvTable {
         })
     }
 
-    /// The character between the cells: `,`, `;` or the tab.
+    /// Separator of the cells: `,`, `;` or the tab.
     pub fn separator(&self) -> char {
         self.separator
     }
@@ -125,18 +125,18 @@ impl CsvTable {
         self.decimal_comma_line.is_some()
     }
 
-    /// Every column with its name in the header as it is written, which may be empty.
+    /// All columns with their names as written in the header, which may be empty.
     pub fn columns(&self) -> impl Iterator<Item = (Column, &str)> {
         let cells = self.header.cells.iter().enumerate();
         cells.map(|(index, name)| (Column(index), name))
     }
 
-    /// The columns that have a name in the header, with their names as they are written.
+    /// Columns with a non-empty name, and the names as written in the header.
     pub fn names(&self) -> impl Iterator<Item = (Column, &str)> {
         self.columns().filter(|(_, name)| !name.is_empty())
     }
 
-    /// The column of a name, if the header has it.
+    /// Column with this name, if the header has it.
     ///
     /// # Errors
     /// The header has the name twice.
@@ -151,7 +151,7 @@ impl CsvTable {
         }
     }
 
-    /// The column of a name that the header must have.
+    /// Column with this name, which the header must have.
     ///
     /// # Errors
     /// The header lacks the name or has it twice.
@@ -163,14 +163,14 @@ impl CsvTable {
         })
     }
 
-    /// The names of the columns that are none of those known, for a note about what is not used.
+    /// Names of the columns that are not among the known ones, for a note on ignored columns.
     pub fn names_besides(&self, known: &[&str]) -> Vec<&str> {
         let is_known = |name: &str| known.iter().any(|known| known.eq_ignore_ascii_case(name));
         let names = self.names().map(|(_, name)| name);
         names.filter(|name| !is_known(name)).collect()
     }
 
-    /// The rows under the header, in the order of the file, without the blank ones.
+    /// Rows below the header, in the order of the file, without blank ones.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = CsvRow<'_>> {
         self.rows.iter().map(|record| CsvRow {
             table: self,
@@ -183,7 +183,7 @@ impl CsvTable {
         self.error(&self.header, "header", message.into())
     }
 
-    /// An error at the row in a line, or at the header where no row stands there.
+    /// An error at the row in a line, or at the header if there is no row in that line.
     pub fn error_at(&self, line: usize, message: impl Into<String>) -> InputError {
         match self.rows().find(|row| row.line() == line) {
             Some(row) => row.error(message),
@@ -204,12 +204,12 @@ impl CsvTable {
 }
 
 impl<'t> CsvRow<'t> {
-    /// The line of the row in the file, from 1.
+    /// Line of the row in the file, from 1.
     pub fn line(&self) -> usize {
         self.record.line
     }
 
-    /// The cell in a column of this table.
+    /// Cell in a column of this table.
     pub fn cell(&self, column: Column) -> Cell<'t> {
         Cell { row: *self, column }
     }
@@ -221,18 +221,18 @@ impl<'t> CsvRow<'t> {
 }
 
 impl<'t> Cell<'t> {
-    /// The text of the cell without the blanks around it; empty for a column of another, wider table.
+    /// Text of the cell without surrounding blanks; empty for a column of another, wider table.
     pub fn text(&self) -> &'t str {
         let record: &'t Record = self.row.record;
         record.cells.get(self.column.0).unwrap_or_default()
     }
 
-    /// The line of the cell in the file, from 1.
+    /// Line of the cell in the file, from 1.
     pub fn line(&self) -> usize {
         self.row.line()
     }
 
-    /// The text with a decimal point where the table has decimal commas.
+    /// Text of the cell, with a decimal point if the table has decimal commas.
     ///
     /// # Errors
     /// The table has decimal commas and this cell a point: it may separate thousands.
@@ -248,10 +248,10 @@ impl<'t> Cell<'t> {
         }
     }
 
-    /// The cell as a finite number up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER).
+    /// Parses the cell as a finite number of magnitude up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER).
     ///
     /// # Errors
-    /// Anything else, `nan` and `inf` included.
+    /// Anything else, including `nan` and `inf`.
     pub fn number(&self) -> Result<f64, InputError> {
         let number = self.decimal_text()?.parse::<f64>().ok();
         bounded(number).map_err(|expected| {
@@ -268,7 +268,7 @@ impl<'t> Cell<'t> {
     }
 }
 
-/// Where the table starts in the text, and what separates its cells.
+/// Byte at which the table starts in the text, and the separator of its cells.
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
     let start = start + remarks(text.get(start..).unwrap_or_default());
@@ -277,7 +277,7 @@ fn start_and_separator(text: &str) -> (usize, char) {
     match first.trim().strip_prefix("sep=") {
         Some(";") => (start + first.len(), ';'),
         Some(",") => (start + first.len(), ','),
-        // The tab itself may have been taken for a blank.
+        // Trimming the line may have removed a tab as separator.
         Some("" | "\t") => (start + first.len(), '\t'),
         _ => {
             let header = rest.lines().find(|line| !line.trim().is_empty());
@@ -286,7 +286,7 @@ fn start_and_separator(text: &str) -> (usize, char) {
     }
 }
 
-/// How many bytes the lines take at the beginning that begin with `#`, with blank ones among them.
+/// Length in bytes of the leading lines that begin with `#` or are blank.
 fn remarks(text: &str) -> usize {
     let mut length = 0;
     for line in text.split_inclusive('\n') {
@@ -316,7 +316,7 @@ fn separator_of(header: &str) -> char {
         .map_or(',', |(separator, _)| separator)
 }
 
-/// Every record from `start` on with its line and its bytes, or the line and message of what cannot be read.
+/// All records from `start` on with their line and byte range, or the line and message of a syntax error.
 fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (usize, String)> {
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
@@ -338,7 +338,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         let byte = |position: u64| start + usize::try_from(position).unwrap_or(usize::MAX - start);
         let from = byte(cells.position().map_or(0, csv::Position::byte));
         let to = byte(reader.position().byte());
-        // The position of a record may stand before the blank lines above it.
+        // The reported position of a record may be before the blank lines above it.
         let record = bytes.get(from..to).unwrap_or_default();
         let is_break = |byte: &&u8| matches!(byte, b'\n' | b'\r');
         let from = from + record.iter().take_while(is_break).count();
@@ -364,7 +364,7 @@ fn is_number_with_comma(cell: &str) -> bool {
         && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
 }
 
-/// Whether two neighbouring cells can be the halves of a number with a decimal comma: `12` and `5`.
+/// Whether two neighbouring cells may be the halves of a number with a decimal comma: `12` and `5`.
 fn has_halves(cells: &StringRecord) -> bool {
     let is_whole = |cell: &str| {
         let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);

@@ -1,22 +1,21 @@
-//! An error in a file, with its place.
+//! An error in a file, with its location.
 
 use core::ops::Range;
 
-/// A place in a TOML or CSV file and what is wrong there.
+/// Location in a TOML or CSV file, with the error there.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{file}:{line}: {key}{}{message}", if key.is_empty() { "" } else { ": " })]
 pub struct InputError {
-    /// The file as the caller named it.
+    /// File as named by the caller.
     pub file: String,
-    /// The line in the file, from 1.
+    /// Line in the file, from 1.
     pub line: usize,
-    /// The key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty where the whole file
-    /// or row is meant.
+    /// Key with the tables before it (`errors.EXX.table`), or the column of a CSV file; empty if the whole file or row is concerned.
     pub key: String,
-    /// The sentence that says what was found and what was expected.
+    /// Sentence with the text found and what was expected.
     pub message: String,
-    /// The bytes of the text that are wrong, for programs that show the place.
+    /// Byte range of the wrong text, for programs that display it.
     pub span: Range<usize>,
-    /// The text of the file, for programs that show the place.
+    /// Text of the file, for programs that display the location.
     pub text: std::sync::Arc<str>,
 }

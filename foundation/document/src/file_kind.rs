@@ -1,21 +1,21 @@
-//! The kinds of TOML file that the programs read: a file of another kind is named instead of its first unknown key.
+//! Kinds of TOML file: the message on a file of the wrong kind names that kind instead of the first unknown key.
 
 use crate::{error::InputError, toml_file::Section};
 
-/// A kind of TOML file, with its own keys.
+/// Kind of TOML file, with its specific keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
-    /// The geometry and the errors of a machine.
+    /// Geometry and errors of a machine.
     Machine,
-    /// The measurement files of a machine, and how each was taken.
+    /// Measurement files of a machine, and the set-up of each measurement.
     Calibration,
-    /// Volumetric observations, and what is to be found from them.
+    /// Volumetric observations, and the unknowns to estimate from them.
     Observations,
-    /// A virtual shop: a machine and the instruments that measure it.
+    /// Virtual shop: a machine and the instruments that measure it.
     Shop,
-    /// The configuration of the gateway.
+    /// Configuration of the gateway.
     Gateway,
-    /// The registers of a Modbus module.
+    /// Registers of a Modbus module.
     Profile,
 }
 
@@ -29,7 +29,7 @@ impl FileKind {
         Self::Profile,
     ];
 
-    /// The name in messages.
+    /// Name in messages.
     fn name(self) -> &'static str {
         match self {
             Self::Machine => "a machine file",
@@ -41,7 +41,7 @@ impl FileKind {
         }
     }
 
-    /// Keys of the root that files of no other kind have.
+    /// Root keys that are specific to this kind of file.
     fn own_keys(self) -> &'static [&'static str] {
         match self {
             Self::Machine => &["structure", "type", "axes", "errors", "assembly", "thermal"],
@@ -55,11 +55,11 @@ impl FileKind {
 }
 
 impl Section<'_> {
-    /// Refuses every key of the root of a file but those expected in a file of this kind. A file that has a key of
-    /// another kind of file, and none of this kind's own, is refused as a whole.
+    /// Rejects every root key of a file except those expected in a file of this kind. A file that has a key of another kind of file, and none
+    /// specific to this kind, is rejected as a whole.
     ///
     /// # Errors
-    /// The other kind of file, else the first unknown key, as [`Section::allow`] names it.
+    /// The other kind of file, else the first unknown key, as reported by [`Section::allow`].
     pub fn allow_in(&self, kind: FileKind, expected: &[&str]) -> Result<(), InputError> {
         let Err(unknown) = self.allow(expected) else {
             return Ok(());
@@ -67,15 +67,15 @@ impl Section<'_> {
         Err(self.other_kind(kind, expected).unwrap_or(unknown))
     }
 
-    /// The error of a file that has a key of another kind of file, and none of this kind's own.
+    /// Error for a file that has a key of another kind of file, and none specific to this kind.
     pub fn other_kind(&self, kind: FileKind, expected: &[&str]) -> Option<InputError> {
         let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
-        // A calibration file may have observations, too.
+        // A calibration file may also contain observations.
         let foreign = |kind: FileKind| {
             let mut keys = kind.own_keys().iter();
             keys.find(|key| !expected.contains(key) && self.get(key).is_some())
         };
-        // Measurements stand in calibration and shop files, and make no other kind of file.
+        // Both calibration and shop files may contain measurements, so these identify the kind only for other files.
         let no_measurements = !matches!(kind, FileKind::Shop | FileKind::Calibration);
         let measured = (no_measurements && self.get("measurement").is_some())
             .then_some((FileKind::Calibration, &"measurement"));

@@ -1,9 +1,9 @@
-//! The heads of columns: a name, alone or with a unit behind it.
+//! Column heads: a name, alone or followed by a unit.
 
-/// Units and how people write them; letters of either case.
+/// Units and their spellings; case is ignored.
 const UNITS: [(&str, &[&str]); 14] = [
     ("mm", &["mm"]),
-    // The micro sign becomes no Greek letter in lower case: both are written.
+    // The micro sign does not become the Greek letter in lower case: both are listed.
     ("um", &["um", "µm", "μm"]),
     ("nm", &["nm"]),
     ("cm", &["cm"]),
@@ -19,8 +19,8 @@ const UNITS: [(&str, &[&str]); 14] = [
     ("degc", &["degc", "°c"]),
 ];
 
-/// The name of a head, and what stands behind it without blanks and marks: `X`, `X mm`, `dx_um`, `deviation [µm]`, `C (deg)` and `C°`
-/// are a name alone or with a unit.
+/// Splits a head into its name and the text after it, without blanks and punctuation: `X`, `X mm`, `dx_um`, `deviation [µm]`, `C (deg)` and `C°` are
+/// a name alone or with a unit.
 pub fn split_head(head: &str) -> (&str, &str) {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let end = head.find(|c: char| !c.is_alphanumeric());
@@ -28,15 +28,15 @@ pub fn split_head(head: &str) -> (&str, &str) {
     (name, behind.trim_matches(is_mark))
 }
 
-/// The name and the unit of a head with a unit that is known behind it: `dz` and `um` of `dz_um` and `dz [µm]`, `spindle front` and
-/// `degc` of `spindle front °C`.
+/// Splits a head that ends in a known unit into name and unit: `dz` and `um` for `dz_um` and `dz [µm]`, `spindle front` and `degc` for `spindle front
+/// °C`.
 pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let (name, behind) = split_head(head);
     let (name, unit) = if let Some(unit) = unit_named(behind) {
         (name, unit)
     } else {
-        // A name with marks or blanks in it.
+        // The name itself may contain blanks and punctuation.
         let head = head.trim_end_matches(is_mark);
         let (name, behind) = head.rsplit_once(is_mark)?;
         (name.trim_end_matches(is_mark), unit_named(behind)?)
@@ -44,7 +44,7 @@ pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     (!name.is_empty()).then_some((name, unit))
 }
 
-/// A unit by any of its names: `um` for `µm`, `deg` for `°`; `None` where it is none that is known.
+/// Unit by any of its names: `um` for `µm`, `deg` for `°`; `None` for an unknown one.
 pub fn unit_named(text: &str) -> Option<&'static str> {
     let small = text.to_lowercase();
     let is_it = |(_, names): &&(&str, &[&str])| names.contains(&small.as_str());

@@ -1,5 +1,4 @@
-//! The look-ups that all decoders use: a value or its default, a number within a range, one of several words, an
-//! array of tables.
+//! Look-ups shared by all decoders: a value or its default, a number within a range, one of several words, an array of tables.
 
 use core::{fmt::Display, ops::RangeInclusive};
 
@@ -8,7 +7,7 @@ use crate::{
     toml_file::{Section, Value},
 };
 
-/// What was expected of a number within a range; an infinite end is no limit.
+/// Description of an expected range; an infinite end is no limit.
 pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
     let (low, high) = range.into_inner();
     match (low.is_finite(), high.is_finite()) {
@@ -19,7 +18,7 @@ pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
 }
 
 impl<'a> Section<'a> {
-    /// The value of a key as `decode` returns it; `None` where the key is not there.
+    /// Value of a key as `decode` returns it; `None` if the key is missing.
     ///
     /// # Errors
     /// Those of `decode`.
@@ -31,7 +30,7 @@ impl<'a> Section<'a> {
         self.get(key).map(|value| decode(&value)).transpose()
     }
 
-    /// A number within `range`, or `default` (which may lie outside it) where the key is not there.
+    /// Number within `range`, or `default` (which may lie outside it) if the key is missing.
     ///
     /// # Errors
     /// Anything but a number within the range.
@@ -46,7 +45,7 @@ impl<'a> Section<'a> {
             .unwrap_or(default))
     }
 
-    /// A whole number within `range`, or `default` (which may lie outside it) where the key is not there.
+    /// Whole number within `range`, or `default` (which may lie outside it) if the key is missing.
     ///
     /// # Errors
     /// Anything but a whole number within the range.
@@ -64,7 +63,7 @@ impl<'a> Section<'a> {
             .unwrap_or(default))
     }
 
-    /// `true` or `false`, or `default` where the key is not there.
+    /// `true` or `false`, or `default` if the key is missing.
     ///
     /// # Errors
     /// Anything but a truth value.
@@ -72,7 +71,7 @@ impl<'a> Section<'a> {
         Ok(self.optional(key, Value::truth)?.unwrap_or(default))
     }
 
-    /// The meaning of the word that a key holds, or `default` where the key is not there.
+    /// Value that belongs to the word of a key, or `default` if the key is missing.
     ///
     /// # Errors
     /// Anything but one of the words.
@@ -87,7 +86,7 @@ impl<'a> Section<'a> {
             .unwrap_or(default))
     }
 
-    /// Every table of an array of tables (`[[key]]`), decoded in order; none where the key is not there.
+    /// Decodes every table of an array of tables (`[[key]]`) in order; empty if the key is missing.
     ///
     /// # Errors
     /// Anything but an array of tables, and those of `decode`.
@@ -108,10 +107,10 @@ impl<'a> Section<'a> {
 }
 
 impl Value<'_> {
-    /// A number within `range`, both ends included; an infinite end is no limit.
+    /// Number within `range`, both ends included; an infinite end is no limit.
     ///
     /// # Errors
-    /// Anything else, with the range that is expected.
+    /// Anything else, with the expected range.
     pub fn number_in(&self, range: RangeInclusive<f64>) -> Result<f64, InputError> {
         let found = self.number()?;
         if range.contains(&found) {
@@ -121,7 +120,7 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected {expected}")))
     }
 
-    /// A finite number above 0.
+    /// Finite number above 0.
     ///
     /// # Errors
     /// Anything else.
@@ -133,10 +132,10 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected a number above 0")))
     }
 
-    /// The meaning of the word that stands here.
+    /// Value that belongs to the word here.
     ///
     /// # Errors
-    /// Anything but one of the words, with those that are known.
+    /// Anything but one of the words, with the list of known ones.
     pub fn one_of<T: Clone>(&self, words: &[(&str, T)]) -> Result<T, InputError> {
         let found = self.text()?;
         if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == found) {

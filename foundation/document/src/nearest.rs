@@ -1,14 +1,12 @@
-//! The word that was probably meant.
+//! Suggestions for misspelled words.
 
-/// The known word that differs least from `found`, if it differs in few enough letters to be a slip of the hand; case
-/// does not count.
+/// The known word closest to `found`, if the edit distance is small enough for a typing error; case is ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }
 
-/// The known words that may have been meant, the likeliest first: those that differ in few enough letters to be a slip of the
-/// hand, then the longer ones that begin with what was found and `_`, since a unit was left out, as in `limit` for `limit_um`.
-/// Case does not count.
+/// Known words that may have been meant, the likeliest first. Those within the edit distance of a typing error come first, then longer ones that
+/// begin with `found` and `_`, since a unit was omitted, as in `limit` for `limit_um`. Case is ignored.
 pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     let small = found.to_lowercase();
     let found: Vec<char> = small.chars().collect();
@@ -17,7 +15,7 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
         let lower = word.to_lowercase();
         let letters: Vec<char> = lower.chars().collect();
         let slips = slips(&found, &letters);
-        // Of a word as short as the slip nothing would be left.
+        // Exclude words no longer than the edit distance: nothing of them would match.
         if slips <= most && slips < letters.len() {
             return Some((false, slips));
         }
@@ -31,8 +29,8 @@ pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     ranked.into_iter().map(|(_, word)| word).collect()
 }
 
-/// The least number of letters left out, added, changed, or swapped with their neighbour, that make one word the other
-/// (optimal string alignment).
+/// Minimum number of letters omitted, added, changed, or swapped with their neighbour, that turn one word into the other (optimal string alignment
+/// distance).
 fn slips(from: &[char], to: &[char]) -> usize {
     let mut above: Vec<usize> = vec![0; to.len() + 1];
     let mut row: Vec<usize> = (0..=to.len()).collect();

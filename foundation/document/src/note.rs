@@ -1,33 +1,33 @@
-//! Notes: what the user should read beside a result.
+//! Notes: remarks and warnings for the user that accompany a result.
 
 use core::fmt::{self, Display, Formatter};
 
 use serde::{Serialize, Serializer};
 
-/// How much a note matters.
+/// Severity of a note.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// The result could mislead.
     Warning,
-    /// The result holds; this was not used, or was assumed.
+    /// The result is valid; something was ignored or assumed.
     Info,
 }
 
-/// One statement beside a result: where, what, and what to do. Its [`Display`] is one sentence, and so is its JSON.
+/// A note on a result: location, statement and recommendation. Its [`Display`] is one sentence, and so is its JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// How much it matters.
+    /// Severity of the note.
     pub severity: Severity,
-    /// The file, `file:line` or the name concerned; empty where the whole result is meant.
+    /// File, `file:line` or name concerned; empty if the whole result is concerned.
     pub place: String,
-    /// What was found and, where there is one, the limit.
+    /// What was found and, if there is one, the limit.
     pub what: String,
-    /// What to do or to check; empty where `what` says enough.
+    /// What to do or to check; empty if `what` is sufficient.
     pub hint: &'static str,
 }
 
 impl Note {
-    /// A warning about a place without a hint.
+    /// A warning without a hint.
     pub fn warning(place: impl Into<String>, what: impl Into<String>) -> Self {
         Self {
             severity: Severity::Warning,
@@ -37,7 +37,7 @@ impl Note {
         }
     }
 
-    /// A remark about a place without a hint.
+    /// A remark without a hint.
     pub fn info(place: impl Into<String>, what: impl Into<String>) -> Self {
         Self {
             severity: Severity::Info,
@@ -45,7 +45,7 @@ impl Note {
         }
     }
 
-    /// The same with what to do.
+    /// Adds what to do.
     #[must_use]
     pub fn hint(self, hint: &'static str) -> Self {
         Self { hint, ..self }

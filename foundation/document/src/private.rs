@@ -7,40 +7,40 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Why a secret is not taken from a file.
+/// Reason why a secret file is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivateError {
     /// The file cannot be read.
     #[error("{}: {source}", file.display())]
     Read {
-        /// The path of the file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why the operating system refused it.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// Others may read it.
+    /// Other users may read the file.
     #[error(
         "{}: found mode {mode:03o}, expected 600: a secret that others can read is none", file.display()
     )]
     Mode {
-        /// The path of the file.
+        /// Path of the file.
         file: PathBuf,
-        /// Its mode.
+        /// Mode bits of the file.
         mode: u32,
     },
 }
 
-/// Whether a mode lets others than its owner read a file, or write it.
+/// Whether a mode lets users other than the owner read or write a file.
 #[must_use]
 pub fn is_open_to_others(mode: u32) -> bool {
     mode & 0o077 != 0
 }
 
-/// Opens a file that nobody but its owner may read, or that the service manager has put among the credentials of this service.
+/// Opens a file that only its owner may read, or that the service manager provides in the credentials folder of this service.
 ///
 /// # Errors
-/// It cannot be opened, or others may read it.
+/// It cannot be opened, or other users may read it.
 pub fn open(path: &Path) -> Result<File, PrivateError> {
     let failed = |source| PrivateError::Read {
         file: path.to_owned(),
@@ -48,7 +48,7 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
     };
     let file = File::open(path).map_err(failed)?;
     let mode = file.metadata().map_err(failed)?.permissions().mode() & 0o777;
-    // The service manager keeps the folder of its credentials private; their modes may show an access list.
+    // The service manager keeps its credentials folder private; the modes of the files may reflect an access list.
     let is_credential =
         std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
     if is_open_to_others(mode) && !is_credential {
@@ -63,7 +63,7 @@ pub fn open(path: &Path) -> Result<File, PrivateError> {
 /// Reads a text from such a file.
 ///
 /// # Errors
-/// It cannot be read, is no text, or others may read it.
+/// It cannot be read, is not text, or other users may read it.
 pub fn read(path: &Path) -> Result<String, PrivateError> {
     let mut text = String::new();
     open(path)?

@@ -1,6 +1,6 @@
-//! Pieces of a file in messages.
+//! Excerpts of a file in messages.
 
-/// A piece of a file for a message: in back quotes, control characters escaped, cut after 60 characters.
+/// Formats an excerpt of a file for a message: in back quotes, control characters escaped, truncated to 60 characters.
 pub fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;
     let mut characters = text.chars();
@@ -10,7 +10,7 @@ pub fn quoted(text: &str) -> String {
             .take(LONGEST)
             .fold(String::new(), |mut shown, character| {
                 match character {
-                    // What stands in quotes in a table is shown as it stands there.
+                    // Show quotes and backslashes as written in the file.
                     '"' | '\'' | '\\' => shown.push(character),
                     _ => shown.extend(character.escape_debug()),
                 }

@@ -1,4 +1,4 @@
-//! Texts and documents from files of the disk.
+//! Reads texts and documents from disk.
 
 use std::{
     fs::File,
@@ -12,31 +12,31 @@ use crate::toml_file::{Document, MOST_BYTES};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The system does not hand the file out: it is missing, a folder, or not readable for this user.
+    /// The operating system cannot read the file: it is missing, a folder, or not readable for this user.
     #[error("{file}: cannot be read: {source}")]
     System {
         /// Name of the file.
         file: String,
-        /// The answer of the system.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The file holds bytes that are no UTF-8.
+    /// The file holds bytes that are not UTF-8.
     #[error("{file}: byte {offset} is not UTF-8, expected a text file in UTF-8")]
     Encoding {
         /// Name of the file.
         file: String,
-        /// Place of the first byte that is not UTF-8, from 0.
+        /// Offset of the first byte that is not UTF-8, from 0.
         offset: usize,
     },
 }
 
 impl Document {
-    /// Reads a file. Its name in messages is its path as given.
+    /// Reads a file. Messages name it by its path as given.
     ///
     /// # Errors
     /// [`ReadError`]: the file cannot be read, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        // No more than what `decode` refuses.
+        // One byte more than the limit is enough for `decode` to reject the file.
         let text = text_of(path, MOST_BYTES as u64 + 1)?;
         Ok(Self::new(&path.display().to_string(), &text))
     }
@@ -50,7 +50,7 @@ pub fn read_text(path: &Path) -> Result<String, ReadError> {
     text_of(path, u64::MAX)
 }
 
-/// At most so many bytes of a file, as text.
+/// Reads at most `most` bytes of a file as text.
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
     let mut bytes = Vec::new();
@@ -62,7 +62,7 @@ fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
         })?;
     let is_cut = bytes.len() as u64 == most;
     String::from_utf8(bytes).or_else(|error| match error.utf8_error() {
-        // Cut in the middle of a letter.
+        // The limit cut a character in two.
         end if is_cut && end.error_len().is_none() => {
             Ok(String::from_utf8_lossy(error.as_bytes()).into_owned())
         }

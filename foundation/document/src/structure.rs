@@ -1,4 +1,4 @@
-//! A TOML file as a structure of serde, with every mistake in it and the place of each of its keys.
+//! Deserialises a TOML file with serde, reporting every error in it, with the location of each key.
 
 use core::{
     fmt,
@@ -19,10 +19,10 @@ use crate::{
     toml_file::{Document, meant},
 };
 
-/// The maximum number of mistakes that are reported: each is found by another reading of the file.
+/// Maximum number of errors that are reported: each requires another pass over the file.
 const MAX_MISTAKES: usize = 100;
 
-/// Every mistake of a file, in the order of its lines; at least one.
+/// All errors of a file, in the order of its lines; at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputErrors(pub Vec<InputError>);
 
@@ -41,24 +41,24 @@ impl From<InputError> for InputErrors {
     }
 }
 
-/// The full keys that a file states (`controller[0].url`), each with the bytes of its value.
+/// Full keys in a file (`controller[0].url`), each with the byte range of its value.
 pub type Places = BTreeMap<String, Range<usize>>;
 
-/// The keys of a file, and the mistakes that were found in it so far.
+/// Keys of a file, and the errors found in it so far.
 pub struct Mistakes<'a> {
     document: &'a Document,
     places: Places,
-    /// Keys whose values could not be read: what follows from their absence is no further mistake.
+    /// Keys with an invalid value: errors that follow from their absence are not reported.
     unread: BTreeSet<String>,
     found: Vec<InputError>,
 }
 
 impl Document {
-    /// Reads the file into a structure. A value that does not fit is reported and left out, so that it has its default and
-    /// hides no other mistake. `replaced` says what replaced a key that the structure does not have any more.
+    /// Deserialises the file. An invalid value is reported and removed, so that its default applies and further errors are found. `replaced` returns
+    /// a message on the replacement of a key that no longer exists.
     ///
     /// # Errors
-    /// A text that is no TOML, as [`decode`](Document::decode).
+    /// A text that is not valid TOML, as [`decode`](Document::decode).
     pub fn structure<T: DeserializeOwned>(
         &self,
         replaced: impl Fn(&str) -> Option<&'static str>,
@@ -92,7 +92,7 @@ impl Document {
                     Some(sentence) => sentence.to_owned(),
                     None => words(error.message(), self.text.get(span).unwrap_or_default()),
                 };
-                // A key that could not be read is missing in the next reading.
+                // A key that was removed because of an error is reported as missing in the next pass.
                 let within = format!("{key}.");
                 let is_stated = unread.iter().any(|other| other.starts_with(&within));
                 if !(is_stated && error.message().starts_with("missing field")) {
@@ -106,7 +106,7 @@ impl Document {
         })
     }
 
-    /// The full keys that the file states; none where it is no TOML.
+    /// Full keys in the file; empty if it is not valid TOML.
     pub fn places(&self) -> Places {
         let mut places = Places::new();
         let found = self.decode(|root| {
@@ -116,7 +116,7 @@ impl Document {
         found.map(|()| places).unwrap_or_default()
     }
 
-    /// An error at a key; where the file does not state it, at the table above.
+    /// An error at a key; if the file does not contain it, at the closest table above.
     pub fn error_at(&self, places: &Places, key: &str, message: impl Into<String>) -> InputError {
         let mut above = key;
         let span = loop {
@@ -133,22 +133,22 @@ impl Document {
 }
 
 impl Mistakes<'_> {
-    /// Whether the file states a key.
+    /// Whether the file contains a key.
     pub fn states(&self, key: &str) -> bool {
         self.places.contains_key(key)
     }
 
-    /// Whether the file states a key, and its value could be read.
+    /// Whether the file contains a key with a valid value.
     pub fn is_read(&self, key: &str) -> bool {
         self.states(key) && !self.unread.contains(key)
     }
 
-    /// The places of the keys that the file states.
+    /// Locations of the keys in the file.
     pub fn places(&self) -> &Places {
         &self.places
     }
 
-    /// Notes a mistake at a key or a table. What follows from a value that could not be read is none.
+    /// Adds an error at a key or a table, unless it follows from an invalid value that was already reported.
     pub fn add(&mut self, key: &str, message: impl Into<String>) {
         let within = |unread: &String| {
             let rest = unread.strip_prefix(key);
@@ -160,7 +160,7 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Notes that a key is missing in the table `above` (empty: the root), where it is not stated.
+    /// Adds an error if a key is missing in the table `above` (empty: the root).
     pub fn require(&mut self, above: &str, key: &str) {
         let dot = if above.is_empty() { "" } else { "." };
         if !self.states(&format!("{above}{dot}{key}")) {
@@ -170,7 +170,7 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Notes a number outside `range`, both ends included; an infinite end is no limit. A default may lie outside.
+    /// Adds an error if a number is outside `range`, both ends included; an infinite end is no limit. Defaults are not checked.
     pub fn range(&mut self, key: &str, found: f64, range: RangeInclusive<f64>) {
         let is_within = range.contains(&found) && found.abs() <= LARGEST_NUMBER;
         if self.states(key) && !is_within {
@@ -183,7 +183,7 @@ impl Mistakes<'_> {
         }
     }
 
-    /// Notes a whole number outside `range`, both ends included.
+    /// Adds an error if a whole number is outside `range`, both ends included.
     #[expect(clippy::needless_pass_by_value, reason = "it is a number")]
     pub fn whole<N: PartialOrd + fmt::Display>(
         &mut self,
@@ -198,10 +198,10 @@ impl Mistakes<'_> {
         }
     }
 
-    /// The value, if nothing is wrong with it.
+    /// Returns the value if there are no errors.
     ///
     /// # Errors
-    /// Every mistake, in the order of the lines.
+    /// All errors, in the order of the lines.
     pub fn none_or<T>(self, value: T) -> Result<T, InputErrors> {
         let mut found = self.found;
         if found.is_empty() {
@@ -240,7 +240,7 @@ fn collect(table: &DeTable<'_>, above: &str, places: &mut Places) {
     }
 }
 
-/// Takes the innermost entry out of a table whose key or value holds these bytes.
+/// Removes the innermost entry whose key or value contains these bytes from a table.
 fn take<'i>(
     table: &mut DeTable<'i>,
     above: &str,
@@ -275,7 +275,7 @@ fn take<'i>(
     Some((key, value))
 }
 
-/// Whether a value holds bytes. A table that is written in parts spans its first header alone.
+/// Whether a value contains a byte range. The span of a table that is written in parts covers only its first header.
 fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bool) -> bool {
     let inside = match value.get_ref() {
         DeValue::Table(inner) => inner
@@ -287,7 +287,7 @@ fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bo
     inside || holds(value.span())
 }
 
-/// The words of serde in those of the messages of this crate. `stated` is the text that is wrong.
+/// Rewrites a message of serde in the terms of this crate. `stated` is the wrong text.
 fn words(message: &str, stated: &str) -> String {
     let quoted = |text: &str| -> Vec<String> {
         let parts = text.split('`').skip(1).step_by(2);

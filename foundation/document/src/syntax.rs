@@ -1,9 +1,8 @@
-//! The messages about text that is no TOML: those of the parser, in the words of people who write such files.
+//! Messages on TOML syntax errors: those of the parser, reworded for users.
 
 use core::ops::Range;
 
-/// The message about a place that is no TOML. `parser` is the parser's own message, kept where nothing is known that
-/// would help more.
+/// Message on a syntax error. `parser` is the message of the parser, which is kept unless a more helpful one is known.
 pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     let parser = parser.trim();
     let at = text.get(..span.start).map_or(0, str::len);
@@ -40,7 +39,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
             "found `{key} = {whole},{part}`, expected a decimal point: {key} = {whole}.{part}"
         );
     }
-    // Other messages are not about the value.
+    // Other messages do not concern the value.
     let about_values = ["string values", "unexpected", "invalid", "extra"];
     if !about_values.iter().any(|start| parser.starts_with(start)) {
         return parser.to_owned();
@@ -51,7 +50,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     if value.is_empty() {
         return "found nothing behind `=`, expected a value".to_owned();
     }
-    // The value as a whole is one bare word: `oops`, `12µm`, `–3`.
+    // The whole value is one bare word: `oops`, `12µm`, `–3`.
     let is_bare = !value.contains(['"', '\'', '[', ']', '{', '}', '=']);
     if is_bare {
         let expected = "expected a number (12.5), a text in quotes (\"X\"), true or false";
@@ -60,7 +59,7 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
     parser.to_owned()
 }
 
-/// The digits before and behind the comma, of a value that is one number with a decimal comma.
+/// Digits before and after the comma, if the value is a single number with a decimal comma.
 fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     let (whole, part) = value.split_once(',')?;
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -68,8 +67,8 @@ fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     (digits(size) && digits(part)).then_some((whole, part))
 }
 
-/// The key and the digits before and behind the comma, of a number with a decimal comma in an inline table: behind a comma
-/// stands a key there, never a number alone.
+/// Key and digits before and after the comma, for a number with a decimal comma in an inline table: in an inline table a key must follow a comma,
+/// never a number alone.
 fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     let inside = value.strip_prefix('{')?;
     let mut parts = inside.split(',').peekable();
@@ -89,7 +88,7 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     None
 }
 
-/// The digits before and behind a comma that stands right before this place: in a list such a number is two.
+/// Digits before and after a comma just before this offset: in a list such a number is read as two.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
     let whole = before
@@ -101,7 +100,7 @@ fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     (!whole.is_empty() && !part.is_empty()).then_some((whole, part))
 }
 
-/// A piece of the file, cut when long.
+/// Excerpt of the file, truncated if long.
 fn shown(text: &str) -> String {
     const LONGEST: usize = 60;
     let mut cut: String = text.chars().take(LONGEST).collect();

@@ -1,4 +1,4 @@
-//! A TOML file as tables and values that know their place.
+//! TOML file as tables and values that record their location.
 
 use core::{
     fmt::Display,
@@ -14,14 +14,14 @@ use toml_parser::lexer::TokenKind;
 
 use crate::{bound::bounded, error::InputError, nearest::near, syntax};
 
-/// The text of a file and its name.
+/// Text of a file and its name.
 #[derive(Clone, Debug)]
 pub struct Document {
     name: String,
     pub(crate) text: Arc<str>,
 }
 
-/// A table of a document, with its full key.
+/// Table of a document, with its full key.
 #[derive(Clone)]
 pub struct Section<'a> {
     document: &'a Document,
@@ -30,7 +30,7 @@ pub struct Section<'a> {
     table: &'a DeTable<'a>,
 }
 
-/// A value of a document, with its full key.
+/// Value of a document, with its full key.
 #[derive(Clone)]
 pub struct Value<'a> {
     document: &'a Document,
@@ -38,15 +38,15 @@ pub struct Value<'a> {
     node: &'a Spanned<DeValue<'a>>,
 }
 
-/// The largest TOML file, bytes. Of a broken one the parser keeps some fifty times its size, which must not be the end of
-/// a program that corrects a machine.
+/// Maximum size of a TOML file, bytes. For an invalid one the parser allocates some fifty times its size, which must not exhaust the memory of a
+/// program that corrects a machine.
 pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
 
-/// The most keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without a
-/// bound 4 MiB of them take 2 GB.
+/// Maximum number of keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without a limit 4 MiB of them
+/// take 2 GB.
 const MOST_KEYS: usize = 100_000;
 
-/// The number of keys, headers and their parts; numbers in arrays are none.
+/// Number of keys, headers and their parts; numbers in arrays do not count.
 fn key_count(text: &str) -> usize {
     let (mut keys, mut parts, mut is_header, mut is_first) = (0, 1, false, true);
     for token in toml_parser::Source::new(text).lex() {
@@ -80,7 +80,7 @@ fn key_count(text: &str) -> usize {
 }
 
 impl Document {
-    /// A document from the text of `file`.
+    /// Builds a document from the text of `file`.
     pub fn new(file: &str, text: &str) -> Self {
         Self {
             name: file.to_owned(),
@@ -88,10 +88,10 @@ impl Document {
         }
     }
 
-    /// Parses the text and hands its root table to `decode`.
+    /// Parses the text and calls `decode` with its root table.
     ///
     /// # Errors
-    /// A text of more than 4 MiB or of too many keys, TOML syntax (repeated keys included), and what `decode` finds.
+    /// A text of more than 4 MiB or of too many keys, TOML syntax (repeated keys included), and those of `decode`.
     pub fn decode<T, E: From<InputError>>(
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
@@ -137,10 +137,10 @@ impl Document {
     }
 }
 
-/// How many words are named as probably meant at the most.
+/// Maximum number of suggestions for a misspelled word.
 const MEANT: usize = 4;
 
-/// What was probably meant with an unknown word; where nothing is near, all that is expected.
+/// Suggestions for an unknown word; if none is close, all expected ones.
 pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
     let near: Vec<String> = (near.iter().take(MEANT))
@@ -158,7 +158,7 @@ impl<'a> Section<'a> {
         self.table
     }
 
-    /// The full key of this table, empty for the root.
+    /// Full key of this table, empty for the root.
     pub fn key(&self) -> &str {
         &self.key
     }
@@ -169,10 +169,10 @@ impl<'a> Section<'a> {
             .error(self.span.clone(), self.key.clone(), message)
     }
 
-    /// Refuses every key but those expected.
+    /// Rejects every key that is not expected.
     ///
     /// # Errors
-    /// The first unknown key, with those that were probably meant, or where there are none with the list of those expected.
+    /// The first unknown key, with suggestions, or without any the list of expected keys.
     pub fn allow(&self, expected: &[&str]) -> Result<(), InputError> {
         for (key, value) in self.values() {
             if !expected.contains(&key) {
@@ -182,19 +182,19 @@ impl<'a> Section<'a> {
         Ok(())
     }
 
-    /// Every key with its value, in the order of the keys.
+    /// All keys with their values, in the order of the keys.
     pub fn values(&self) -> impl Iterator<Item = (&'a str, Value<'a>)> + '_ {
         self.table
             .iter()
             .map(|(key, value)| (key.get_ref().as_ref(), self.value(key.get_ref(), value)))
     }
 
-    /// The value of a key, if it is there.
+    /// Value of a key, if present.
     pub fn get(&self, key: &str) -> Option<Value<'a>> {
         self.table.get(key).map(|value| self.value(key, value))
     }
 
-    /// The value of a key that must be there.
+    /// Value of a key that must be present.
     ///
     /// # Errors
     /// The key is missing.
@@ -203,10 +203,10 @@ impl<'a> Section<'a> {
             .ok_or_else(|| self.error(format!("key `{key}` is missing")))
     }
 
-    /// The table of a key, if it is there.
+    /// Table of a key, if present.
     ///
     /// # Errors
-    /// The value is no table.
+    /// The value is not a table.
     pub fn section(&self, key: &str) -> Result<Option<Section<'a>>, InputError> {
         self.get(key).map(|value| value.section()).transpose()
     }
@@ -222,7 +222,7 @@ impl<'a> Section<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// The full key, with the tables before it.
+    /// Full key, with the tables before it.
     pub fn key(&self) -> &str {
         &self.key
     }
@@ -246,10 +246,10 @@ impl<'a> Value<'a> {
         self.error(format!("found {found}, expected {expected}"))
     }
 
-    /// A finite number up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER); integers count.
+    /// Finite number of magnitude up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER); integers are accepted.
     ///
     /// # Errors
-    /// Anything else, `nan` and `inf` included.
+    /// Anything else, including `nan` and `inf`.
     pub fn number(&self) -> Result<f64, InputError> {
         let number = match self.node.get_ref() {
             DeValue::Float(number) => number.as_str().parse::<f64>().ok(),
@@ -261,15 +261,15 @@ impl<'a> Value<'a> {
         bounded(number).map_err(|expected| self.mismatch(expected))
     }
 
-    /// Whether the value is a number (of any kind).
+    /// Whether the value is an integer or a float.
     pub fn is_number(&self) -> bool {
         matches!(self.node.get_ref(), DeValue::Float(_) | DeValue::Integer(_))
     }
 
-    /// A whole number within `range`, both ends included, in the type of the range.
+    /// Whole number within `range`, both ends included, in the type of the range.
     ///
     /// # Errors
-    /// Anything else, with the range that is expected.
+    /// Anything else, with the expected range.
     pub fn whole<N>(&self, range: RangeInclusive<N>) -> Result<N, InputError>
     where
         N: TryFrom<i128> + PartialOrd + Display,
@@ -287,7 +287,7 @@ impl<'a> Value<'a> {
             })
     }
 
-    /// A whole number from 0 to `most`.
+    /// Whole number from 0 to `most`.
     ///
     /// # Errors
     /// Anything else.
@@ -295,7 +295,7 @@ impl<'a> Value<'a> {
         self.whole(0..=most)
     }
 
-    /// The text that the value is.
+    /// The value as text.
     ///
     /// # Errors
     /// Anything else.
@@ -306,7 +306,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// The truth value, `true` or `false`.
+    /// The value as `true` or `false`.
     ///
     /// # Errors
     /// Anything else.
@@ -317,7 +317,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// The table that the value is.
+    /// The value as a table.
     ///
     /// # Errors
     /// Anything else.
@@ -333,7 +333,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// The items of an array.
+    /// Items of an array.
     ///
     /// # Errors
     /// Anything else.

@@ -1,8 +1,8 @@
-//! Texts as they stand in files that are written.
+//! Formats texts for output files.
 
 use std::fmt::Write;
 
-/// A text as a TOML string on one line, in quotes: also a key.
+/// A text as a TOML string on one line, in quotes; also valid as a key.
 pub fn toml_string(text: &str) -> String {
     let usual = toml::Value::String(text.to_owned()).to_string();
     let has_lines = ["\"\"\"", "'''"].iter().any(|mark| usual.starts_with(mark));
@@ -24,7 +24,7 @@ pub fn toml_string(text: &str) -> String {
     quoted
 }
 
-/// A name as a key of TOML, without quotes where it needs none.
+/// A name as a TOML key, quoted only if necessary.
 pub fn toml_key(name: &str) -> String {
     let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !name.is_empty() && name.chars().all(is_bare) {
@@ -33,7 +33,7 @@ pub fn toml_key(name: &str) -> String {
     toml_string(name)
 }
 
-/// A text as one cell of a CSV table that is separated by commas, in quotes where it needs them.
+/// A text as a cell of a comma-separated CSV table, quoted only if necessary.
 pub fn csv_cell(text: &str) -> String {
     if text.contains(['"', ',', ';', '\t', '\n', '\r', '#']) {
         format!("\"{}\"", text.replace('"', "\"\""))

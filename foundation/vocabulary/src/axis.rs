@@ -2,7 +2,7 @@
 
 use core::{fmt, str::FromStr};
 
-/// The largest number of axes of one machine: one for each letter of [`AxisName`].
+/// Maximum number of axes of a machine: one for each letter of [`AxisName`].
 pub const MAX_AXES: usize = 9;
 
 /// An axis letter of ISO 841.
@@ -28,22 +28,22 @@ pub enum AxisName {
     W,
 }
 
-/// Whether an axis slides or turns, which decides the units of its coordinate.
+/// Kind of motion of an axis, which determines the unit of its coordinate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AxisKind {
-    /// The axis slides; its coordinate is a length (mm).
+    /// Translation; the coordinate is a length (mm).
     Linear,
-    /// The axis turns; its coordinate is an angle (rad inside, deg in files).
+    /// Rotation; the coordinate is an angle (rad in memory, deg in files).
     Rotary,
 }
 
-/// A text that is no axis letter.
+/// A text that is not an axis letter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected one of the axis letters X Y Z A B C U V W")]
 pub struct UnknownAxis;
 
 impl AxisName {
-    /// Every letter, in the order in which volcomp lists axes: X Y Z A B C U V W.
+    /// All letters, in the order in which volcomp lists axes: X Y Z A B C U V W.
     pub const ALL: [Self; MAX_AXES] = [
         Self::X,
         Self::Y,
@@ -56,12 +56,12 @@ impl AxisName {
         Self::W,
     ];
 
-    /// The axis of an upper-case letter, `None` for any other character.
+    /// Axis of an upper-case letter, `None` for any other character.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL.into_iter().find(|name| name.letter() == letter)
     }
 
-    /// The upper-case letter of the axis.
+    /// Upper-case letter of the axis.
     pub fn letter(self) -> char {
         match self {
             Self::X => 'X',
@@ -84,17 +84,17 @@ impl AxisName {
         }
     }
 
-    /// Whether the axis turns: A, B or C.
+    /// Whether the axis is rotary: A, B or C.
     pub fn is_rotary(self) -> bool {
         self.kind() == AxisKind::Rotary
     }
 
-    /// The place of the letter in [`AxisName::ALL`], 0 to 8.
+    /// Index of the letter in [`AxisName::ALL`], 0 to 8.
     pub fn index(self) -> usize {
         self as usize
     }
 
-    /// 0, 1 or 2: the axis X, Y or Z of the machine coordinate system that the letter belongs to.
+    /// Index 0, 1 or 2 of the corresponding axis X, Y or Z of the machine coordinate system.
     pub fn mcs_index(self) -> usize {
         match self {
             Self::X | Self::A | Self::U => 0,
@@ -105,7 +105,7 @@ impl AxisName {
 }
 
 impl AxisKind {
-    /// The word for the kind: `linear` or `rotary`.
+    /// Name of the kind: `linear` or `rotary`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
@@ -113,7 +113,7 @@ impl AxisKind {
         }
     }
 
-    /// The unit of a coordinate in files and displays: `mm` or `deg`.
+    /// Unit of a coordinate in files and displays: `mm` or `deg`.
     pub fn coordinate_unit(self) -> &'static str {
         match self {
             Self::Linear => "mm",
@@ -121,7 +121,7 @@ impl AxisKind {
         }
     }
 
-    /// The unit of an error or a correction in keys of files and answers: `um` or `urad`.
+    /// Unit of an error or a correction in keys of files and responses: `um` or `urad`.
     pub fn micro_unit(self) -> &'static str {
         match self {
             Self::Linear => "um",
@@ -129,7 +129,7 @@ impl AxisKind {
         }
     }
 
-    /// The unit of an error or a correction as people read it: `µm` or `µrad`.
+    /// Unit of an error or a correction for display: `µm` or `µrad`.
     pub fn micro_symbol(self) -> &'static str {
         match self {
             Self::Linear => "µm",
@@ -153,7 +153,7 @@ impl fmt::Display for AxisKind {
 impl FromStr for AxisName {
     type Err = UnknownAxis;
 
-    /// Reads one upper-case letter.
+    /// Parses one upper-case letter.
     fn from_str(text: &str) -> Result<Self, UnknownAxis> {
         let mut letters = text.chars();
         match (letters.next(), letters.next()) {

@@ -1,4 +1,4 @@
-//! Bounds of plausible values: one bound for one quantity, wherever it is read, written or applied.
+//! Bounds of plausible values: one bound for each quantity, wherever it is read, written or applied.
 
 use core::ops::RangeInclusive;
 
@@ -7,25 +7,25 @@ use crate::{
     units::{Displacement, Mm, Rad},
 };
 
-/// The largest correction, deviation or error of a linear axis in a table of a control. The volumetric error of a machine
-/// tool is some tenths of a millimetre; more is a slip of units.
+/// Maximum correction, deviation or error of a linear axis in a table of a control. The volumetric error of a machine tool is some tenths of a
+/// millimetre; larger values are a mistake in the unit.
 pub const LARGEST_CORRECTION: Mm = Mm(2.0);
-/// The same for a rotary axis, and for every angular error: 2 mrad are 412 arcsec.
+/// The same bound for a rotary axis, and for every angular error: 2 mrad are 412 arcsec.
 pub const LARGEST_CORRECTION_ROTARY: Rad = Rad(0.002);
 
-/// Temperatures that are plausible, °C: the range of platinum thermometers after IEC 60751. A machine tool stays far
-/// inside; a value read in a wrong byte order is usually far outside.
+/// Plausible temperatures, °C: the range of platinum thermometers according to IEC 60751. A machine tool stays far inside; a value read in a wrong
+/// byte order is usually far outside.
 pub const PLAUSIBLE_DEGC: RangeInclusive<f64> = -200.0..=850.0;
-/// Sizes of a floating-point number that a thermometer sends, °C, K or Ω, where it is not exactly 0: none resolves 1 µK or
-/// 1 µΩ. A 32-bit float in a wrong byte order is nearly always smaller or larger.
+/// Plausible magnitudes of a floating-point number from a thermometer, °C, K or Ω, unless it is exactly 0: no thermometer resolves 1 µK or 1 µΩ. A
+/// 32-bit float in a wrong byte order is nearly always smaller or larger.
 pub const PLAUSIBLE_READING: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Whether a floating-point number can be what a thermometer has sent: 0, or of a size within [`PLAUSIBLE_READING`].
+/// Whether a floating-point number can come from a thermometer: 0, or of a magnitude within [`PLAUSIBLE_READING`].
 pub fn is_plausible_reading(number: f64) -> bool {
     number == 0.0 || PLAUSIBLE_READING.contains(&number.abs())
 }
 
-/// The largest correction, deviation or error of this kind of axis, mm or rad.
+/// Maximum correction, deviation or error for this kind of axis, mm or rad.
 pub fn largest_correction(kind: AxisKind) -> f64 {
     match kind {
         AxisKind::Linear => LARGEST_CORRECTION.0,
@@ -38,23 +38,23 @@ pub fn is_plausible_error(error: Displacement) -> bool {
     within(error.mm_or_rad(), largest_correction(error.kind()))
 }
 
-/// Whether a number is within ±`bound`, to rounding of what was converted from µm or µrad; NaN is not.
+/// Whether a number is within ±`bound`, with a tolerance for the conversion from µm or µrad; false for NaN.
 fn within(number: f64, bound: f64) -> bool {
     number.abs() <= bound * (1.0 + 1e-9)
 }
 
-/// The largest correction that may leave the program in an NC program or in a table: one number, in µm for linear axes and
-/// in µrad for rotary axes. It is never above [`LARGEST_CORRECTION`].
+/// Maximum correction that the program may write to an NC program or a table: one number, in µm for linear axes and in µrad for rotary axes. It never
+/// exceeds [`LARGEST_CORRECTION`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionLimit {
     micro: f64,
 }
 
-/// A limit that is not above 0, or above what no correction may exceed.
+/// A limit that is not above 0, or above the maximum.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("found {found}, expected µm above 0, at most 2000")]
 pub struct CorrectionLimitError {
-    /// The number that was given, µm and µrad.
+    /// The given number, µm and µrad.
     pub found: f64,
 }
 
@@ -66,10 +66,10 @@ impl Default for CorrectionLimit {
 }
 
 impl CorrectionLimit {
-    /// The largest limit: 2 mm, and 2 mrad for rotary axes.
+    /// Upper bound of the limit: 2 mm, and 2 mrad for rotary axes.
     pub const LARGEST: Self = Self { micro: 2000.0 };
 
-    /// A limit of so many µm for linear axes, and so many µrad for rotary axes.
+    /// Limit in µm for linear axes, and with the same number in µrad for rotary axes.
     ///
     /// # Errors
     /// A number that is not above 0, or above 2000.
@@ -81,12 +81,12 @@ impl CorrectionLimit {
         }
     }
 
-    /// The limit of this kind of axis.
+    /// Limit for this kind of axis.
     pub fn of(self, kind: AxisKind) -> Displacement {
         Displacement::from_micro(kind, self.micro)
     }
 
-    /// Whether a correction is a number within the limit of its kind of axis.
+    /// Whether a correction is a number within the limit for its kind of axis.
     pub fn allows(self, correction: Displacement) -> bool {
         within(correction.um_or_urad(), self.micro)
     }

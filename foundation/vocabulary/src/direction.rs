@@ -4,14 +4,13 @@ use core::{fmt, ops::Neg, str::FromStr};
 
 use crate::units::{Deg, Mm};
 
-/// Travel against its direction after which a linear axis counts as turned, where nothing else is stated.
+/// Default travel against its direction after which a linear axis counts as reversed.
 pub const TURNED_AFTER: Mm = Mm(0.005);
-/// Travel against its direction after which a rotary axis counts as turned, where nothing else is stated.
+/// Default travel against its direction after which a rotary axis counts as reversed.
 pub const TURNED_AFTER_ROTARY: Deg = Deg(5e-4);
 
-/// The direction in which an axis travels or last travelled. It selects the branch of a bidirectional curve and
-/// names the approach to a target (ISO 230-2: ↑ and ↓). Where the direction is not known, an `Option<Direction>` is
-/// `None`, and the mean of both branches holds.
+/// Current or last direction of travel of an axis. It selects the branch of a bidirectional curve and names the approach to a target (ISO 230-2: ↑
+/// and ↓). For an unknown direction an `Option<Direction>` is `None`, and the mean of both branches applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// Towards larger coordinates: `+` in files, ↑ in the standard.
@@ -20,7 +19,7 @@ pub enum Direction {
     Negative,
 }
 
-/// A text that is no direction.
+/// A text that is not a direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected + or -")]
 pub struct UnknownDirection;
@@ -29,7 +28,7 @@ impl Direction {
     /// Both directions, the positive one first.
     pub const BOTH: [Self; 2] = [Self::Positive, Self::Negative];
 
-    /// The word that keys of files and answers use: `forward` or `backward`.
+    /// Name in keys of files and responses: `forward` or `backward`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Positive => "forward",
@@ -37,7 +36,7 @@ impl Direction {
         }
     }
 
-    /// The sign of travel: +1 or −1.
+    /// Sign of travel: +1 or −1.
     pub fn sign(self) -> f64 {
         match self {
             Self::Positive => 1.0,
@@ -45,7 +44,7 @@ impl Direction {
         }
     }
 
-    /// The direction of a displacement, `None` for zero and for a number that is not one.
+    /// Direction of a displacement, `None` for zero and NaN.
     pub fn of(displacement: f64) -> Option<Self> {
         if displacement > 0.0 {
             Some(Self::Positive)
@@ -80,7 +79,7 @@ impl fmt::Display for Direction {
 impl FromStr for Direction {
     type Err = UnknownDirection;
 
-    /// Reads `+` or `-`.
+    /// Parses `+` or `-`.
     fn from_str(text: &str) -> Result<Self, UnknownDirection> {
         match text {
             "+" => Ok(Self::Positive),

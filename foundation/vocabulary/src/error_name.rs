@@ -1,4 +1,4 @@
-//! The error names of ISO 230-1: `EXX`, `EC0Y`.
+//! Error names of ISO 230-1: `EXX`, `EC0Y`.
 
 use core::{fmt, str::FromStr};
 
@@ -27,7 +27,7 @@ impl Component {
     /// All six, in the order of ISO 230-1.
     pub const ALL: [Self; 6] = [Self::EX, Self::EY, Self::EZ, Self::EA, Self::EB, Self::EC];
 
-    /// The place in [`Component::ALL`], 0 to 5.
+    /// Index in [`Component::ALL`], 0 to 5.
     pub fn index(self) -> usize {
         self as usize
     }
@@ -37,12 +37,12 @@ impl Component {
         self.index() >= 3
     }
 
-    /// 0, 1 or 2: the axis X, Y or Z of the machine coordinate system along or about which it is.
+    /// Index 0, 1 or 2 of the axis X, Y or Z of the machine coordinate system along or about which it acts.
     pub fn mcs_index(self) -> usize {
         self.index() % 3
     }
 
-    /// The kind of axis that has the units of this component: linear for a translation, rotary for a rotation.
+    /// Kind of axis with the units of this component: linear for a translation, rotary for a rotation.
     pub fn kind(self) -> AxisKind {
         if self.is_angular() {
             AxisKind::Rotary
@@ -51,17 +51,17 @@ impl Component {
         }
     }
 
-    /// The unit in keys of files and answers: `um` or `urad`.
+    /// Unit in keys of files and responses: `um` or `urad`.
     pub fn unit(self) -> &'static str {
         self.kind().micro_unit()
     }
 
-    /// The unit as people read it: `µm` or `µrad`.
+    /// Unit for display: `µm` or `µrad`.
     pub fn symbol(self) -> &'static str {
         self.kind().micro_symbol()
     }
 
-    /// The letter behind the E: X Y Z A B C.
+    /// Letter after the E: X Y Z A B C.
     pub fn letter(self) -> char {
         match self {
             Self::EX => 'X',
@@ -74,30 +74,29 @@ impl Component {
     }
 }
 
-/// The name of one error of one axis: `EYX` is the straightness error motion of X along Y, `EC0Y` the squareness of
-/// Y to X.
+/// Name of one error of one axis: `EYX` is the straightness error motion of X along Y, `EC0Y` the squareness of Y to X.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ErrorName {
-    /// Along or about which axis of the machine coordinate system.
+    /// Component: along or about an axis of the machine coordinate system.
     pub component: Component,
-    /// The axis whose motion or location has the error.
+    /// Axis whose motion or location has the error.
     pub axis: AxisName,
-    /// Whether it is a location error `E?0N` (a number) and not an error motion `E?N` (a curve).
+    /// True for a location error `E?0N` (a number), false for an error motion `E?N` (a curve).
     pub location: bool,
 }
 
-/// A text that is no error name.
+/// A text that is not an error name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{found}` is no error name, expected E, one of X Y Z A B C, 0 for a location error, and an axis: EXX, EC0Y"
 )]
 pub struct UnknownErrorName {
-    /// The text, cut after a few characters.
+    /// The text, truncated to 24 bytes.
     pub found: ArrayString<24>,
 }
 
 impl ErrorName {
-    /// The name of an error motion `E?N` of `axis`.
+    /// Name of the error motion `E?N` of `axis`.
     pub fn motion(component: Component, axis: AxisName) -> Self {
         Self {
             component,
@@ -106,7 +105,7 @@ impl ErrorName {
         }
     }
 
-    /// The name of a location error `E?0N` of `axis`.
+    /// Name of the location error `E?0N` of `axis`.
     pub fn location(component: Component, axis: AxisName) -> Self {
         Self {
             component,
@@ -119,7 +118,7 @@ impl ErrorName {
 impl FromStr for ErrorName {
     type Err = UnknownErrorName;
 
-    /// Reads `EXX`, `EC0Y` and the aliases `EC(0X)Y`, `EB(0X)Z`, `EA(0Y)Z`, `C0Y`, `X0C`.
+    /// Parses `EXX`, `EC0Y` and the aliases `EC(0X)Y`, `EB(0X)Z`, `EA(0Y)Z`, `C0Y`, `X0C`.
     fn from_str(text: &str) -> Result<Self, UnknownErrorName> {
         let unknown = || {
             let mut found = ArrayString::new();

@@ -1,4 +1,4 @@
-//! One value for each axis, in one of the two orders there are.
+//! One value per axis, in machine order or in channel order.
 
 use core::ops::{Deref, DerefMut};
 
@@ -12,26 +12,25 @@ macro_rules! in_order {
         pub struct $name<T>(pub [T; MAX_AXES]);
 
         impl<T> $name<T> {
-            /// The value of each place from its index.
+            /// Computes the value of each index.
             #[inline]
             pub fn from_fn(value: impl FnMut(usize) -> T) -> Self {
                 Self(core::array::from_fn(value))
             }
 
-            /// Every value in order.
+            /// Iterates over all values in order.
             #[inline]
             pub fn iter(&self) -> core::slice::Iter<'_, T> {
                 self.0.iter()
             }
 
-            /// Every value in order, to be changed.
+            /// Iterates mutably over all values in order.
             #[inline]
             pub fn iter_mut(&mut self) -> core::slice::IterMut<'_, T> {
                 self.0.iter_mut()
             }
 
-            /// These values at the first places and the default at the others. More than [`MAX_AXES`] values do not
-            /// compile.
+            /// These values at the first indices and the default at the others. More than [`MAX_AXES`] values do not compile.
             #[inline]
             pub fn leading<const N: usize>(values: [T; N]) -> Self
             where
@@ -42,7 +41,7 @@ macro_rules! in_order {
                 Self::from_fn(|_| values.next().unwrap_or_default())
             }
 
-            /// Another value for each place.
+            /// Applies a function to each value.
             #[inline]
             pub fn map<U>(self, value: impl FnMut(T) -> U) -> $name<U> {
                 $name(self.0.map(value))
@@ -50,7 +49,7 @@ macro_rules! in_order {
         }
 
         impl $name<f64> {
-            /// Zero at every place.
+            /// Zero at every index.
             pub const ZERO: Self = Self([0.0; MAX_AXES]);
         }
 
@@ -106,15 +105,14 @@ macro_rules! in_order {
 }
 
 in_order! {
-    /// One value for each axis of a machine, in *machine order*: the order of its kinematic chain from the workpiece
-    /// to the tool. Coordinates and corrections are mm for linear and rad for rotary axes; places beyond the last
-    /// axis hold the default.
+    /// One value for each axis of a machine, in *machine order*: the order of its kinematic chain from the workpiece to the tool. Coordinates and
+    /// corrections are mm for linear and rad for rotary axes; entries beyond the last axis hold the default.
     PerAxis
 }
 
 in_order! {
-    /// One value for each axis that a controller writes, in *channel order*: the order of the controller's
-    /// description. Positions and corrections are mm for linear and rad for rotary axes; places beyond the last axis
-    /// hold the default. The type differs from [`PerAxis`], so that the two orders cannot be mixed up.
+    /// One value for each axis that a controller writes, in *channel order*: the order of the controller's description. Positions and corrections are
+    /// mm for linear and rad for rotary axes; entries beyond the last axis hold the default. The type differs from [`PerAxis`], so that the two
+    /// orders cannot be confused.
     PerChannel
 }

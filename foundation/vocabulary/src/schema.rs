@@ -1,4 +1,4 @@
-//! JSON Schemas of the words as serde writes them.
+//! JSON Schemas of the vocabulary types as serialised by serde.
 
 extern crate std;
 

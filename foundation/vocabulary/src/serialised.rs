@@ -1,4 +1,4 @@
-//! How the words are written by serde: axes, errors and directions as their text, units as their number.
+//! Serde format of the vocabulary types: axes, errors and directions as text, units as numbers.
 
 use core::{fmt, marker::PhantomData, str::FromStr};
 
@@ -13,7 +13,7 @@ use crate::{
     PerAxis, PerChannel, Rad, Um, Urad,
 };
 
-/// Reads a text by its `FromStr`.
+/// Deserialises a text by its `FromStr`.
 struct Text<T>(PhantomData<T>, &'static str);
 
 impl<T: FromStr<Err: fmt::Display>> Visitor<'_> for Text<T> {
@@ -138,7 +138,7 @@ impl<'de> Deserialize<'de> for Displacement {
     }
 }
 
-/// Reads up to [`MAX_AXES`] values; places that are not given hold the default.
+/// Deserialises up to [`MAX_AXES`] values; missing ones hold the default.
 struct Values<T>(PhantomData<T>);
 
 impl<'de, T: Deserialize<'de> + Default> Visitor<'de> for Values<T> {

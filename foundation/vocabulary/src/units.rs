@@ -1,4 +1,4 @@
-//! Numbers with their unit. Public edges take and give these; inside the kernels everything is f64 in mm and rad.
+//! Numbers with their unit. Public interfaces use these types; inside the kernels everything is f64 in mm and rad.
 
 use core::{
     fmt,
@@ -7,9 +7,9 @@ use core::{
 
 use crate::axis::AxisKind;
 
-/// A number with a unit, whatever the unit is: for settings that are the same for lengths and for angles.
+/// A number with a unit, generic over the unit: for settings that are the same for lengths and for angles.
 pub trait Unit: Copy {
-    /// The quantity of a number in this unit.
+    /// Quantity with this number in this unit.
     fn of(number: f64) -> Self;
 }
 
@@ -21,16 +21,16 @@ macro_rules! unit {
         pub struct $name(pub f64);
 
         impl $name {
-            /// The unit as people read it.
+            /// Unit for display.
             pub const SYMBOL: &'static str = $symbol;
 
-            /// The size without the sign.
+            /// Magnitude, without the sign.
             #[must_use]
             pub fn abs(self) -> Self {
                 Self(self.0.abs())
             }
 
-            /// Whether it is a number and not infinite.
+            /// Whether the number is finite.
             pub fn is_finite(self) -> bool {
                 self.0.is_finite()
             }
@@ -43,7 +43,7 @@ macro_rules! unit {
         }
 
         impl fmt::Display for $name {
-            /// The number, with the digits that the formatter asks for, and the unit.
+            /// Writes the number, with the precision of the formatter, and the unit.
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 self.0.fmt(f)?;
                 f.write_str(concat!(" ", $symbol))
@@ -103,7 +103,7 @@ unit!(
     "deg"
 );
 unit!(
-    /// An angle in radians: coordinates of rotary axes inside.
+    /// An angle in radians: coordinates of rotary axes in memory.
     Rad,
     "rad"
 );
@@ -119,40 +119,40 @@ unit!(
 );
 
 impl Mm {
-    /// The same length in µm.
+    /// Converts the length to µm.
     pub fn to_um(self) -> Um {
         Um(self.0 * 1e3)
     }
 }
 
 impl Um {
-    /// The same length in mm.
+    /// Converts the length to mm.
     pub fn to_mm(self) -> Mm {
         Mm(self.0 / 1e3)
     }
 }
 
 impl Deg {
-    /// The same angle in rad.
+    /// Converts the angle to rad.
     pub fn to_rad(self) -> Rad {
         Rad(self.0.to_radians())
     }
 }
 
 impl Rad {
-    /// The same angle in deg.
+    /// Converts the angle to deg.
     pub fn to_deg(self) -> Deg {
         Deg(self.0.to_degrees())
     }
 
-    /// The same angle in µrad.
+    /// Converts the angle to µrad.
     pub fn to_urad(self) -> Urad {
         Urad(self.0 * 1e6)
     }
 }
 
 impl Urad {
-    /// The same angle in rad.
+    /// Converts the angle to rad.
     pub fn to_rad(self) -> Rad {
         Rad(self.0 / 1e6)
     }
@@ -186,7 +186,7 @@ pub enum Displacement {
 }
 
 impl Displacement {
-    /// From a number in mm or rad, whichever the kind of axis has.
+    /// From a number in mm for a linear axis, in rad for a rotary one.
     pub fn new(kind: AxisKind, mm_or_rad: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Mm(mm_or_rad)),
@@ -194,7 +194,7 @@ impl Displacement {
         }
     }
 
-    /// From a number in µm or µrad, whichever the kind of axis has.
+    /// From a number in µm for a linear axis, in µrad for a rotary one.
     pub fn from_micro(kind: AxisKind, um_or_urad: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Um(um_or_urad).to_mm()),
@@ -202,7 +202,7 @@ impl Displacement {
         }
     }
 
-    /// From a coordinate as files have it, in mm or deg.
+    /// From a coordinate in a file, in mm for a linear axis, in deg for a rotary one.
     pub fn from_coordinate(kind: AxisKind, mm_or_deg: f64) -> Self {
         match kind {
             AxisKind::Linear => Self::Length(Mm(mm_or_deg)),
@@ -210,7 +210,7 @@ impl Displacement {
         }
     }
 
-    /// Which kind of axis has it.
+    /// Kind of axis that it belongs to.
     pub fn kind(self) -> AxisKind {
         match self {
             Self::Length(_) => AxisKind::Linear,
@@ -218,14 +218,14 @@ impl Displacement {
         }
     }
 
-    /// The number in mm or rad.
+    /// Number in mm or rad.
     pub fn mm_or_rad(self) -> f64 {
         match self {
             Self::Length(Mm(number)) | Self::Angle(Rad(number)) => number,
         }
     }
 
-    /// The number in µm or µrad.
+    /// Number in µm or µrad.
     pub fn um_or_urad(self) -> f64 {
         match self {
             Self::Length(length) => length.to_um().0,
@@ -233,7 +233,7 @@ impl Displacement {
         }
     }
 
-    /// The number as a coordinate in files, in mm or deg.
+    /// Number in mm or deg, as coordinates in files.
     pub fn mm_or_deg(self) -> f64 {
         match self {
             Self::Length(length) => length.0,
@@ -242,14 +242,14 @@ impl Displacement {
     }
 }
 
-/// A displacement as people read a coordinate, with its unit: in mm, or in deg for a rotary axis.
+/// Displays a displacement as a coordinate with its unit: in mm, or in deg for a rotary axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coordinate(pub Displacement);
 
 impl fmt::Display for Coordinate {
-    /// With the digits that the formatter asks for (default: up to six), and the unit.
+    /// Writes the number with the precision of the formatter (default: up to six digits), and the unit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // 30 deg are 30 deg, not 29.999999999999996.
+        // Avoid showing 30 deg as 29.999999999999996.
         let number = match f.precision() {
             Some(_) => self.0.mm_or_deg(),
             None => rounded(self.0.mm_or_deg() * 1e3) / 1e3,
@@ -262,10 +262,10 @@ impl fmt::Display for Coordinate {
 }
 
 impl fmt::Display for Displacement {
-    /// An error, a correction or a step: in µm or µrad, with the digits that the formatter asks for (default: up to
-    /// three), and the unit. A position is shown by [`Coordinate`].
+    /// Writes an error, a correction or a step: in µm or µrad, with the precision of the formatter (default: up to three digits), and the unit. Use
+    /// [`Coordinate`] for a position.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // 17e-6 rad are 17 µrad, not 16.999999999999996.
+        // Avoid showing 17e-6 rad as 16.999999999999996 µrad.
         let micro = match f.precision() {
             Some(_) => self.um_or_urad(),
             None => rounded(self.um_or_urad()),
@@ -277,9 +277,9 @@ impl fmt::Display for Displacement {
     }
 }
 
-/// To three digits behind the point where that is exact in f64; other numbers stay as they are.
+/// Rounds to three decimals if that is exact in f64; other numbers are unchanged.
 fn rounded(value: f64) -> f64 {
-    // Adding and subtracting 1.5·2⁵² rounds to a whole number; libm is not needed for it.
+    // Adding and subtracting 1.5·2⁵² rounds to a whole number without libm.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     let thousandths = value * 1e3;
     if thousandths.abs() < 1e15 {

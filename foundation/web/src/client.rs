@@ -1,4 +1,4 @@
-//! The client's side of an exchange over HTTP, with or without TLS.
+//! Client side of an HTTP exchange, with or without TLS.
 
 use std::{
     io::{ErrorKind, Read, Write},
@@ -14,10 +14,10 @@ use tokio_rustls::rustls::{
 
 use crate::CertificateError;
 
-/// The largest answer that is read, bytes.
+/// Maximum size of a response, bytes.
 const LARGEST_ANSWER: u64 = 4 * 1024 * 1024;
 
-/// Sends a request with `Connection: close`, and reads the answer up to its end. The stream has the timeouts.
+/// Sends a request, which must contain `Connection: close`, and reads the response to its end. The caller sets the timeouts of the stream.
 ///
 /// # Errors
 /// The stream fails.
@@ -33,10 +33,10 @@ pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// TLS that trusts this certificate alone: gateways and centres sign their own.
+/// TLS configuration that trusts only this certificate: gateways and centres use self-signed ones.
 ///
 /// # Errors
-/// A certificate that TLS does not take.
+/// A certificate that TLS rejects.
 pub fn trusting(certificate: CertificateDer<'_>) -> Result<Arc<ClientConfig>, CertificateError> {
     let mut roots = RootCertStore::empty();
     roots.add(certificate.into_owned())?;
@@ -47,10 +47,10 @@ pub fn trusting(certificate: CertificateDer<'_>) -> Result<Arc<ClientConfig>, Ce
     Ok(Arc::new(config))
 }
 
-/// A connection with TLS over a stream.
+/// Wraps a stream in TLS.
 ///
 /// # Errors
-/// A name that TLS does not take.
+/// A name that is invalid in TLS.
 pub fn encrypted(
     stream: TcpStream,
     config: Arc<ClientConfig>,

@@ -1,10 +1,10 @@
-//! The names of files that a browser sends.
+//! Names of files sent by a browser.
 
-/// The longest name, bytes.
+/// Maximum length of a name, bytes.
 const LONGEST_NAME: usize = 120;
 
-/// A name that is safe as one part of a path: the last part of what the browser calls the file, reduced to letters, digits,
-/// blanks and `-_.+`, at most 120 bytes. It is never hidden and never leads out of a folder. `None` of a name without a letter or a digit.
+/// Converts a name to a safe component of a path: the last part of the file name from the browser, reduced to letters, digits, blanks and `-_.+`, at
+/// most 120 bytes. It is never hidden and never leads out of a folder. `None` for a name without a letter or a digit.
 pub fn sanitised(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | '+' | ' ');
@@ -14,7 +14,7 @@ pub fn sanitised(name: &str) -> Option<String> {
         .collect();
     let mut plain = plain.trim_matches(['.', ' ']).to_owned();
     if plain.len() > LONGEST_NAME {
-        // The ending decides how the file is read.
+        // Keep the extension, which determines how the file is read.
         let (stem, ending) = plain.rsplit_once('.').unwrap_or((&plain, ""));
         let ending: String = ending.chars().take(10).collect();
         let mut short = String::new();

@@ -1,9 +1,8 @@
-//! The headers that every answer has.
+//! Security headers of every response.
 
 use axum::http::{HeaderMap, HeaderValue, header};
 
-/// Writes them: a page loads nothing from elsewhere, stands in no frame of somebody else, sends no form elsewhere, and is
-/// kept by nobody.
+/// Adds the security headers: a page loads only its own resources, cannot be framed, submits no forms, sends no referrer, and is not cached.
 pub fn put(headers: &mut HeaderMap) {
     for (name, value) in [
         (

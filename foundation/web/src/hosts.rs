@@ -1,9 +1,8 @@
-//! Which names a browser may ask for: a page of somebody else must not reach this program by a name of its own
-//! (DNS rebinding).
+//! Host names that a browser may use: another site must not reach this program through a name under its control (DNS rebinding).
 
 use std::net::IpAddr;
 
-/// Whether a Host header names this program: an address, localhost, or a configured name; any port.
+/// Whether a Host header names this program: an IP address, localhost, or a configured name; any port.
 pub fn is_known(host: &str, known: &[String]) -> bool {
     let name = without_port(host);
     let address = name.trim_start_matches('[').trim_end_matches(']');
@@ -14,7 +13,7 @@ pub fn is_known(host: &str, known: &[String]) -> bool {
 
 fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
-        // The colons of an address in brackets are no port.
+        // The colons of an address in brackets do not separate a port.
         Some((name, port))
             if port.bytes().all(|b| b.is_ascii_digit())
                 && (!name.contains(':') || name.ends_with(']')) =>

@@ -1,8 +1,9 @@
-//! Whether a browser asks for a page of somebody else: the person at it may know nothing of it.
+//! Cross-site requests: another site may send them through the browser of a user who is unaware of it.
 
 use axum::http::{HeaderMap, header};
 
-/// Whether a browser sends this for a page that is not of the host that is asked. What is no browser states neither.
+/// Whether a browser sent the request from a page of another origin than the requested host (`Origin` and `Sec-Fetch-Site` headers). Other clients
+/// send neither header.
 pub fn is_of_another_page(headers: &HeaderMap) -> bool {
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or(""));
     let host = text(header::HOST.as_str()).unwrap_or("");

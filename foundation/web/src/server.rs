@@ -1,4 +1,4 @@
-//! Connections: how many at one time, how slow, and with TLS where others can listen.
+//! HTTP connections: limits on their number and speed, and TLS for use over a network.
 
 use std::{
     collections::VecDeque,
@@ -22,27 +22,26 @@ use tracing::Instrument;
 
 use crate::Tls;
 
-/// The largest number of connections at one time. With another one the oldest ends: clients that do not read, or send
-/// nothing, so keep nobody else out.
+/// Maximum number of simultaneous connections. A further one closes the oldest, so that clients that do not read, or send nothing, cannot block
+/// others.
 const MAX_CONNECTIONS: usize = 64;
-/// The largest number of connections of all servers of the program together: the descriptors above belong to what the program
-/// does besides.
+/// Maximum number of connections of all servers of the program together, which leaves file descriptors for its other tasks.
 const MAX_OF_ALL: usize = 256;
-/// The connections of all servers of the program, the oldest first.
+/// Connections of all servers of the program, the oldest first.
 static OF_ALL: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
-/// The header of a request must be whole after so long; between requests a connection may idle as long.
+/// Timeout for receiving the complete header of a request, and idle timeout between requests.
 const HEADER_WITHIN: Duration = Duration::from_secs(5);
-/// The handshake of TLS must be done after so long.
+/// Timeout for the TLS handshake.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(5);
 
-/// Serves until the runtime ends. Every request has the address from which it comes as an `Extension<SocketAddr>`.
+/// Serves until the runtime ends. Every request has the address of its client as an `Extension<SocketAddr>`.
 pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
-                // Out of descriptors: some will be given back.
+                // Out of file descriptors: wait until some are released.
                 tracing::warn!("page: {e}");
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
@@ -58,7 +57,7 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     }
 }
 
-/// Ends the oldest connection where there are as many as there may be.
+/// Closes the oldest connection if the maximum number is reached.
 fn make_place(open: &mut VecDeque<AbortHandle>, most: usize) {
     open.retain(|connection| !connection.is_finished());
     if open.len() >= most

@@ -1,4 +1,4 @@
-//! The certificate of a page: read, and made.
+//! Reads and generates TLS certificates.
 
 use std::{
     fs::OpenOptions,
@@ -19,64 +19,64 @@ use tokio_rustls::{
 
 use volcomp_document::{PrivateError, private};
 
-/// Why there is no TLS.
+/// Reason why TLS cannot be set up.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsError {
-    /// A certificate or key that is none, or that do not belong together.
+    /// A certificate or key that is invalid, or that do not belong together.
     #[error("{}: {source}", file.display())]
     Certificate {
-        /// The path of the file.
+        /// Path of the file.
         file: PathBuf,
-        /// The reason why it is refused.
+        /// Reason of the rejection.
         source: CertificateError,
     },
-    /// A key that cannot be read, or that others can read.
+    /// A key that cannot be read, or that other users can read.
     #[error(transparent)]
     Key(#[from] PrivateError),
-    /// Names for which no certificate can be made.
+    /// Names for which no certificate can be generated.
     #[error("{names}: {source}")]
     Names {
-        /// The names, as they were given.
+        /// Names as given.
         names: String,
-        /// The reason why no certificate is made.
+        /// Reason of the failure.
         source: rcgen::Error,
     },
-    /// A file that is there: it is never written over.
+    /// A file that exists already: it is never overwritten.
     #[error("{}: there already, kept; expected another folder, or that it is moved away first", file.display())]
     There {
-        /// The path of the file.
+        /// Path of the file.
         file: PathBuf,
     },
     /// A file or folder that cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
-        /// The path of the file or folder.
+        /// Path of the file or folder.
         file: PathBuf,
-        /// Why the operating system refused it.
+        /// Error of the operating system.
         source: std::io::Error,
     },
 }
 
-/// The reason why a certificate or key is refused.
+/// Reason why a certificate or key is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CertificateError {
-    /// The file cannot be read or is no PEM of that kind.
+    /// The file cannot be read or is not PEM of the expected kind.
     #[error(transparent)]
     Pem(#[from] tokio_rustls::rustls::pki_types::pem::Error),
-    /// TLS does not take it.
+    /// TLS rejects it.
     #[error(transparent)]
     Tls(#[from] tokio_rustls::rustls::Error),
 }
 
-/// The acceptor that turns a TCP connection into one with TLS.
+/// Acceptor that wraps a TCP connection in TLS.
 pub type Tls = TlsAcceptor;
 
-/// Reads a certificate and its key, PEM. Nobody but its owner may read the key.
+/// Reads a certificate and its key, PEM. Only its owner may have access to the key.
 ///
 /// # Errors
-/// Files that cannot be read or do not belong together; a key that others may read.
+/// Files that cannot be read or do not belong together; a key that other users may read.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let wrong = |path: &Path, source: CertificateError| TlsError::Certificate {
         file: path.to_owned(),
@@ -99,10 +99,10 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     Ok(Tls::from(Arc::new(config)))
 }
 
-/// Makes a self-signed certificate for some names or addresses, with its key (mode 0600), in a folder. Files that are there stay.
+/// Generates a self-signed certificate for some names or addresses, with its key (mode 0600), in a folder. Existing files are not overwritten.
 ///
 /// # Errors
-/// Names that are none, a folder that cannot be written, files that are there already.
+/// Invalid names, a folder that cannot be written, files that exist already.
 pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
     let pair =
         rcgen::generate_simple_self_signed(names.to_vec()).map_err(|source| TlsError::Names {

@@ -1,4 +1,4 @@
-//! Which lags, sensors and penalty: chosen by predicting each block of time from those before it.
+//! Choice of lags, sensors and penalty: each block of time is predicted from those before it.
 
 use nalgebra::DMatrix;
 
@@ -10,21 +10,20 @@ use super::{
 };
 use crate::FitError;
 
-/// The most rows from which lags and penalty are chosen: neighbouring rows are nearly equal, and more of them change
-/// no choice.
+/// Maximum number of rows from which lags and penalty are chosen: neighbouring rows are nearly equal, and more rows do not change the choice.
 const ROWS_TO_CHOOSE: usize = 2000;
-/// Blocks of time for the forward validation. The first two are only learnt from, never predicted.
+/// Number of time blocks of the forward validation. The first two are used for training only.
 pub(super) const BLOCKS: usize = 10;
-/// A choice whose error exceeds that of the best by this factor takes no part in the mean.
+/// Choices whose error exceeds that of the best by more than this factor are left out of the mean.
 const MEAN_WITHIN: f64 = 1.25;
 
 /// Lags, sensors and penalty of one regression.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalChoice {
-    /// Places of its time constants in [`ThermalOptions::lags_s`].
+    /// Indices of its time constants in [`ThermalOptions::lags_s`].
     pub lags: Vec<usize>,
-    /// Places of the sensors that it uses in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    /// Indices of its sensors in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
     pub sensors: Vec<usize>,
     /// Penalty of its ridge regression, as a share of the variance of a feature.
     pub penalty: f64,
@@ -33,8 +32,8 @@ pub struct ThermalChoice {
     pub forward_rms: f64,
 }
 
-/// The best of all lags alone and in pairs with every penalty; where sensors are selected, those that the best
-/// choice misses.
+/// The best choices among all lags, alone and in pairs, with every penalty; with sensor selection, restricted to the sensors that the best of them
+/// needs.
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,
@@ -66,7 +65,7 @@ pub(super) fn best_choices(
     Ok(choices)
 }
 
-/// Every choice with some sensors that can be validated, the best first.
+/// Every choice of lags and penalty for the given sensors that can be validated, the best first.
 fn every_choice(
     features: &Features,
     blocks: &[DMatrix<f64>],
@@ -99,14 +98,14 @@ fn every_choice(
 }
 
 impl ThermalChoice {
-    /// Its columns among the moments.
+    /// Indices of its columns in the moments.
     pub(super) fn columns(&self, features: &Features) -> Vec<usize> {
         let column = |lag: &usize, sensor: &usize| BEFORE + lag * features.sensors + sensor;
         let of_lag = |lag| self.sensors.iter().map(move |sensor| column(lag, sensor));
         self.lags.iter().flat_map(of_lag).collect()
     }
 
-    /// The choice with sensors left out one after the other, as long as the forward validation does not get worse.
+    /// Removes sensors one by one while the forward validation does not get worse.
     fn without_needless(mut self, features: &Features, blocks: &[DMatrix<f64>]) -> Self {
         while self.sensors.len() > 1 {
             let without = |place: usize| {
@@ -124,7 +123,7 @@ impl ThermalChoice {
         self
     }
 
-    /// Root mean square of predicting each block from all before it.
+    /// Root mean square error of predicting each block from all before it.
     fn validated(&self, features: &Features, blocks: &[DMatrix<f64>]) -> f64 {
         let plan = self.columns(features);
         let mut past = &blocks[0] + &blocks[1];

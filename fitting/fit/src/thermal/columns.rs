@@ -1,4 +1,4 @@
-//! The numbers that a thermal search may choose, as columns of a regression with sums of products.
+//! Candidate coefficients of a thermal search, as columns of a regression with sums of products.
 
 use std::ops::Range;
 
@@ -11,42 +11,42 @@ use super::{
     runs::ThermalRun,
 };
 
-/// The most rows of a stretch that go into the sums: neighbouring rows are nearly equal, and more of them change nothing.
+/// Maximum number of rows of a stretch in the sums: neighbouring rows are nearly equal, and more rows do not change the result.
 const MOST_ROWS: usize = 400;
-/// Columns of the sums before those of the numbers: 1 and the displacement.
+/// Number of columns before the candidates: 1 and the displacement.
 const BEFORE: usize = 2;
 
-/// What a number multiplies.
+/// Quantity that a coefficient multiplies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ThermalEffect {
-    /// The temperature of the sensor, with a first-order lag of a time constant, s; 0 is no lag.
+    /// Temperature of the sensor with a first-order lag.
     Drift {
-        /// The time constant, s.
+        /// Time constant, s; 0 is no lag.
         lag_s: f64,
     },
-    /// The temperature of the sensor times the position of the axis, mm: an expansion.
+    /// Temperature of the sensor times the axis position, mm: thermal expansion.
     Expansion,
 }
 
-/// A sensor and what of it counts.
+/// Sensor and the effect of its temperature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Column {
     pub(super) sensor: usize,
     pub(super) effect: ThermalEffect,
 }
 
-/// What a temperature does between two rows.
+/// Assumed course of a temperature between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
-    /// It goes along a straight line.
+    /// Linear.
     Straight,
-    /// It bends as its slopes from interval to interval say.
+    /// Curved, following the change of slope from interval to interval.
     Bent,
 }
 
 impl Column {
-    /// Its values in the rows of a run: 0 in the first.
+    /// Values in the rows of a run, relative to the first row.
     pub(super) fn values(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let record = &run.record;
         let degc = &record.degc[self.sensor];
@@ -74,16 +74,16 @@ impl Column {
     }
 }
 
-/// Sums of products over a stretch of a run, one for each position in it: Σ z zᵀ with z = (1, displacement, columns), all
-/// counted from the start of the run at that position.
+/// Sums of products over a stretch of a run, one for each position in it: Σ z zᵀ with z = (1, displacement, columns), all relative to the start of
+/// the run at that position.
 #[derive(Clone)]
 pub(super) struct Stretch {
     pub(super) run: usize,
-    /// Place of the position among those of the run, and its sums.
+    /// Index of the position in the run, and its sums.
     groups: Vec<(usize, DMatrix<f64>)>,
 }
 
-/// The stretches of a run: those among `rows` that no gap leaves out for the time constants `lags_s`, in equal parts.
+/// Splits those of `rows` that no gap excludes for the time constants `lags_s` into equal stretches.
 pub(super) fn stretches(
     run: &ThermalRun,
     index: usize,
@@ -131,7 +131,7 @@ pub(super) fn stretches(
     split(&rows, parts).map(sums).collect()
 }
 
-/// Sums of several stretches: of each position of each run, and all of them about the mean of each.
+/// Sums of several stretches: by run and position, and all of them about the mean of each position.
 pub(super) struct Sums {
     groups: Vec<((usize, usize), DMatrix<f64>)>,
     centred: DMatrix<f64>,
@@ -166,20 +166,20 @@ impl Sums {
         })
     }
 
-    /// Ridge regression on some columns, scaled to unit variance: a weight for each; `None` where nothing moves.
+    /// Ridge regression on some columns, scaled to unit variance: one weight per column; `None` if nothing moves.
     pub(super) fn ridge(&self, columns: &[usize], penalty: f64) -> Option<Vec<f64>> {
         let covariance = |i: usize, j: usize| self.centred[(i, j)] / self.rows;
         let plan: Vec<usize> = columns.iter().map(|column| BEFORE + column).collect();
         ridge_weights(covariance, &plan, penalty)
     }
 
-    /// The mean over the rows of a position of what some weights leave; `None` where the position is not there.
+    /// Mean error of some weights over the rows of a position; `None` if the sums do not contain the position.
     fn offset(&self, key: (usize, usize), v: &[(usize, f64)]) -> Option<f64> {
         let (_, sums) = self.groups.iter().find(|(known, _)| *known == key)?;
         Some(v.iter().map(|&(i, a)| a * sums[(0, i)]).sum::<f64>() / sums[(0, 0)])
     }
 
-    /// The offset of each position of each run: what some weights leave in the mean, counted from its start.
+    /// Offset of each position of each run: mean error of the weights, relative to the start of the run.
     pub(super) fn offsets(&self, columns: &[usize], weights: &[f64]) -> Vec<((usize, usize), f64)> {
         let v = error_of(columns, weights);
         let keys = self.groups.iter().map(|(key, _)| *key);
@@ -187,8 +187,8 @@ impl Sums {
             .collect()
     }
 
-    /// Mean square of the errors in a stretch of weights that were fitted on these sums. What the weights leave in the
-    /// mean is known where the position was part of the fit; elsewhere it is that of the start of its run.
+    /// Mean square error in a stretch, for weights fitted on these sums. The offset is known where the position was part of the fit; elsewhere it is
+    /// that at the start of the run.
     pub(super) fn error_in(&self, stretch: &Stretch, columns: &[usize], weights: &[f64]) -> f64 {
         let v = error_of(columns, weights);
         let (mut sum, mut rows) = (0.0, 0.0);
@@ -205,7 +205,7 @@ impl Sums {
     }
 }
 
-/// Displacement less the weighted columns, as a linear form of z.
+/// Displacement minus the weighted columns, as a linear form of z.
 fn error_of(columns: &[usize], weights: &[f64]) -> Vec<(usize, f64)> {
     let weighted = columns.iter().zip(weights);
     [(1, 1.0)]

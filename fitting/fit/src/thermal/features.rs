@@ -4,16 +4,16 @@ use nalgebra::DMatrix;
 
 use super::{lagged::lagged, record::ThermalRecord};
 
-/// Columns of the moments before the features: 1 and the displacement.
+/// Number of columns of the moments before the features: 1 and the displacement.
 pub(super) const BEFORE: usize = 2;
 
-/// Rows divided into `parts` stretches that are as equal as can be.
+/// Splits rows into `parts` stretches that are as equal as possible.
 pub(super) fn split(rows: &[usize], parts: usize) -> impl Iterator<Item = &[usize]> {
     let end = move |part: usize| rows.len() * part / parts.max(1);
     (0..parts).map(move |part| &rows[end(part)..end(part + 1)])
 }
 
-/// Every lag of every sensor, as differences to the first row: `columns[lag × sensors + sensor]`.
+/// Every lag of every sensor, relative to the first row: `columns[lag × sensors + sensor]`.
 pub(super) struct Features {
     pub(super) sensors: usize,
     pub(super) lags: usize,

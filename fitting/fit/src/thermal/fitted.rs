@@ -1,4 +1,4 @@
-//! Thermal terms that were fitted, and what they predict.
+//! Fitted thermal terms and their predictions.
 
 use std::ops::Range;
 
@@ -11,24 +11,24 @@ use crate::fit::rms;
 pub struct ThermalTerm {
     /// Time constant of the lag, s; 0 is no lag.
     pub lag_s: f64,
-    /// Displacement by kelvin of each sensor, µm/K or µrad/K; 0 for a sensor that is left out.
+    /// Displacement per kelvin of each sensor, µm/K or µrad/K; 0 for an unused sensor.
     pub per_k: Vec<f64>,
 }
 
-/// Drift terms that were fitted, and how they were chosen.
+/// Fitted drift terms, with the choices that they are averaged from.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalFit {
-    /// The drift terms, one for each time constant that counts.
+    /// Drift terms, one for each time constant used.
     pub terms: Vec<ThermalTerm>,
     /// Displacement with every sensor at its start, µm or µrad.
     pub constant: f64,
-    /// The temperatures from which differences count, °C: those of the first row.
+    /// Start temperatures, °C, from which differences are taken: those of the first row.
     pub start_degc: Vec<f64>,
-    /// Root mean square over the blocks of the forward validation, µm or µrad, of the best choice.
+    /// Root mean square error of the best choice over the blocks of the forward validation, µm or µrad.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub forward_rms: f64,
-    /// The choices that the terms are the mean of.
+    /// Choices whose mean the terms are.
     pub choices: Vec<ThermalChoice>,
 }
 
@@ -46,8 +46,7 @@ pub struct ThermalSegment {
 }
 
 impl ThermalFit {
-    /// The displacement that the terms predict in every row of a record with the same sensors; lags start at its
-    /// first row.
+    /// Predicted displacement in every row of a record with the same sensors; lags start at its first row.
     pub fn predict(&self, record: &ThermalRecord) -> Vec<f64> {
         let mut predicted = vec![self.constant; record.len()];
         for term in &self.terms {
@@ -66,8 +65,8 @@ impl ThermalFit {
         predicted
     }
 
-    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of ten equal stretches
-    /// of them. Rows that the record does not have, and those that a gap leaves out, are passed over; over no row it is NaN.
+    /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of ten equal stretches of them. Rows that are not in
+    /// the record or that a gap excludes are skipped; without any row the result is NaN.
     pub fn residual(
         &self,
         record: &ThermalRecord,
@@ -80,7 +79,7 @@ impl ThermalFit {
         judged(&record.time_s, &errors, &record.known_rows(&rows, &lags))
     }
 
-    /// Places of the sensors that some term uses.
+    /// Indices of the sensors with a weight in any term.
     pub fn sensors(&self) -> Vec<usize> {
         let weight = |term: &ThermalTerm, sensor: usize| term.per_k.get(sensor).copied();
         let counts = |sensor: &usize| {
@@ -90,7 +89,7 @@ impl ThermalFit {
         (0..self.start_degc.len()).filter(counts).collect()
     }
 
-    /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count.
+    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to.
     pub fn constant_at(&self, reference_degc: f64) -> f64 {
         let terms = self
             .terms
@@ -103,7 +102,7 @@ impl ThermalFit {
     }
 }
 
-/// Root mean square of some rows of errors, and the worst of ten equal stretches of them; over no row it is NaN.
+/// Root mean square error over some rows, and the worst of ten equal stretches of them; NaN without any row.
 pub(super) fn judged(
     time_s: &[f64],
     errors: &[f64],

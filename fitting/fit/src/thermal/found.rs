@@ -1,4 +1,4 @@
-//! Thermal terms that a search found: every number with its uncertainty, and where they are known to hold.
+//! Result of the search for thermal terms: each coefficient with its uncertainty, and the tested range of temperatures.
 
 use std::ops::Range;
 
@@ -11,17 +11,17 @@ use super::{
 };
 use crate::fit::rms;
 
-/// One number of thermal terms.
+/// Coefficient of a thermal term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalNumber {
-    /// Place of the sensor in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    /// Index of the sensor in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
     pub sensor: usize,
-    /// What the number multiplies.
+    /// Quantity that the coefficient multiplies.
     pub effect: ThermalEffect,
-    /// The number: µm or µrad for each K, of an expansion for each K and mm.
+    /// Value, µm/K or µrad/K; for an expansion per K and mm.
     pub value: f64,
-    /// Its standard uncertainty, in the same unit.
+    /// Standard uncertainty, in the same unit.
     pub uncertainty: f64,
 }
 
@@ -38,11 +38,11 @@ pub struct ThermalSize {
     pub standard_error: f64,
 }
 
-/// The temperatures and the rates of a sensor in the tests.
+/// Range of temperatures and rates of a sensor in the tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalSeen {
-    /// Place of the sensor.
+    /// Index of the sensor.
     pub sensor: usize,
     /// Lowest and highest temperature, °C.
     pub degc: [f64; 2],
@@ -50,22 +50,22 @@ pub struct ThermalSeen {
     pub k_per_min: [f64; 2],
 }
 
-/// Thermal terms that a search found.
+/// Thermal terms found by a search.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalTerms {
-    /// The numbers.
+    /// Coefficients.
     pub numbers: Vec<ThermalNumber>,
-    /// The penalty of their regression.
+    /// Ridge penalty of the regression.
     pub penalty: f64,
-    /// The error of validation along the path from many numbers to one.
+    /// Validation error by number of coefficients, from many to one.
     pub path: Vec<ThermalSize>,
-    /// Root mean square error of validation in each run or stretch with these numbers, µm or µrad.
+    /// Root mean square validation error with these coefficients in each run or stretch, µm or µrad.
     pub validated: Vec<f64>,
-    /// What the sensors have shown in the tests, those of the numbers.
+    /// Tested ranges of the sensors in use.
     pub seen: Vec<ThermalSeen>,
-    /// For each position of each run the displacement with all temperatures at those of its first row, µm or µrad; and
-    /// these temperatures, °C, with the position, mm.
+    /// For each position of each run: the displacement with all temperatures at those of its first row, µm or µrad; these temperatures, °C; and the
+    /// position, mm.
     zeros: Vec<Zero>,
 }
 
@@ -78,8 +78,8 @@ struct Zero {
 }
 
 impl ThermalTerms {
-    /// `offsets`: of each position of each run
-    /// what the numbers leave in the mean, counted from its start. `lags_s`: the time constants that were chosen from, s.
+    /// `offsets`: mean error of the coefficients for each position of each run, relative to its start. `lags_s`: time constants available to the
+    /// search, s.
     pub(super) fn new(
         numbers: Vec<ThermalNumber>,
         penalty: f64,
@@ -120,7 +120,7 @@ impl ThermalTerms {
         terms
     }
 
-    /// The sensors of the numbers, rising.
+    /// Indices of the sensors in use, ascending.
     pub fn sensors(&self) -> Vec<usize> {
         let mut sensors: Vec<usize> = self.numbers.iter().map(|number| number.sensor).collect();
         sensors.sort_unstable();
@@ -128,7 +128,7 @@ impl ThermalTerms {
         sensors
     }
 
-    /// The time constants of the numbers, s, rising.
+    /// Time constants in use, s, ascending.
     pub fn lags_s(&self) -> Vec<f64> {
         let lag = |number: &ThermalNumber| match number.effect {
             ThermalEffect::Drift { lag_s } => Some(lag_s),
@@ -140,7 +140,7 @@ impl ThermalTerms {
         lags
     }
 
-    /// What the numbers make of the temperatures of a run with the same sensors, less what they made of its first row.
+    /// Prediction from the temperatures of a run with the same sensors, relative to its first row.
     fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {
@@ -155,8 +155,8 @@ impl ThermalTerms {
         sum
     }
 
-    /// Root mean square of record minus prediction (µm or µrad) in a run that has no part in the terms, both counted from
-    /// their start at each position. Rows that a gap leaves out are passed over.
+    /// Root mean square of record minus prediction (µm or µrad) in a run that was not used for the terms, both relative to their start at each
+    /// position. Rows that a gap excludes are skipped.
     pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
         let predicted = self.unknown_zero(run, Between::Straight);
         let rows = run.record.displacement.iter().zip(&predicted);
@@ -164,9 +164,9 @@ impl ThermalTerms {
         run.rms_of_errors(&errors, &self.lags_s())
     }
 
-    /// How far the prediction of a run is off (root mean square, µm or µrad) for what the temperatures did between its rows: the
-    /// difference of what the numbers make of temperatures that bend from row to row as their slopes say, and of straight lines.
-    /// A machine that reads its sensors in every cycle has this error over what the rows of the run show.
+    /// Error of the prediction of a run (root mean square, µm or µrad) from the unknown temperatures between its rows: the difference between
+    /// temperatures that curve between the rows and linear ones. A machine that reads its sensors in every cycle has this error in addition to what
+    /// the rows of the run show.
     pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
         let bent = self.unknown_zero(run, Between::Bent);
         let straight = self.unknown_zero(run, Between::Straight);
@@ -189,16 +189,15 @@ impl ThermalTerms {
             .collect()
     }
 
-    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from,
-    /// and the worst of ten equal stretches of them. Rows that the run does not have, and those that a gap leaves out, are passed
-    /// over; over no row it is NaN.
+    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from, and the worst of ten equal
+    /// stretches of them. Rows that are not in the run or that a gap excludes are skipped; without any row the result is NaN.
     pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
         let known = run.record.known_rows(&rows, &self.lags_s());
         judged(&run.record.time_s, &self.errors(run), &known)
     }
 
-    /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count: its mean over
-    /// runs and positions, and how far they are apart.
+    /// Displacement with every sensor at `reference_degc`, the temperature that the terms of a machine file refer to: its mean over runs and
+    /// positions, and the range.
     pub fn constant_at(&self, reference_degc: f64) -> (f64, f64) {
         let at = |zero: &Zero| {
             let per_k = |number: &ThermalNumber| match number.effect {
@@ -217,7 +216,7 @@ impl ThermalTerms {
     }
 }
 
-/// What a sensor has shown in some rows of some runs.
+/// Range of a sensor over some rows of some runs.
 fn seen(known: &[(&ThermalRun, Range<usize>)], sensor: usize) -> ThermalSeen {
     let mut degc = [f64::INFINITY, f64::NEG_INFINITY];
     let mut k_per_min = [0.0_f64; 2];

@@ -1,14 +1,14 @@
-//! Gaps in the log of a thermal test: what the temperatures did in them is not known, and with a lag it matters for a while.
+//! Gaps in the log of a thermal test. The temperatures in a gap are unknown, and with a lag they matter for some time after it.
 
 use std::ops::Range;
 
 use super::record::ThermalRecord;
 
-/// An interval that is so many times the usual one may be a gap.
+/// An interval longer than this multiple of the usual one may be a gap.
 const LONGER_THAN_USUAL: f64 = 10.0;
-/// In less time, s, no temperature of a machine goes far from a straight line.
+/// Minimum length of a gap, s: in less time no temperature of a machine departs far from a straight line.
 const LEAST_S: f64 = 120.0;
-/// A lag has forgotten a gap where what the temperature was there counts for less than this share.
+/// Weight of the temperature in a gap below which a lag no longer depends on it.
 const FORGOTTEN: f64 = 0.05;
 
 /// A gap in the log of a thermal test.
@@ -17,24 +17,25 @@ const FORGOTTEN: f64 = 0.05;
 pub struct ThermalGap {
     /// Time of the last row before it, s.
     pub from_s: f64,
-    /// Time of the first row behind it, s.
+    /// Time of the first row after it, s.
     pub to_s: f64,
-    /// The rows behind it that are left out, until every lag has forgotten it: none where no lag sees it.
+    /// Rows excluded after it, until no lag depends on the gap any more; empty if there is no lag.
     pub left_out: Range<usize>,
 }
 
 impl ThermalRecord {
-    /// The interval between two rows that half of them do not exceed, s; 0 where there is only one row.
+    /// Median interval between rows, s; 0 for a single row.
     pub fn usual_interval_s(&self) -> f64 {
         let mut steps: Vec<f64> = self.time_s.windows(2).map(|p| p[1] - p[0]).collect();
         steps.sort_by(f64::total_cmp);
         steps.get(steps.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// The gaps of the log, for terms with these time constants, s.
+    /// Gaps of the log, for terms with these time constants, s.
     ///
-    /// A gap is an interval of more than ten times the usual one and more than two minutes. Of what it was in a gap of length g a lag keeps the share 1 − exp(−g/lag), and
-    /// of that exp(−t/lag) at a time t behind the gap. The rows until it is less than a twentieth are left out.
+    /// A gap is an interval of more than ten times the usual one and more than two minutes. After a gap of length g a lag depends on the temperature
+    /// in the gap with a weight of 1 − exp(−g/lag), which decays by exp(−t/lag) with the time t after the gap. Rows are excluded until the weight is
+    /// below a twentieth.
     pub fn gaps(&self, lags_s: &[f64]) -> Vec<ThermalGap> {
         let lags = || lags_s.iter().copied().filter(|lag| *lag > 0.0);
         let least_s = LEAST_S.max(LONGER_THAN_USUAL * self.usual_interval_s());
@@ -55,7 +56,7 @@ impl ThermalRecord {
         gaps
     }
 
-    /// The rows among `rows` that no gap leaves out for terms with these time constants.
+    /// Those of `rows` that no gap excludes for terms with these time constants.
     pub(super) fn known_rows(&self, rows: &Range<usize>, lags_s: &[f64]) -> Vec<usize> {
         let gaps = self.gaps(lags_s);
         let end = rows.end.min(self.len());

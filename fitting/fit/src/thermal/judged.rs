@@ -1,4 +1,4 @@
-//! Whether thermal terms are worth having: by what they leave in the parts of the tests that they have not seen.
+//! Assesses thermal terms by their errors in parts of the tests that were not used to find them.
 
 use std::ops::Range;
 
@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{FitError, fit::rms};
 
-/// The rows of a single run that are predicted are judged in this number of stretches.
+/// Number of stretches into which the predicted rows of a single run are divided.
 const STRETCHES: usize = 10;
-/// A root mean square error that is larger or smaller by this share is no visible difference.
+/// Relative change of a root mean square error below which it is insignificant.
 const NO_DIFFERENCE: f64 = 0.1;
 
 /// How well a fit predicts rows that it was not found from, in the unit of the displacement.
@@ -41,52 +41,52 @@ pub struct ThermalPrediction {
     pub sensors: Vec<usize>,
 }
 
-/// The terms of a displacement, and how well terms of the same kind predict what they were not found from.
+/// Thermal terms of a displacement, with the errors that terms of the same kind leave in data they were not found from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JudgedThermal {
-    /// Without time constants.
+    /// Regression without time constants.
     pub plain: ThermalPrediction,
-    /// Every sensor with the mean of many choices of time constants; of a single run without positions only.
+    /// Regression on every sensor, averaged over many choices of time constants; only for a single run without positions.
     pub dense: Option<ThermalPrediction>,
     /// Few terms with time constants.
     pub few: ThermalPrediction,
-    /// Root mean square of the displacement itself where it is predicted.
+    /// Root mean square of the displacement itself in the predicted rows.
     pub none_rms: f64,
-    /// Its mean square in each part.
+    /// Mean square of the displacement in each part.
     pub none_of_parts: Vec<f64>,
-    /// Few terms, found from everything.
+    /// Few terms, found from all data.
     pub terms: ThermalTerms,
     /// Root mean square error in each run that was left out; empty for a single run.
     pub left_out: Vec<f64>,
 }
 
-/// Whether terms are worth having.
+/// Assessment of thermal terms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ThermalVerdict {
-    /// They predict better than no terms, and no worse than those without time constants.
+    /// The terms predict better than no terms, and no worse than regression without time constants.
     Good,
-    /// They predict no better than no terms at all.
+    /// The terms predict no better than no terms.
     NoBetterThanNone,
-    /// They predict worse than regression without time constants.
+    /// The terms predict worse than regression without time constants.
     WorseThanPlain,
 }
 
-/// Rows that are too far apart for the time constants of the terms.
+/// Rows too far apart for the time constants of the terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoarseRows {
-    /// The run with the largest effect, by its place.
+    /// Index of the run with the largest effect.
     pub run: usize,
-    /// Its usual interval from row to row, s.
+    /// Median interval between its rows, s.
     pub interval_s: f64,
-    /// The shortest time constant of the terms that is not 0, s.
+    /// Shortest non-zero time constant of the terms, s.
     pub shortest_lag_s: f64,
-    /// What the temperatures between the rows add to the error of the prediction.
+    /// Root mean square that unknown temperatures between the rows add to the error of the prediction.
     pub adds_rms: f64,
-    /// An interval at which this is not visible, s.
+    /// Interval at which this contribution is insignificant, s.
     pub enough_s: f64,
 }
 
-/// Judges terms from a single run: those of its first `train` rows predict the others.
+/// Assesses terms from a single run: those of its first `train` rows predict the others.
 ///
 /// # Errors
 /// Those of [`search_thermal`] and [`fit_thermal`].
@@ -100,7 +100,7 @@ pub fn judge_thermal_rows(
         let terms = search_thermal_rows(run, 0..train, search)?;
         Ok::<_, FitError>(ThermalPrediction::by_time(&terms, run, train))
     };
-    // Everything at every position at once is no business of the regressions on one record.
+    // The regressions on one record do not support several positions.
     let regression = |options: ThermalOptions| {
         let fit = fit_thermal(&run.record, 0..train, &options)?;
         let (rms, worst) = fit.residual(&run.record, train..rows);
@@ -131,7 +131,7 @@ pub fn judge_thermal_rows(
     })
 }
 
-/// Judges terms from several runs: each is predicted by terms from the others.
+/// Assesses terms from several runs: each run is predicted by terms from the others.
 ///
 /// # Errors
 /// Those of [`search_thermal`] and [`left_out_runs`].
@@ -160,28 +160,28 @@ pub fn judge_thermal_runs(
 }
 
 impl JudgedThermal {
-    /// The verdict: a difference counts where it is larger than its standard error over the parts, and large enough to be seen.
+    /// The verdict: a difference counts if it exceeds both its standard error over the parts and the limit of significance.
     pub fn verdict(&self) -> ThermalVerdict {
         verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
     }
 
-    /// By how much the mean square error without terms is larger, and the standard error of that over the parts.
+    /// Mean square error without terms minus that with them, and the standard error of this difference over the parts.
     pub fn gain(&self) -> (f64, f64) {
         difference(&self.none_of_parts, &self.few.parts)
     }
 
-    /// By how much the mean square error without time constants is smaller, and the standard error of that over the parts.
+    /// Mean square error with time constants minus that without, and the standard error of this difference over the parts.
     pub fn loss(&self) -> (f64, f64) {
         difference(&self.few.parts, &self.plain.parts)
     }
 
-    /// Rows so far apart that what the temperatures may have done between them makes the error of the prediction larger by a tenth.
+    /// Reports rows so far apart that the unknown temperatures between them increase the error of the prediction by more than a tenth.
     pub fn coarse_rows(&self, runs: &[ThermalRun]) -> Option<CoarseRows> {
         let lags = self.terms.lags_s();
         let shortest_lag_s = lags.into_iter().find(|lag| *lag > 0.0)?;
         let of = |run: &ThermalRun| self.terms.rms_between_rows(run);
         let adds_rms = rms(runs.iter().map(of));
-        // The root mean square error of the rows alone.
+        // Root mean square error in the rows alone.
         let rows = (self.few.rms.powi(2) - adds_rms.powi(2)).max(0.0).sqrt();
         let unseen = ((1.0 + NO_DIFFERENCE).powi(2) - 1.0).sqrt() * rows;
         if adds_rms <= unseen {
@@ -195,7 +195,7 @@ impl JudgedThermal {
             interval_s,
             shortest_lag_s,
             adds_rms,
-            // What a temperature is off a straight line grows with the square of the interval.
+            // The departure of a temperature from a straight line grows with the square of the interval.
             enough_s: rounded_down(interval_s * (unseen / adds_rms).sqrt()),
         })
     }
@@ -215,7 +215,7 @@ impl ThermalPrediction {
         }
     }
 
-    /// By the rows from `train` on, and what the temperatures may have done between rows.
+    /// Errors in the rows from `train` on, including those from unknown temperatures between rows.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
         let between = terms.rms_between_rows(run);
         let left = |rows: Range<usize>| {
@@ -230,7 +230,7 @@ impl ThermalPrediction {
         Self::new(terms, rms, worst, parts)
     }
 
-    /// By whole runs that were left out; each counts by its rows.
+    /// Errors in whole runs that were left out, weighted by their number of rows.
     fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
         let parts = left_out.iter().map(|rms| rms * rms).collect();
         Self::new(terms, mean_of_runs(runs, left_out), None, parts)
@@ -244,14 +244,14 @@ fn without_lags(search: &ThermalSearch) -> ThermalSearch {
     }
 }
 
-/// The root mean square over all rows of runs of which each has its own.
+/// Root mean square over all rows, from that of each run.
 fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
     let rows = runs.iter().map(|run| run.record.len() as f64);
     let squares = rms.iter().zip(rows.clone()).map(|(rms, n)| rms * rms * n);
     (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
 }
 
-/// The mean square in each of some equal stretches of rows: NaN where a gap leaves out all of them.
+/// Mean square in each of [`STRETCHES`] equal stretches of rows; NaN where a gap excludes all rows of one.
 fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
     let at = |part: usize| rows.start + rows.len() * part / STRETCHES;
     let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
@@ -261,7 +261,7 @@ fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f6
         .collect()
 }
 
-/// Root mean square over some rows of what is off where the mean of the rows before `train` is predicted.
+/// Root mean square deviation of some rows from the mean of the rows before `train`.
 fn rms_from_mean(of: &[f64], train: usize, rows: Range<usize>) -> f64 {
     let before = of.get(..train).unwrap_or_default();
     let mean = before.iter().sum::<f64>() / before.len() as f64;
@@ -269,8 +269,8 @@ fn rms_from_mean(of: &[f64], train: usize, rows: Range<usize>) -> f64 {
     rms(rows.iter().map(|d| d - mean))
 }
 
-/// The mean of the differences of two lists, part by part, and its standard error. Parts without a number in one of them, of
-/// which a gap left out every row, are passed over; where none has one, neither has the mean.
+/// Mean and standard error of the differences of two lists, part by part. Parts that are NaN in one of them, because a gap excludes every row, are
+/// skipped; without any other part both results are NaN.
 fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     let of = these.iter().zip(those).map(|(a, b)| a - b);
     let of: Vec<f64> = of.filter(|difference| !difference.is_nan()).collect();
@@ -286,7 +286,7 @@ fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     )
 }
 
-/// The difference of mean squares that is not seen beside these.
+/// Difference of mean squares that is insignificant compared with these.
 fn unseen(squares: &[f64]) -> f64 {
     let known = || squares.iter().filter(|square| !square.is_nan());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
@@ -295,7 +295,7 @@ fn unseen(squares: &[f64]) -> f64 {
 
 fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
     let (gain, scatter) = difference(none, few);
-    // Also where there is nothing to compare, or a number is none.
+    // NaN: nothing to compare, or an undefined value.
     if gain.is_nan() || gain <= scatter.max(unseen(none)) {
         return ThermalVerdict::NoBetterThanNone;
     }

@@ -1,9 +1,9 @@
-//! The first-order lag of a temperature that is known in some rows only, and how far off it is for what lies between them.
+//! First-order lag of a temperature that is known in some rows only, and its error from what lies between them.
 
 use volcomp_curve::first_order_lag_of_ramp;
 
-/// The first-order lag of a signal over time, beginning at its first value: as long as the shorter of both. Between two rows
-/// the signal goes along a straight line, over which the lag is integrated in closed form.
+/// First-order lag of a signal over time, starting at its first value; as long as the shorter of both inputs. The signal is linear between rows, over
+/// which the lag is integrated in closed form.
 pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let mut state: Option<(f64, f64, f64)> = None;
     let step = |(&time, &input): (&f64, &f64)| {
@@ -15,19 +15,20 @@ pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     time_s.iter().zip(signal).map(step).collect()
 }
 
-/// What the lag of a signal that bends between its rows has over that of one that goes along straight lines, in each row.
+/// Lag of a signal that curves between its rows minus that of the linear one, in each row.
 ///
-/// How much it bends, x″, is the difference of the slopes of two intervals over the time between their middles: of an interval and
-/// the one before or behind it, whichever is less, since a heat that begins or ends bends one of them and not the other. Over an
-/// interval h such a signal lies x″·t·(h − t)/2 below the straight line. The lag of that is, with p = h/lag and k = exp(−p),
-/// −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which decays by k in each later interval. Without a lag it is 0: in the rows the signal is known. The rows show nothing of what comes and goes within one interval.
+/// The curvature x″ is the difference of the slopes of two intervals over the time between their middles. It is taken between an interval and the one
+/// before or after it, whichever gives less, since a heating that begins or ends curves one of them and not the other. Over an interval h such a
+/// signal lies x″·t·(h − t)/2 below the straight line. The lag of that is, with p = h/lag and k = exp(−p), −x″·h²/2·((1 + k)/p − 2·(1 − k)/p²), which
+/// decays by k in each later interval. Without a lag it is 0, because the signal is known in the rows. Changes that begin and end within one interval
+/// are invisible in the rows.
 pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
     let rows = time_s.len().min(signal.len());
     let mut found = vec![0.0; rows];
     if lag_s.is_nan() || lag_s <= 0.0 {
         return found;
     }
-    // The interval that ends in a row: its length, its slope and the time of its middle.
+    // Interval that ends in a row: its length, its slope and the time of its middle.
     let slope = |row: usize| {
         let step_s = time_s[row] - time_s[row - 1];
         (
@@ -36,7 +37,7 @@ pub(super) fn bent(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
         )
     };
     for row in 1..rows {
-        // The slope of this interval against that of one beside it; there is none beside the first and behind the last.
+        // Change of slope to a neighbouring interval; the first has none before it and the last none after it.
         let against = |beside: usize| {
             let ((own, own_s), (other, other_s)) = (slope(row), slope(beside));
             (own - other) / (own_s - other_s)

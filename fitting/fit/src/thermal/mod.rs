@@ -1,8 +1,8 @@
-//! From temperatures and a displacement over time to drift terms: ridge regression on first-order lags of
-//! temperature differences, everything chosen by forward validation in time.
+//! From temperatures and a displacement over time to drift terms: ridge regression on first-order lags of temperature differences, with lags, sensors
+//! and penalty chosen by forward validation in time.
 //!
-//! Rows next to one another are nearly equal, so a random split would tell nothing: each block of
-//! time is predicted from what was before it, never from what came after.
+//! Neighbouring rows are nearly equal, so a random split would be no test: each block of time is predicted from the blocks before it, never from
+//! later ones.
 
 use std::ops::Range;
 
@@ -57,7 +57,7 @@ pub fn fit_thermal(
     fit_choices(record, &features, &train, options, choices)
 }
 
-/// The rows of `train` that gaps of the log leave.
+/// Those rows of `train` that no gap of the log excludes.
 fn checked(
     record: &ThermalRecord,
     train: &Range<usize>,
@@ -70,7 +70,7 @@ fn checked(
     Ok(known)
 }
 
-/// Refuses rows that the record does not have, and fewer than are needed.
+/// Rejects rows that are not in the record, and too few rows.
 fn enough_rows(
     record: &ThermalRecord,
     asked: &Range<usize>,
@@ -92,7 +92,7 @@ fn enough_rows(
     })
 }
 
-/// The mean of the regressions of some choices, over the rows `train`.
+/// Mean of the regressions of some choices, over the rows `train`.
 fn fit_choices(
     record: &ThermalRecord,
     features: &Features,

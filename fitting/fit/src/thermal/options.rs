@@ -1,19 +1,18 @@
-//! The choices that the fit of thermal terms has.
+//! Options of the fit of thermal terms.
 
 use crate::FitError;
 
-/// The choices that the fit of thermal terms has: time constants, penalties and sensors.
+/// Options of the fit of thermal terms: time constants, penalties and sensors.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalOptions {
-    /// Time constants, s; 0 is no lag. Each one alone and each pair of them is tried.
+    /// Time constants, s; 0 is no lag. Each one alone and each pair is tried.
     pub lags_s: Vec<f64>,
     /// Penalties of the ridge regression, as shares of the variance of a feature.
     pub penalties: Vec<f64>,
-    /// Whether sensors are left out one by one as long as the forward validation does not get worse.
+    /// Whether to remove sensors one by one while the forward validation does not get worse.
     pub select_sensors: bool,
-    /// The number of the best choices whose mean is taken: which of them is the very best is partly luck. 0 counts
-    /// as 1.
+    /// Number of the best choices that are averaged, because which of them is the very best is partly chance. 0 counts as 1.
     pub mean_of: usize,
 }
 
@@ -31,8 +30,7 @@ impl Default for ThermalOptions {
 }
 
 impl ThermalOptions {
-    /// Plain ridge regression on temperature differences without a lag, its penalty chosen in the same way: the
-    /// reference that a fit with lags has to beat.
+    /// Ridge regression on temperature differences without lags, its penalty chosen in the same way: the baseline for a fit with lags.
     pub fn plain() -> Self {
         Self {
             lags_s: vec![0.0],

@@ -10,7 +10,7 @@ pub struct ThermalRecord {
     pub time_s: Vec<f64>,
     /// Temperature of each sensor in each row, °C: `degc[sensor][row]`.
     pub degc: Vec<Vec<f64>>,
-    /// The displacement in each row, µm or µrad.
+    /// Displacement in each row, µm or µrad.
     pub displacement: Vec<f64>,
 }
 

@@ -2,14 +2,14 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// A ridge regression: weights of the planned columns, and the constant.
+/// Ridge regression: weights of the planned columns, and the constant.
 pub(super) struct Ridge {
     pub(super) weights: Vec<f64>,
     pub(super) constant: f64,
 }
 
 impl Ridge {
-    /// Σ of squared errors over the rows of some moments.
+    /// Sum of squared errors over the rows of some moments.
     pub(super) fn squared_error(&self, moments: &DMatrix<f64>, plan: &[usize]) -> f64 {
         // The error is v·z with v = (−constant, 1, −weights).
         let v: Vec<(usize, f64)> = [(0, -self.constant), (1, 1.0)]
@@ -22,7 +22,7 @@ impl Ridge {
     }
 }
 
-/// Ridge regression from moments, features scaled to unit variance; one that stands still gets no weight.
+/// Ridge regression from moments, features scaled to unit variance; a constant feature gets the weight 0.
 pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Option<Ridge> {
     let rows = moments[(0, 0)];
     let mean = |column: usize| moments[(0, column)] / rows;
@@ -37,13 +37,13 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     Some(Ridge { weights, constant })
 }
 
-/// The weights of a ridge regression of column 1 on those of a plan, from the covariance of any two columns; `None` where nothing moves.
+/// Weights of a ridge regression of column 1 on the columns of a plan, from the covariance of any two columns; `None` if nothing moves.
 pub(super) fn ridge_weights(
     covariance: impl Fn(usize, usize) -> f64,
     plan: &[usize],
     penalty: f64,
 ) -> Option<Vec<f64>> {
-    // 1e-4 K of movement is no movement.
+    // Movements below 1e-4 K count as none.
     let scales: Vec<f64> = plan
         .iter()
         .map(|&c| covariance(c, c).max(0.0).sqrt())

@@ -3,22 +3,22 @@
 use super::record::ThermalRecord;
 use crate::{FitError, fit::rms};
 
-/// One thermal test: from its first row to its last, and where the axis stood.
+/// One thermal test, with the axis position in each row.
 ///
-/// A displacement counts from its first readings at each position: instruments are set to zero at the start of a test, and
-/// the curve of the cold axis is no business of thermal terms.
+/// A displacement is relative to its first readings at each position: instruments are zeroed at the start of a test, and the error of the cold axis
+/// is not thermal.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalRun {
     /// Temperatures and displacement over time.
     pub record: ThermalRecord,
-    /// Where the axis stood in each row, mm; empty where it did not move.
+    /// Axis position in each row, mm; empty if the axis did not move.
     pub position_mm: Vec<f64>,
 }
 
-/// The most positions of a run: each needs readings over the whole time.
+/// Maximum number of positions of a run: each needs readings over the whole time.
 const MOST_POSITIONS: usize = 100;
-/// Rows of one position whose mean is its zero: a hundredth, at least 3 and at most 20.
+/// Number of rows of a position averaged for its zero: a hundredth of them, within these limits.
 const ZERO_ROWS: [usize; 2] = [3, 20];
 
 impl From<ThermalRecord> for ThermalRun {
@@ -31,19 +31,18 @@ impl From<ThermalRecord> for ThermalRun {
 }
 
 impl ThermalRun {
-    /// Whether the axis stood at different positions.
+    /// Whether the axis was at different positions.
     pub fn has_positions(&self) -> bool {
         self.position_mm.iter().any(|q| *q != self.position_mm[0])
     }
 
-    /// Root mean square of the displacement (µm or µrad), counted from its start at each position: what is off where nothing is
-    /// predicted.
+    /// Root mean square of the displacement (µm or µrad) relative to its start at each position: the error without a prediction.
     pub fn rms_from_start(&self) -> f64 {
         self.rms_of_errors(&self.record.displacement, &[])
     }
 
-    /// Root mean square of errors, one for each row, counted from their start at each position: over the rows that gaps leave
-    /// for terms with these time constants, s.
+    /// Root mean square of errors, one for each row, relative to their start at each position, over the rows that no gap excludes for terms with
+    /// these time constants, s.
     pub(super) fn rms_of_errors(&self, errors: &[f64], lags_s: &[f64]) -> f64 {
         let known = self.record.known_rows(&(0..self.record.len()), lags_s);
         let (positions, places) = self.places();
@@ -55,7 +54,7 @@ impl ThermalRun {
         rms(from_start)
     }
 
-    /// Its rows before this one.
+    /// The part of the run before this row.
     pub(super) fn until(&self, row: usize) -> Self {
         let first = |values: &Vec<f64>| values.iter().copied().take(row).collect();
         Self {
@@ -103,7 +102,7 @@ impl ThermalRun {
         Ok(())
     }
 
-    /// The different positions, rising, and for each row the place of its position among them.
+    /// Different positions, ascending, and for each row the index of its position.
     pub(super) fn places(&self) -> (Vec<f64>, Vec<usize>) {
         if self.position_mm.is_empty() {
             return (vec![0.0], vec![0; self.record.len()]);
@@ -116,7 +115,7 @@ impl ThermalRun {
         (positions, places)
     }
 
-    /// The rows of each position that are its zero, of those that are known.
+    /// Known rows of each position that define its zero.
     pub(super) fn zero_rows(known: &[usize], places: &[usize], count: usize) -> Vec<Vec<usize>> {
         let mut rows = vec![Vec::new(); count];
         for &row in known {

@@ -1,8 +1,6 @@
-//! The search for few thermal terms: few sensors, few lags, every number kept only where leaving it out is worse by more
-//! than the validation can tell.
+//! Search for few thermal terms: few sensors, few lags, and only coefficients whose removal worsens the validation error significantly.
 //!
-//! Several runs are judged by runs that are left out as a whole; one run by stretches of time, each predicted from those
-//! before it.
+//! Several runs are validated by leaving out whole runs; one run by stretches of time, each predicted from those before it.
 
 use std::ops::Range;
 
@@ -16,29 +14,29 @@ use super::{
 };
 use crate::FitError;
 
-/// Stretches of a single run. The first two are only learnt from.
+/// Number of stretches of a single run. The first two are used for training only.
 const STRETCHES: usize = 10;
-/// A penalty that only keeps the equations solvable.
+/// Penalty that only keeps the equations solvable.
 const LEAST_PENALTY: f64 = 1e-9;
-/// Over all runs there are at least so many stretches, for the uncertainties.
+/// Minimum number of stretches over all runs, for the uncertainties.
 const LEAST_STRETCHES: usize = 8;
-/// Rows that a stretch needs.
+/// Minimum number of rows of a stretch.
 const LEAST_ROWS: usize = 20;
 
-/// The limits of a search for thermal terms.
+/// Limits of a search for thermal terms.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ThermalSearch {
-    /// Time constants to choose from, s; 0 is no lag. Where expansions are looked for, 0 is always one of those chosen.
+    /// Time constants to choose from, s; 0 is no lag. With expansions, 0 is always among those chosen.
     pub lags_s: Vec<f64>,
-    /// Penalties of the ridge regression to choose from, as shares of the variance of what a number multiplies. The smaller
-    /// they are, the larger and the more opposite become the numbers of sensors that move alike.
+    /// Ridge penalties to choose from, as shares of the variance of what a coefficient multiplies. Small penalties give sensors that move alike large
+    /// coefficients of opposite sign.
     pub penalties: Vec<f64>,
-    /// The most sensors.
+    /// Maximum number of sensors.
     pub most_sensors: usize,
-    /// The most time constants; 0 counts as one.
+    /// Maximum number of time constants; 0 counts as 1.
     pub most_lags: usize,
-    /// Whether expansions are looked for where the position was varied.
+    /// Whether to search for expansions if the position was varied.
     pub expansions: bool,
 }
 
@@ -78,7 +76,7 @@ impl ThermalSearch {
         Ok(())
     }
 
-    /// Every choice of some of `lags`, which rise, those with few first.
+    /// All subsets of `lags`, which must ascend, small subsets first.
     fn lag_sets(&self, lags: &[f64]) -> Vec<Vec<f64>> {
         let mut sets: Vec<Vec<f64>> = vec![Vec::new()];
         let mut last = sets.clone();
@@ -98,9 +96,9 @@ impl ThermalSearch {
 
 /// Finds the terms of one displacement from several runs, or from one.
 ///
-/// The sensors are those which explain most of the movement of all sensors. Time constants and penalty are those with the smallest
-/// error of validation. Then numbers are left out, each time the one without which that error is smallest; of this path the
-/// fewest numbers are taken whose error is no larger than the smallest by more than one standard error.
+/// The sensors are those that explain most of the movement of all sensors. Time constants and penalty minimise the validation error. Then
+/// coefficients are removed one by one, each time the one whose removal leaves the smallest error. Of this path the result is the one with the fewest
+/// coefficients whose error exceeds the smallest by at most one standard error.
 ///
 /// # Errors
 /// No run, runs with different sensors or too few rows, numbers that are not finite, no sensor that changes.
@@ -124,8 +122,8 @@ pub fn search_thermal_rows(
     search_rows(std::slice::from_ref(run), &[rows], search)
 }
 
-/// The terms that every run but one finds, judged on that one: for each run the root mean square of record minus
-/// prediction, both counted from their start.
+/// Leave-one-run-out validation: for each run the root mean square of record minus the prediction of terms from all other runs, both relative to
+/// their start.
 ///
 /// # Errors
 /// As [`search_thermal`]; fewer than two runs.
@@ -170,9 +168,9 @@ fn search_rows(
     space.search(search, &known)
 }
 
-/// The columns to choose from, their sums over stretches, and how a choice is judged.
+/// Columns to choose from, their sums over stretches, and the folds of the validation.
 struct Space {
-    /// Time constants to choose from, s, rising.
+    /// Time constants to choose from, s, ascending.
     lags_s: Vec<f64>,
     /// Whether there are columns of expansions.
     expands: bool,
@@ -181,13 +179,13 @@ struct Space {
     folds: Vec<Fold>,
 }
 
-/// Sums that are learnt from, and the stretches that are predicted.
+/// Training sums, and the stretches to predict.
 struct Fold {
     learnt: Sums,
     judged: Vec<usize>,
 }
 
-/// A choice of columns with its penalty, and the mean square of its errors in each fold.
+/// Choice of columns with its penalty, and its mean square error in each fold.
 #[derive(Clone)]
 struct Choice {
     columns: Vec<usize>,
@@ -200,7 +198,7 @@ impl Choice {
         self.errors.iter().sum::<f64>() / self.errors.len().max(1) as f64
     }
 
-    /// The standard error of the mean over the folds.
+    /// Standard error of the mean over the folds.
     fn standard_error(&self) -> f64 {
         let (mean, count) = (self.mean(), self.errors.len() as f64);
         let squares: f64 = self.errors.iter().map(|e| (e - mean).powi(2)).sum();
@@ -218,10 +216,10 @@ impl Space {
         let mut lags = search.lags_s.clone();
         let expands = search.expansions
             && known.iter().any(|(run, _)| run.has_positions())
-            // A run without positions says nothing of an expansion.
+            // A run without positions has no information on an expansion.
             && known.iter().all(|(run, _)| !run.position_mm.is_empty());
         if expands {
-            // Where the fixed point of an expansion lies shows in what has no lag.
+            // An effect without lag is needed to locate the fixed point of an expansion.
             lags.push(0.0);
         }
         lags.sort_by(f64::total_cmp);
@@ -271,7 +269,7 @@ impl Space {
         }
     }
 
-    /// A choice and its errors; `None` where some fold does not determine it.
+    /// Validates a choice; `None` if some fold does not determine it.
     fn judged(&self, columns: Vec<usize>, penalty: f64) -> Option<Choice> {
         let error = |fold: &Fold| {
             let weights = fold.learnt.ridge(&columns, penalty)?;
@@ -290,7 +288,7 @@ impl Space {
         })
     }
 
-    /// The columns of some time constants, with every expansion.
+    /// Columns of some time constants, with every expansion.
     fn with_lags(&self, lags: &[f64]) -> Vec<usize> {
         let takes = |column: &Column| match column.effect {
             ThermalEffect::Drift { lag_s } => lags.contains(&lag_s),
@@ -302,11 +300,11 @@ impl Space {
             .collect()
     }
 
-    /// The best choice of time constants and penalty, then with one number less each time.
+    /// Best choice of time constants and penalty, followed by choices with one coefficient less each.
     fn path(&self, search: &ThermalSearch) -> Vec<Choice> {
         let mut best: Option<Choice> = None;
         let mut sets = search.lag_sets(&self.lags_s);
-        // The fixed point of an expansion needs what has no lag.
+        // The fixed point of an expansion needs an effect without lag.
         sets.retain(|lags| !self.expands || lags.contains(&0.0));
         for lags in sets {
             for &penalty in &search.penalties {
@@ -352,11 +350,11 @@ impl Space {
         let weights = sums
             .ridge(&choice.columns, choice.penalty)
             .ok_or_else(undetermined)?;
-        // The penalty draws every number towards zero: what it takes away counts as uncertainty, too.
+        // The penalty shrinks every coefficient towards zero: include the shrinkage in the uncertainty.
         let drawn = sums.ridge(&choice.columns, LEAST_PENALTY);
         let drawn = drawn.unwrap_or_else(|| weights.clone());
         let drawn = drawn.iter().zip(&weights).map(|(free, value)| free - value);
-        // What the temperatures do between two rows is not known, in no run.
+        // The temperatures between two rows are unknown in every run.
         let bent = self.bent(choice, search, known);
         let bent = bent.unwrap_or_else(|| weights.clone());
         let bent = bent.iter().zip(&weights).map(|(bent, value)| bent - value);
@@ -389,7 +387,7 @@ impl Space {
         ))
     }
 
-    /// The numbers of a choice where temperatures bend between the rows.
+    /// Coefficients of a choice for temperatures that curve between the rows.
     fn bent(
         &self,
         choice: &Choice,
@@ -398,9 +396,9 @@ impl Space {
     ) -> Option<Vec<f64>> {
         let columns: Vec<Column> = choice.columns.iter().map(|&c| self.columns[c]).collect();
         let of_run = |(index, (run, rows)): (usize, &(&ThermalRun, Range<usize>))| {
-            // As many as before, so that the same rows are taken.
+            // As many stretches as before, so that the same rows are used.
             let parts = self.stretches.len().div_ceil(known.len());
-            // What comes later does not reach back.
+            // Later rows have no effect on earlier ones.
             stretches(
                 &run.until(rows.end),
                 index,
@@ -416,8 +414,8 @@ impl Space {
         Sums::of(all.iter())?.ridge(&places, choice.penalty)
     }
 
-    /// The scatter of each number: the spread of what is found without each stretch in turn, which sees that
-    /// neighbouring rows are nearly equal (delete-a-group jackknife).
+    /// Standard uncertainty of each coefficient by a delete-a-group jackknife over the stretches, which accounts for the correlation of neighbouring
+    /// rows.
     fn jackknife(&self, choice: &Choice) -> Vec<f64> {
         let without = |left: usize| {
             let others = self

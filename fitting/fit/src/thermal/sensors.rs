@@ -1,4 +1,4 @@
-//! The few sensors from whose movement that of all sensors follows best.
+//! Selection of the few sensors that best predict the movement of all sensors.
 
 use std::ops::Range;
 
@@ -6,17 +6,16 @@ use nalgebra::{DMatrix, DVector};
 
 use super::runs::ThermalRun;
 
-/// A sensor that moves by less than this in the mean, K, counts the less: that is what noise makes.
+/// Mean movement of a sensor, K, below which it has less weight: the level of noise.
 const NOISE_K: f64 = 0.05;
-/// Below this movement, K, a sensor stands still.
+/// Movement, K, below which a sensor counts as constant.
 const STILL_K: f64 = 1e-3;
-/// A sensor of whose variance those chosen leave less than this share is not chosen: it shows nothing new.
+/// A sensor is redundant, and not chosen, if the chosen ones leave less than this share of its variance.
 const LEAST_SHARE: f64 = 1e-6;
 const MOST_ROWS: usize = 2000;
 
-/// Chooses sensors one after the other: each time the one which, together with those before it, explains most of the
-/// movement of all sensors, each scaled to its own. Displacements are not looked at: of many sensors that move alike they would pick
-/// by chance the one whose noise fits best.
+/// Chooses sensors one by one: each time the one which, together with those before it, explains most of the movement of all sensors, each scaled to
+/// its own. Displacements are ignored: among many sensors that move alike they would select by chance the one whose noise fits best.
 pub(super) fn representative_sensors(
     runs: &[(&ThermalRun, Range<usize>)],
     most: usize,

@@ -1,4 +1,4 @@
-//! The deviations of ISO 230-4 about the centre of least squares.
+//! Deviations of ISO 230-4 about the least-squares centre.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,21 +6,21 @@ use super::{CircularTrace, Sense, TracePoint};
 use crate::number::range;
 use crate::{MetrologyError, StandardQuantity};
 
-/// The deviations of a circular test, µm. Each circle is laid by least squares, to first order in deviation by radius.
+/// Deviations of a circular test, µm. Each circle is fitted by least squares, to first order in deviation/radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CircularDeviations {
-    /// Circular deviation G of each sense, counter-clockwise first: the range of the radii about its own centre.
+    /// Circular deviation G of each sense, counter-clockwise first: range of the radii about its own centre.
     pub g_um: [Option<f64>; 2],
-    /// Bidirectional circular deviation G(b): the range of the radii of both senses about their common centre.
+    /// Bidirectional circular deviation G(b): range of the radii of both senses about their common centre.
     pub g_b_um: Option<f64>,
     /// Largest radial deviation F_max from the nominal radius about the centre of each sense; only with a stated radius.
     pub f_max_um: [Option<f64>; 2],
-    /// Smallest radial deviation F_min likewise.
+    /// Smallest radial deviation F_min, under the same conditions.
     pub f_min_um: [Option<f64>; 2],
     /// Mean bidirectional radial deviation D: radius of the circle through both senses minus nominal radius.
     pub d_um: Option<f64>,
-    /// The centre that was taken out, along the first and the second axis, µm.
+    /// Centre offset that was removed, along the first and the second axis, µm.
     pub centre_um: [f64; 2],
 }
 
@@ -61,7 +61,7 @@ pub fn circular_deviations(trace: &CircularTrace) -> Result<CircularDeviations, 
 }
 
 impl CircularDeviations {
-    /// The quantities by symbol and name.
+    /// Quantities by symbol and name.
     pub fn quantities(&self) -> Vec<StandardQuantity> {
         let larger = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::max);
         let smaller = |values: [Option<f64>; 2]| values.into_iter().flatten().reduce(f64::min);
@@ -82,7 +82,7 @@ impl CircularDeviations {
     }
 }
 
-/// Radius deviation and centre of the circle of least squares: δ = r + a cos θ + b sin θ.
+/// Radius deviation and centre of the least-squares circle: δ = r + a cos θ + b sin θ.
 fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyError> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points {
@@ -110,7 +110,7 @@ fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyEr
         })
 }
 
-/// The deviations about a centre.
+/// Deviations about the centre of `circle`.
 fn about(points: &[TracePoint], circle: Vector3<f64>) -> Vec<f64> {
     let centred = |p: &TracePoint| {
         let (sin, cos) = p.angle_rad.sin_cos();

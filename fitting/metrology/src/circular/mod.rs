@@ -1,7 +1,7 @@
-//! Circular tests: the deviations of ISO 230-4 from a trace of a ballbar or of positions, and what in the machine they hint at.
+//! Circular tests: the deviations of ISO 230-4 from a ballbar trace or from positions, and the machine errors that they indicate.
 //!
-//! A trace holds the radial deviation over the angle of a circle that two linear axes make together. The centre of the
-//! least-squares circle is taken out: where the ballbar or the circle was set up says nothing about the machine.
+//! A trace holds the radial deviation over the angle of a circle in the plane of two linear axes. The centre of the least-squares circle is removed:
+//! it depends on the set-up of the ballbar or the circle, not on the machine.
 
 mod deviations;
 mod signatures;
@@ -14,5 +14,5 @@ pub(crate) use table::looks_like_circle;
 pub use table::parse_trace;
 pub use trace::{CircularPlane, CircularTrace, Sense, TracePoint};
 
-/// The largest radius, mm.
+/// Maximum radius, mm.
 pub const LARGEST_RADIUS_MM: f64 = 100_000.0;

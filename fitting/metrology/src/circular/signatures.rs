@@ -1,4 +1,4 @@
-//! What the shape of a trace hints at: each signature fitted together with all others by least squares, and ranked.
+//! Error signatures in the shape of a trace: all fitted together by least squares, and ranked.
 //!
 //! With the angle θ from the first axis to the second, d = ±1 for the sense, the radius R and the path (R cos θ, R sin θ):
 //!
@@ -6,11 +6,11 @@
 //! | --- | --- |
 //! | centre offset (a, b) | a cos θ + b sin θ |
 //! | squareness γ, which opens the angle between the axes | −γ R/2 · sin 2θ |
-//! | scale mismatch m = scale of the first less that of the second axis | m R/2 · cos 2θ |
+//! | scale mismatch m = scale of the first minus that of the second axis | m R/2 · cos 2θ |
 //! | reversal value B of the first axis | −d B/2 · cos θ · sgn(sin θ) |
 //! | reversal value B of the second axis | d B/2 · sin θ · sgn(cos θ) |
 //! | servo mismatch c | d c · sin 2θ |
-//! | reversal spike | p · exp(−Δ/τ), Δ the angle since the axis turned round |
+//! | reversal spike | p · exp(−Δ/τ), Δ the angle since the reversal of the axis |
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -43,7 +43,7 @@ pub enum SignatureKind {
 }
 
 impl SignatureKind {
-    /// The name in documents.
+    /// Name in documents.
     pub fn key(self) -> &'static str {
         match self {
             Self::Squareness => "squareness",
@@ -81,30 +81,30 @@ pub struct Signature {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Signatures {
-    /// The largest range first. Without both senses there is no servo mismatch: it cannot be told from the squareness, which holds both.
+    /// By descending range. A trace in one sense has no servo mismatch, because it cannot be separated from the squareness, which then contains both.
     pub ranked: Vec<Signature>,
-    /// The centre that was taken out, along the first and the second axis, µm: of the set-up, not of the machine.
+    /// Centre offset that was removed, along the first and the second axis, µm: a property of the set-up, not of the machine.
     pub centre_um: [f64; 2],
-    /// Mean deviation of the radius, µm: of the length of the ballbar, of the feed and of the mean scale.
+    /// Mean deviation of the radius, µm: depends on the length of the ballbar, the feed and the mean scale.
     pub radius_um: f64,
-    /// Spikes at 0°, 90°, 180° and 270°, µm outward; `None` where the trace does not pass the place, so that nothing is known of it.
-    /// Spikes of an axis of which both places are missing are not among the ranked signatures, and of one place are its own.
+    /// Spikes at 0°, 90°, 180° and 270°, µm outward; `None` where the trace does not pass the place, so that the spike is unknown. The ranked
+    /// signatures omit the spikes of an axis with neither place passed; with one place passed they use that spike alone.
     pub spikes_um: [Option<f64>; 4],
-    /// The angle in which a spike falls to 1/e, deg; without meaning where no place is passed.
+    /// Angle in which a spike decays to 1/e, deg; undefined if no place is passed.
     pub spike_width_deg: f64,
-    /// Root mean square of what all signatures together leave, µm.
+    /// Root mean square of the residuals after all signatures, µm.
     pub rms_left_um: f64,
 }
 
-/// Widths that are tried for spikes, deg.
+/// Spike widths tried, deg.
 const WIDTHS_DEG: [f64; 8] = [0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 9.0];
-/// Columns that are told apart worse than this are not told apart.
+/// Maximum condition number: columns above it are not separable.
 const WORST_CONDITION: f64 = 1e4;
 
 /// Fits all signatures to a trace.
 ///
 /// # Errors
-/// Too few points, or an arc on which the signatures look alike.
+/// Too few points, or an arc on which the signatures are not separable.
 pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, MetrologyError> {
     let points = &trace.points;
     let both = Sense::BOTH.into_iter().all(|sense| trace.has(sense));
@@ -134,8 +134,8 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
     Ok(fit.signatures(points, both, trace.radius_mm))
 }
 
-/// Whether the trace passes each place where an axis turns round: some point follows it within 2°, or, of points that are farther
-/// apart, as the next but one. A spike that had fallen off before the first point would be its rest times any large number.
+/// Whether the trace passes each place where an axis reverses: some point follows it within 2°, or within 1.5 times the median spacing if that is
+/// more. The size of a spike that has decayed before the first point after it is undetermined.
 fn passed(points: &[TracePoint]) -> [bool; 4] {
     const NEAR_DEG: f64 = 2.0;
     let mut steps: Vec<f64> = (points.windows(2))
@@ -149,7 +149,7 @@ fn passed(points: &[TracePoint]) -> [bool; 4] {
     PLACES.map(|place| points.iter().any(|p| since(p, place) <= near))
 }
 
-/// The fit with the least squares between two widths, by golden sections.
+/// Least-squares fit between two widths, by golden-section search.
 fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> Option<Fit> {
     const STEPS: usize = 14;
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -165,23 +165,23 @@ fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> O
     at(f64::midpoint(low, high))
 }
 
-/// Radius, centre, sin 2θ, cos 2θ, two backlashes, four spikes, and with both senses servo mismatch.
+/// Number of columns: radius, centre, sin 2θ, cos 2θ, two reversal values, four spikes, and with both senses servo mismatch.
 const COUNT: usize = 11;
-/// The column of the spike at 0°.
+/// Column of the spike at 0°.
 const FIRST_SPIKE: usize = 7;
 
-/// The angle that was run since a place, up to a whole turn.
+/// Angle travelled since a place, modulo a full turn.
 fn since(p: &TracePoint, place: f64) -> f64 {
     (p.sense.sign() * (p.angle_rad - place)).rem_euclid(TAU)
 }
 
-/// Where spikes are.
+/// Angles of the spikes, rad.
 const PLACES: [f64; 4] = [0.0, FRAC_PI_2, PI, PI + FRAC_PI_2];
 
 fn row(p: &TracePoint, both: bool, width_rad: f64) -> Vec<f64> {
     let (sin, cos) = p.angle_rad.sin_cos();
     let d = p.sense.sign();
-    // An axis that is turning round moves neither way.
+    // A reversing axis is not moving.
     let side = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
     let spike = |place: f64| {
         let since = (d * (p.angle_rad - place)).rem_euclid(TAU);
@@ -217,9 +217,9 @@ fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
 }
 
 struct Fit {
-    /// 0 of spikes at places that are not passed.
+    /// Fitted coefficients; 0 for spikes at places that are not passed.
     found: DVector<f64>,
-    /// Variance of each unknown; likewise.
+    /// Variance of each coefficient; 0 for the same spikes.
     variances: Vec<f64>,
     passed: [bool; 4],
     squares: f64,
@@ -234,7 +234,7 @@ fn solve(
     right: &DVector<f64>,
     width_deg: f64,
 ) -> Option<Fit> {
-    // A column of which next to nothing is seen would not be told apart from rounding.
+    // Omit the column of a place that is not passed: it would be numerically zero.
     let is_seen = |column: &usize| {
         let spike = column.checked_sub(FIRST_SPIKE);
         spike.and_then(|spike| passed.get(spike)) != Some(&false)
@@ -263,7 +263,7 @@ fn solve(
         }
         variances
     };
-    // The width of the spikes was found as well: what it leaves open, their sizes share.
+    // The width of the spikes was fitted too: add its uncertainty to that of their sizes.
     let width = width_deg.to_radians();
     let derivative = |p: &TracePoint| -> f64 {
         let at = |k: usize| {
@@ -291,7 +291,8 @@ fn solve(
     })
 }
 
-/// The inverse of the normal matrix of columns brought to the length 1, these lengths, and the columns; `None` where they are not told apart.
+/// Inverse of the normal matrix of the columns scaled to length 1, the original lengths, and the scaled columns; `None` if the columns are not
+/// separable.
 fn inverse_of_normal(columns: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>, DMatrix<f64>)> {
     let lengths: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
     if !lengths.iter().all(|length| *length > 0.0) {
@@ -315,7 +316,7 @@ impl Fit {
         const URAD_PER_UM_PER_MM: f64 = 1e3;
         let found = &self.found;
         let per_radius = 2.0 / radius_mm * URAD_PER_UM_PER_MM;
-        // What the columns of each signature make together, as a range over the points.
+        // Combined effect of the columns of each signature, as a range over the points.
         let range_of = |columns: &[usize]| {
             let width = self.width_deg.to_radians();
             let at = |p: &TracePoint| {
@@ -333,7 +334,7 @@ impl Fit {
             range_um: range_of(&[column]),
             share: 0.0,
         };
-        // The mean of those of two places that are passed.
+        // Mean of the places that are passed.
         let pair = |kind, places: [usize; 2]| {
             let seen = places.into_iter().filter(|place| self.passed[*place]);
             let columns: Vec<usize> = seen.map(|place| FIRST_SPIKE + place).collect();

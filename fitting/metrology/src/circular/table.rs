@@ -1,4 +1,4 @@
-//! The table of a circular test: angle and radial deviation, or positions.
+//! Table of a circular test: angle and radial deviation, or positions.
 
 use volcomp_document::{Column, CsvTable, quoted};
 
@@ -9,19 +9,19 @@ use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 use crate::{MetrologyError, ReadingUnit};
 
-/// Fewer points say nothing about a circle.
+/// Minimum number of points of a circle.
 const FEWEST_POINTS: usize = 16;
 
 /// Reads a trace from CSV text; `name` is used in messages.
 ///
-/// The header has `angle` (deg, or `angle rad`) and `deviation`, `radius deviation` or `radial deviation` (µm, or with `mm` or `nm` behind), or the two coordinates of the
-/// plane (`x` and `y` in X–Y, mm). A column `direction` with `ccw` or `+` and `cw` or `-` says in which sense a point was run;
-/// without it the order of the rows does. The nominal radius belongs to the call; positions without it are measured against
-/// their own mean radius.
+/// The header has `angle` (deg, or `angle rad`) and `deviation`, `radius deviation` or `radial deviation` (µm, or with `mm` or `nm` after it), or the
+/// two coordinates of the plane (`x` and `y` in X–Y, mm). A column `direction` with `ccw` or `+` and `cw` or `-` states the sense of each point;
+/// without that column the sense follows from the order of the rows. The nominal radius is an argument; without one, positions are measured against
+/// their mean radius.
 ///
 /// # Errors
-/// Wrong header, units or cells, fewer than 16 points, positions on no circle, no radius with angles: with file, line,
-/// what was found and what was expected.
+/// Wrong header, units or cells, fewer than 16 points, positions on no circle, no radius with angles: with file, line, what was found and what was
+/// expected.
 pub fn parse_trace(
     bytes: &[u8],
     name: &str,
@@ -106,7 +106,7 @@ pub fn parse_trace(
             "one, with deviations over angles: squareness and scale are sizes against it";
         return Err(refuse(name, "nominal radius", found, expected));
     };
-    // A deviation as large as the circle is one in another unit.
+    // A deviation of ten times the radius or more is in another unit.
     if let Some([_, deviation]) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
         let found = format!("{deviation} µm at a radius of {nominal} mm");
         let expected = "deviations below a hundredth of the radius";
@@ -128,7 +128,7 @@ pub fn parse_trace(
     })
 }
 
-/// The angles of the points, rad: of positions about their least-squares centre.
+/// Angles of the points, rad; of positions about their least-squares centre.
 fn angles(pairs: &[[f64; 2]], is_positions: bool, name: &str) -> Result<Vec<f64>, MetrologyError> {
     if !is_positions {
         return Ok(pairs.iter().map(|pair| pair[0]).collect());
@@ -138,8 +138,7 @@ fn angles(pairs: &[[f64; 2]], is_positions: bool, name: &str) -> Result<Vec<f64>
     Ok(pairs.iter().map(angle).collect())
 }
 
-/// Whether the heads of a table are those of a trace in one of the planes, and neither a third coordinate nor a target
-/// stands beside them.
+/// Whether the header of a table is that of a trace in one of the planes, without a third coordinate or a target.
 pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
     let Ok(table) = CsvTable::parse(name, text) else {
         return false;
@@ -153,7 +152,7 @@ pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
         let mut heads = table.names();
         heads.any(|(_, head)| unit_of(head, name).is_some())
     };
-    // Angles fit every plane, coordinates their own.
+    // Angles fit every plane, coordinates only their own.
     !has("target") && matches!((fitting.count(), has("angle")), (1, false) | (3, true))
 }
 
@@ -169,14 +168,14 @@ fn refuse(name: &str, what: &str, found: String, expected: &str) -> MetrologyErr
     MetrologyError::readings(name, what, found, expected)
 }
 
-/// Where the quantities of a trace stand.
+/// Columns of the quantities of a trace.
 struct TraceColumns {
     kind: Kind,
     direction: Option<Column>,
 }
 
 enum Kind {
-    /// Angle and radial deviation, with what one unit of each is in rad and in µm.
+    /// Angle and radial deviation, each with its unit in rad and in µm.
     Radial {
         angle: (Column, f64),
         deviation: (Column, f64),
@@ -188,7 +187,7 @@ enum Kind {
 const EXPECTED_COLUMNS: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; a radius alone is none), or two of `x`, `y` and `z`";
 
 impl TraceColumns {
-    /// The coordinates are called as the axes of the plane are.
+    /// Finds the columns; coordinates are named after the `axes` of the plane.
     fn of(table: &CsvTable, axes: [&str; 2]) -> Result<Self, MetrologyError> {
         let direction = table.column("direction")?;
         let angle = with_unit(table, "angle")?;
@@ -253,7 +252,7 @@ fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> 
     Err(table.header_error(message).into())
 }
 
-/// The column of radial deviations and its unit: `deviation`, or `radius` or `radial` with the word `deviation` behind.
+/// Column of radial deviations and its unit: `deviation`, or `radius` or `radial` followed by `deviation`.
 fn deviation(table: &CsvTable) -> Result<Option<(Column, &str)>, MetrologyError> {
     if let Some(found) = with_unit(table, "deviation")? {
         return Ok(Some(found));

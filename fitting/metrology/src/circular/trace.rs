@@ -1,4 +1,4 @@
-//! A trace of a circle in its plane as plain data, and how positions become one.
+//! Trace of a circle in its plane as plain data, and the conversion of positions to a trace.
 
 use std::f64::consts::TAU;
 
@@ -23,7 +23,7 @@ pub enum CircularPlane {
 }
 
 impl CircularPlane {
-    /// The two axes.
+    /// The two axes of the plane, in the order of the angle.
     pub fn axes(self) -> [AxisName; 2] {
         match self {
             Self::Xy => [AxisName::X, AxisName::Y],
@@ -32,7 +32,7 @@ impl CircularPlane {
         }
     }
 
-    /// The squareness error of the plane; [`opening`](crate::opening) tells its sign where it opens the angle between the axes.
+    /// Squareness error of the plane; [`opening`](crate::opening) gives the sign with which it opens the angle between the axes.
     pub fn squareness(self) -> ErrorName {
         let (component, axis) = match self {
             Self::Xy => (Component::EC, AxisName::Y),
@@ -43,21 +43,21 @@ impl CircularPlane {
     }
 }
 
-/// The sense in which a circle was run, seen with the first axis to the right and the second one up.
+/// Sense of the motion on the circle, seen with the first axis to the right and the second one up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sense {
-    /// From the first axis to the second: the angle grows.
+    /// From the first axis to the second: the angle increases.
     CounterClockwise,
-    /// The other way.
+    /// From the second axis to the first: the angle decreases.
     Clockwise,
 }
 
 impl Sense {
-    /// Both, counter-clockwise first.
+    /// Both senses, counter-clockwise first.
     pub const BOTH: [Self; 2] = [Self::CounterClockwise, Self::Clockwise];
 
-    /// +1 where the angle grows, −1 where it falls.
+    /// +1 where the angle increases, −1 where it decreases.
     pub fn sign(self) -> f64 {
         match self {
             Self::CounterClockwise => 1.0,
@@ -65,7 +65,7 @@ impl Sense {
         }
     }
 
-    /// In documents: `ccw` or `cw`.
+    /// Key in documents: `ccw` or `cw`.
     pub fn key(self) -> &'static str {
         match self {
             Self::CounterClockwise => "ccw",
@@ -74,7 +74,7 @@ impl Sense {
     }
 }
 
-/// One point of a trace.
+/// Point of a trace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TracePoint {
@@ -82,41 +82,40 @@ pub struct TracePoint {
     pub angle_rad: f64,
     /// Actual minus nominal radius, µm.
     pub deviation_um: f64,
-    /// The sense of the motion.
+    /// Sense of the motion.
     pub sense: Sense,
 }
 
-/// A trace of one or both senses.
+/// Trace in one or both senses.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CircularTrace {
-    /// The file it came from, for messages.
+    /// Source file, for messages.
     pub name: String,
-    /// The nominal radius, mm.
+    /// Nominal radius, mm.
     pub radius_mm: f64,
-    /// Whether that radius was stated; without it it is the mean of the points, and no deviation from it can be stated.
+    /// Whether the radius was stated. Otherwise it is the mean radius of the points, and there is no deviation from the nominal one.
     pub radius_is_stated: bool,
-    /// The points in the order of the file.
+    /// Points in the order of the file.
     pub points: Vec<TracePoint>,
-    /// Notes for a person on how the file was read.
+    /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
 impl CircularTrace {
-    /// Whether any point was run in this sense.
+    /// Whether the trace has a point in this sense.
     pub fn has(&self, sense: Sense) -> bool {
         self.points.iter().any(|p| p.sense == sense)
     }
 
-    /// The same points in one sense alone.
+    /// Points in this sense.
     pub(super) fn of(&self, sense: Sense) -> Vec<TracePoint> {
         let here = self.points.iter().filter(|p| p.sense == sense);
         here.copied().collect()
     }
 }
 
-/// The circle of least squares through points in a plane: centre and radius. Gauss–Newton on the distances, from the algebraic
-/// circle.
+/// Least-squares circle through points in a plane: centre and radius. Gauss–Newton on the distances, starting from the algebraic circle.
 pub(super) fn least_squares_circle(
     points_mm: &[[f64; 2]],
     name: &str,
@@ -127,7 +126,7 @@ pub(super) fn least_squares_circle(
     let count = points_mm.len() as f64;
     let mean = |k: usize| points_mm.iter().map(|p| p[k]).sum::<f64>() / count;
     let middle = [mean(0), mean(1)];
-    // u² + v² = 2 a u + 2 b v + c about the mean.
+    // Solve u² + v² = 2 a u + 2 b v + c with coordinates about the mean.
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points_mm {
         let (u, v) = (p[0] - middle[0], p[1] - middle[1]);
@@ -168,16 +167,16 @@ pub(super) fn least_squares_circle(
     Ok(([middle[0] + centre[0], middle[1] + centre[1]], radius))
 }
 
-/// One degree: far more than what a position at standstill jitters by, far less than the arc of a test.
+/// Minimum turn that counts as motion, 1°: far more than the jitter of a position at standstill, far less than the arc of a test.
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 180.0;
 
-/// The sense at each point of a path by how the angle goes on from it; where it stands the one before counts.
+/// Sense at each point of a path, from the change of the angle after it; at standstill the previous sense is kept.
 ///
-/// Only a turn of more than [`LEAST_TURN_RAD`] counts: positions at standstill jitter.
+/// Only a turn of more than [`LEAST_TURN_RAD`] counts, because positions at standstill jitter.
 pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
     let mut found = vec![Sense::CounterClockwise; angles_rad.len()];
     let mut angle = 0.0;
-    // Of the points since the sense last changed, those with the least and with the greatest angle, of equal ones the last.
+    // Index and angle of the smallest and the largest angle since the last change of sense; of equal angles the last point.
     let (mut least, mut greatest) = ((0, 0.0), (0, 0.0));
     let mut last: Option<Sense> = None;
     for (index, pair) in angles_rad.windows(2).enumerate() {
@@ -197,7 +196,7 @@ pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
             None
         };
         if let Some((sense, from)) = turned {
-            // The points before the first turn stand.
+            // Points before the first turn are at standstill and take its sense.
             let from = if last.is_none() { 0 } else { from.0 };
             found[from..].fill(sense);
             (least, greatest) = (here, here);
@@ -207,15 +206,15 @@ pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
     found
 }
 
-/// The points of each sense that make one turn, and notes on the others.
+/// Points of each sense that make one turn, and notes on the others.
 pub(super) struct OneTurn {
     pub(super) keeps: Vec<bool>,
     pub(super) notes: Vec<String>,
 }
 
-/// Keeps one turn of each sense: a part of the circle that is run twice would count twice in the least-squares circle. Of a
-/// run beyond one turn the middle is kept, since its ends hold starting and stopping; of several runs of which one is a whole
-/// turn, the longest. Arcs that overlap are all kept, and named. Points whose angles do not go on in their sense have no order, and all are kept.
+/// Keeps one turn of each sense, because a part of the circle that is run twice would count twice in the least-squares circle. Of a run longer than
+/// one turn the middle is kept, since its ends contain starting and stopping. Of several runs with a whole turn among them, the longest is kept.
+/// Overlapping arcs are all kept, with a note. Points whose angles do not progress in their sense have no order, and all are kept.
 pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     let mut found = OneTurn {
         keeps: vec![true; angles_rad.len()],
@@ -244,7 +243,7 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
         let from = (0.5 * (longest.turned() - TAU)).max(0.0) - 1e-9;
         for run in &runs {
             for (index, angle) in run.angles.iter().enumerate() {
-                // Half open: the point that closes the turn is its first one again.
+                // Half-open: the point that closes the turn repeats the first one.
                 let is_inside = (from..from + TAU).contains(angle);
                 found.keeps[run.first + index] = run.first == longest.first && is_inside;
             }
@@ -259,11 +258,11 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     found
 }
 
-/// Points in a row that were run in one sense.
+/// Consecutive points in one sense.
 struct Run {
-    /// The place of the first one.
+    /// Index of the first point.
     first: usize,
-    /// How far each is from the first one in the sense, rad, beyond one turn, too.
+    /// Angle of each point from the first one in the sense of motion, rad; it may exceed one turn.
     angles: Vec<f64>,
 }
 
@@ -272,14 +271,14 @@ impl Run {
         self.angles.last().copied().unwrap_or(0.0)
     }
 
-    /// Whether the step after its last point would close it.
+    /// Whether one more step after the last point would close the turn.
     fn is_whole_turn(&self) -> bool {
         let steps = self.angles.windows(2).map(|pair| pair[1] - pair[0]);
         self.turned() + steps.fold(LEAST_TURN_RAD, f64::max) >= TAU
     }
 }
 
-/// The runs of a sense; `None` where its angles do not go on in it.
+/// Runs in a sense; `None` if the angles do not progress in it.
 fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> {
     let mut runs: Vec<Run> = Vec::new();
     for (index, here) in senses.iter().enumerate() {
@@ -303,7 +302,7 @@ fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> 
     Some(runs)
 }
 
-/// From one angle to the next, the shorter way round.
+/// Signed difference of two angles by the shorter way round.
 fn turn(pair: &[f64]) -> f64 {
     let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
     if turn > std::f64::consts::PI {

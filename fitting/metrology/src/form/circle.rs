@@ -1,4 +1,4 @@
-//! Circles: the least-squares circle and the minimum zone.
+//! Circles: least-squares circle and minimum zone.
 
 use nalgebra::{SVector, Vector2, Vector3};
 
@@ -13,10 +13,10 @@ use crate::number::range;
 const FEATURE: FeatureKind = FeatureKind::Circle;
 const EXPECTED: &str = "points along an arc of a circle";
 
-/// A radius beyond this multiple of the extent of the points makes the arc a straight line.
+/// Maximum radius relative to the extent of the points: above it the arc is a straight line.
 const LARGEST_RADIUS: f64 = 1e6;
 
-/// A circle in the plane of the first two coordinates.
+/// Circle in the plane of the first two coordinates.
 #[derive(Clone, Copy)]
 pub(super) struct FlatCircle {
     pub(super) centre: Vector2<f64>,
@@ -24,8 +24,7 @@ pub(super) struct FlatCircle {
 }
 
 impl FlatCircle {
-    /// The circle of least squares of x² + y² − 2 a x − 2 b y − c, which is near the one of least distances; `None` for
-    /// points on a line.
+    /// Algebraic circle, the least-squares solution of x² + y² − 2 a x − 2 b y − c, which is near that of the distances; `None` for points on a line.
     pub(super) fn algebraic(points: &[Vector3<f64>]) -> Option<Self> {
         let n = points.len() as f64;
         let mean = points.iter().map(Vector3::xy).sum::<Vector2<f64>>() / n;
@@ -69,7 +68,7 @@ impl Shape<3> for FlatCircle {
     }
 }
 
-/// The circle through points, in a plane parallel to that of two coordinates or in the least-squares plane.
+/// Evaluates a circle, in a plane parallel to two coordinate axes or in the least-squares plane.
 pub(super) fn circle(
     points_mm: &[[f64; 3]],
     plane: Option<CoordinatePlane>,
@@ -129,19 +128,19 @@ pub(super) fn circle(
     })
 }
 
-/// Two concentric circles that hold all points between them.
+/// Two concentric circles that enclose all points between them.
 struct Ring {
     centre: Vector2<f64>,
     radii: [f64; 2],
-    /// The points that hold it from becoming narrower.
+    /// Indices of the points that prevent the ring from becoming narrower.
     contacts: Vec<usize>,
 }
 
-/// The narrowest ring, by linear minimax problems about better and better centres, from the least-squares centre on.
+/// Narrowest ring, by linear minimax problems about successively better centres, from the least-squares centre on.
 ///
-/// It stops where a linear problem gains nothing. The weights of its contact points then show that no motion of the centre
-/// makes the ring narrower; as distances are convex functions of the centre, another narrowest ring could only lie about a
-/// centre that is away by a good part of the radius. `None` where the ring becomes a straight strip.
+/// It stops when a linear problem gains nothing. The weights of its contact points then prove that no small motion of the centre makes the ring
+/// narrower. As distances are convex functions of the centre, another narrowest ring could only have a centre that is away by a good part of the
+/// radius. `None` if the ring becomes a straight strip.
 fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
     let radii_about = |centre: Vector2<f64>| range(points.iter().map(|p| (p.xy() - centre).norm()));
     let width_about = |centre: Vector2<f64>| {
@@ -158,7 +157,7 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
         for point in points {
             let from_centre = point.xy() - centre;
             let r = from_centre.norm();
-            // About a point of its own a ring has no direction to go to.
+            // At the centre itself the direction is undefined.
             let u = if r > 0.0 {
                 from_centre / r
             } else {
@@ -175,7 +174,7 @@ fn ring(points: &[Vector3<f64>], start: Vector2<f64>) -> Option<Ring> {
         if gain <= 4.0 * rounding {
             break;
         }
-        // A step towards the linear optimum that makes the real ring narrower.
+        // Shorten the step towards the linear optimum until the real ring is narrower.
         let mut share = f64::min(1.0, 0.5 * middle / step.norm());
         let better = loop {
             let there = centre + step * share;

@@ -1,4 +1,4 @@
-//! Points about their mean and in a scale of their own, so that neither a large offset nor a unit costs digits.
+//! Points relative to their mean and scaled, so that neither a large offset nor a unit costs digits.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
@@ -7,14 +7,14 @@ use super::{FeatureKind, FormError, LARGEST_MM};
 /// Ratio of two principal extents below which the smaller one is rounding.
 const ROUNDING: f64 = 1e-7;
 
-/// Points less their mean, divided by a power of two so that they are about 1 apart.
+/// Points minus their mean, divided by a power of two so that they are about 1 apart.
 pub(super) struct Cloud {
     mean_mm: Vector3<f64>,
     pub(super) scale_mm: f64,
     pub(super) points: Vec<Vector3<f64>>,
-    /// Principal directions, that of the largest extent first.
+    /// Principal directions, by descending extent.
     pub(super) directions: [Vector3<f64>; 3],
-    /// Root mean squares along them.
+    /// Root mean square extents along them.
     pub(super) extents: [f64; 3],
 }
 
@@ -38,13 +38,13 @@ impl Cloud {
                 expected,
             });
         }
-        // Sums of differences from a point nearby keep the digits that sums of large coordinates lose.
+        // Differences from a nearby point keep the digits that sums of large coordinates lose.
         let first = Vector3::from(points_mm[0]);
         let n = points_mm.len() as f64;
         let from_first = points_mm.iter().map(|p| Vector3::from(*p) - first);
         let shift = from_first.clone().sum::<Vector3<f64>>() / n;
         let centred: Vec<Vector3<f64>> = from_first.map(|p| p - shift).collect();
-        // Different points have an extent; a power of two changes no digit.
+        // The points differ, so the extent is positive; dividing by a power of two is exact.
         let rms = (centred.iter().map(Vector3::norm_squared).sum::<f64>() / n).sqrt();
         let scale_mm = rms.log2().ceil().exp2();
         let points: Vec<Vector3<f64>> = centred.iter().map(|p| p / scale_mm).collect();
@@ -61,7 +61,7 @@ impl Cloud {
         })
     }
 
-    /// Refuses points on one line, of which the feature asked for is none.
+    /// Rejects collinear points, which do not determine the requested feature.
     pub(super) fn refuse_line(
         &self,
         feature: FeatureKind,
@@ -77,7 +77,7 @@ impl Cloud {
         })
     }
 
-    /// Refuses points in one plane.
+    /// Rejects coplanar points.
     pub(super) fn refuse_plane(
         &self,
         feature: FeatureKind,
@@ -93,37 +93,36 @@ impl Cloud {
         })
     }
 
-    /// A point of this scale in the frame of the file, mm.
+    /// Converts a scaled point to the frame of the file, mm.
     pub(super) fn in_mm(&self, point: Vector3<f64>) -> [f64; 3] {
         (self.mean_mm + point * self.scale_mm).into()
     }
 }
 
-/// Two directions at right angles to a unit vector and to each other, right-handed with it.
+/// Two directions perpendicular to a unit vector and to each other, right-handed with it.
 pub(super) fn across(w: Vector3<f64>) -> [Vector3<f64>; 2] {
     let helper = Vector3::ith(w.iamin(), 1.0);
     let first = w.cross(&helper).normalize();
     [first, w.cross(&first)]
 }
 
-/// A direction or its opposite, so that its largest component is positive.
+/// The direction or its opposite, whichever has a positive largest component.
 pub(super) fn signed(direction: Vector3<f64>) -> Vector3<f64> {
     let sign = if direction[direction.iamax()] < 0.0 {
         -1.0
     } else {
         1.0
     };
-    // Zero has no sign where it is read.
+    // Adding 0 turns −0 into 0.
     direction.map(|x| sign * x + 0.0)
 }
 
-/// Root mean square.
 pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     let n = values.len() as f64;
     (values.map(|x| x * x).sum::<f64>() / n).sqrt()
 }
 
-/// The number of different points.
+/// Number of different points.
 fn different(points_mm: &[[f64; 3]]) -> usize {
     let mut sorted = points_mm.to_vec();
     sorted.sort_by(|a, b| {

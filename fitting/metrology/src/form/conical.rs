@@ -10,22 +10,22 @@ use super::{
 };
 use crate::number::range;
 
-/// Points that are enough to find the start with.
+/// Number of points from which the start is found.
 const FEW: usize = 200;
 
-/// Directions that are tried as axes, over half a sphere: 0.2 rad apart.
+/// Number of axis directions tried as a start, over a hemisphere: 0.2 rad apart.
 const DIRECTIONS: usize = 120;
 
-/// A surface of revolution with straight sides: a cone (`N` = 6) or, with the angle fixed at 0, a cylinder (`N` = 5).
+/// Surface of revolution with straight sides: a cone (`N` = 6) or, with the angle fixed at 0, a cylinder (`N` = 5).
 ///
-/// With r and s the distance from the axis and the place along it, from `point` on, the signed distance of a point from
-/// the surface is r cos ψ − s sin ψ − h.
+/// With r the distance from the axis and s the position along it from `point`, the signed distance of a point from the surface is r cos ψ − s sin ψ −
+/// h.
 #[derive(Clone, Copy)]
 struct Conical<const N: usize> {
     point: Vector3<f64>,
     axis: Vector3<f64>,
     across: [Vector3<f64>; 2],
-    /// ψ: half the angle of the cone, rad; negative where it becomes narrower along the axis.
+    /// ψ: half angle of the cone, rad; negative if it narrows along the axis.
     half_angle: f64,
     /// h: distance of the surface from `point`.
     height: f64,
@@ -39,7 +39,7 @@ impl<const N: usize> Conical<N> {
         ((from - self.axis * s).norm(), s)
     }
 
-    /// The start for an axis in a direction: the circle of the points seen along it, and their mean slope.
+    /// Start for an axis direction: the circle of the projected points, and their mean slope.
     fn start(points: &[Vector3<f64>], axis: Vector3<f64>) -> Option<Self> {
         let [e1, e2] = across(axis);
         let seen = |p: &Vector3<f64>| Vector3::new(p.dot(&e1), p.dot(&e2), p.dot(&axis));
@@ -107,7 +107,7 @@ impl<const N: usize> Shape<N> for Conical<N> {
     }
 }
 
-/// Unit vectors over half a sphere, evenly (Fibonacci's spiral).
+/// Evenly spaced unit vectors over a hemisphere (Fibonacci spiral).
 fn directions() -> impl Iterator<Item = Vector3<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..DIRECTIONS).map(move |k| {
@@ -118,9 +118,9 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Some of many points, in no rhythm: every n-th of points that were taken at a few heights in turn may all be of one height.
+/// Selects at most [`FEW`] points without periodicity: every n-th of points that were taken at a few heights in turn may be of the same height.
 fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-    // Primes: no rhythm of the points but their own multiples is that of their steps.
+    // Prime steps: they alias only with a period that is a multiple of the step.
     const STEP: usize = 7919;
     const OTHER: usize = 7907;
     if points.len() <= FEW {
@@ -134,7 +134,7 @@ fn few(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     (0..FEW).map(|k| points[k * step % points.len()]).collect()
 }
 
-/// The best surface from starts in every direction.
+/// Best surface from starts in every direction.
 fn best<const N: usize>(
     cloud: &Cloud,
     is_possible: impl Fn(&Conical<N>, &[Vector3<f64>]) -> bool,
@@ -150,7 +150,7 @@ fn best<const N: usize>(
     (fit.has_settled() && is_possible(&fit.shape, &cloud.points)).then_some(fit)
 }
 
-/// Largest radius, and largest distance of an apex, in extents of the points.
+/// Maximum radius, and maximum distance of an apex, relative to the extent of the points.
 const FAR: f64 = 1e5;
 
 impl<const N: usize> Refined<Conical<N>, N> {
@@ -160,7 +160,7 @@ impl<const N: usize> Refined<Conical<N>, N> {
     }
 }
 
-/// The cylinder through points.
+/// Evaluates a cylinder.
 pub(super) fn cylinder(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     const FEATURE: FeatureKind = FeatureKind::Cylinder;
     const EXPECTED: &str = "points around the axis and along it";
@@ -188,7 +188,7 @@ pub(super) fn cylinder(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// The cone through points.
+/// Evaluates a cone.
 pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     const FEATURE: FeatureKind = FeatureKind::Cone;
     const EXPECTED: &str = "points around the axis and along it, on one side of the apex";
@@ -211,7 +211,7 @@ pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     if cos < 1.0 / FAR || !fit.is_determined() {
         return Err(nothing());
     }
-    // From the apex into the cone.
+    // The direction points from the apex into the cone.
     let axis = found.axis * sin.signum();
     let apex = found.point - found.axis * (found.height / sin);
     let along = range(cloud.points.iter().map(|p| (p - apex).dot(&axis)));
@@ -228,13 +228,13 @@ pub(super) fn cone(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// Whether the points lie on one side of the apex, but for what they scatter.
+/// Whether the points are on one side of the apex, apart from their scatter.
 fn on_one_side(cone: &Conical<6>, points: &[Vector3<f64>]) -> bool {
     let (sin, cos) = cone.half_angle.sin_cos();
     if cos <= 0.0 {
         return false;
     }
-    // Place along the side from the foot of `point`'s perpendicular; its sign is that of the side.
+    // Position along the generator line from the foot of the perpendicular of `point`; its sign is that of the side.
     let apex = -cone.height * cos / sin;
     let scatter = rms(points.iter().map(|p| cone.distance(p).0));
     points.iter().all(|point| {
@@ -244,7 +244,7 @@ fn on_one_side(cone: &Conical<6>, points: &[Vector3<f64>]) -> bool {
     })
 }
 
-/// What both have in common.
+/// Builds the part of the result that is common to both.
 fn form<const N: usize>(
     cloud: &Cloud,
     feature: FeatureKind,

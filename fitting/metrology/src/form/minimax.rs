@@ -1,18 +1,18 @@
-//! The linear minimax problem with three unknowns: the dual simplex method on its four contact points.
+//! Linear minimax problem with three unknowns: the dual simplex method on its four contact points.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-/// The unknowns x for which the largest |b − A x| is least.
+/// Solution of the minimax problem: x minimises the largest |b − A x|.
 pub(super) struct Minimax {
     pub(super) x: Vector3<f64>,
-    /// The largest |b − A x|.
+    /// Largest |b − A x|.
     pub(super) largest: f64,
-    /// The rows that touch, with the sign of b − A x and their weights: the weights are at least 0, their sum is 1, and the
-    /// signed, weighted sum of the rows of A is zero, so that no other x is better.
+    /// Contact rows, with the sign of b − A x and their weights. The weights are at least 0 and their sum is 1. The signed, weighted sum of the rows
+    /// of A is zero, which proves that no other x is better.
     pub(super) contacts: [Contact; 4],
 }
 
-/// A row that touches.
+/// Row at which the largest |b − A x| is reached.
 #[derive(Clone, Copy)]
 pub(super) struct Contact {
     pub(super) row: usize,
@@ -20,13 +20,12 @@ pub(super) struct Contact {
     pub(super) weight: f64,
 }
 
-/// Solves the problem; `None` where the rows determine fewer than three unknowns. Residuals that differ by no more than
-/// `rounding` count as equal.
+/// Solves the problem; `None` if the rows determine fewer than three unknowns. Residuals that differ by at most `rounding` count as equal.
 ///
-/// Every exchange of a contact point makes the largest |b − A x| over four points larger, until no point of all lies outside.
+/// Each exchange of a contact point increases the largest |b − A x| over four points, until no other point lies outside.
 pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option<Minimax> {
     let mut contacts = first_contacts(rows, b)?;
-    // Exchanges that gain nothing could go round in circles: after many the rule of Bland rules that out.
+    // Exchanges without gain could cycle: after many of them Bland's rule prevents it.
     let patience = 100;
     for exchange in 0..1000 {
         let bland = exchange > patience;
@@ -63,7 +62,7 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
             let change = contacts[k].sign * changes[k];
             (change > 1e-12).then(|| contacts[k].weight.max(0.0) / change)
         };
-        // The changes add up to 1, so that one of them is positive.
+        // The changes add up to 1, so one of them is positive.
         let leaving = (0..4)
             .filter_map(|k| ratio(k).map(|ratio| (k, ratio)))
             .min_by(|(k, p), (l, q)| {
@@ -78,7 +77,7 @@ pub(super) fn minimax(rows: &[Vector3<f64>], b: &[f64], rounding: f64) -> Option
     None
 }
 
-/// Four rows to begin with: three that determine the unknowns best, and the one farthest from what these say.
+/// Initial four rows: three that determine the unknowns best, and the one farthest from their solution.
 fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
     let mut left: Vec<Vector3<f64>> = rows.to_vec();
     let mut chosen = [0; 3];
@@ -103,7 +102,7 @@ fn first_contacts(rows: &[Vector3<f64>], b: &[f64]) -> Option<[Contact; 4]> {
     let residual = |row: usize| b[row] - rows[row].dot(&x);
     let others = (0..rows.len()).filter(|row| !chosen.contains(row));
     let fourth = others.max_by(|&p, &q| residual(p).abs().total_cmp(&residual(q).abs()))?;
-    // The fourth row as a sum of the three: with the opposite signs the signed sum of the four is zero.
+    // The fourth row as a combination of the three: with the opposite signs the signed sum of the four is zero.
     let shares = of_three.transpose().lu().solve(&rows[fourth])?;
     let turn = if residual(fourth) < 0.0 { -1.0 } else { 1.0 };
     let contact = |row: usize, share: f64| Contact {

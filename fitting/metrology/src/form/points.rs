@@ -1,4 +1,4 @@
-//! The table of points, `x,y,z`.
+//! Table of points, `x,y,z`.
 
 use volcomp_document::{Column, CsvTable};
 
@@ -8,15 +8,15 @@ use crate::{
     csv_head::{not_read, unit_of},
 };
 
-/// Points as they stand in a file.
+/// Points read from a file.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FormPoints {
-    /// The points in the order of the rows, mm.
+    /// Points in the order of the rows, mm.
     pub points_mm: Vec<[f64; 3]>,
-    /// The line of each in the file, from 1.
+    /// Line of each point in the file, from 1.
     pub lines: Vec<usize>,
-    /// What was passed over.
+    /// Notes on ignored columns.
     pub notes: Vec<String>,
 }
 
@@ -24,13 +24,12 @@ const NAMES: [&str; 3] = ["x", "y", "z"];
 
 /// Reads points from CSV text; `name` is used in messages.
 ///
-/// The header has the columns `x`, `y` and `z` in any order, each alone or with the unit mm behind it: `x`, `X mm`,
-/// `x [mm]`. Other columns are not read, and named in a note. Cells are separated by `,`, `;` or tabs; where not by commas,
-/// numbers may have a decimal comma.
+/// The header has the columns `x`, `y` and `z` in any order, each alone or followed by the unit mm: `x`, `X mm`, `x [mm]`. Other columns are ignored,
+/// with a note. Cells are separated by `,`, `;` or tabs; unless commas separate them, numbers may have a decimal comma.
 ///
 /// # Errors
-/// A column is missing, stands twice or is in another unit; a cell is not a finite number of at most [`LARGEST_MM`]; there
-/// is no row: with file, line, column, what was found and what was expected.
+/// A column is missing, repeated or in another unit; a cell is not a finite number of at most [`LARGEST_MM`]; there is no row: with file, line,
+/// column, what was found and what was expected.
 pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError> {
     if text.trim().is_empty() {
         return Err(MetrologyError::Empty {
@@ -76,7 +75,7 @@ pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError
     Ok(read)
 }
 
-/// The column of a coordinate.
+/// Column of a coordinate.
 fn column(table: &CsvTable, wanted: &str) -> Result<Column, MetrologyError> {
     let mut named = table
         .names()

@@ -1,28 +1,28 @@
-//! Least squares of exact distances: Levenberg–Marquardt, and Gauss–Newton at its end.
+//! Least squares of exact distances: Levenberg–Marquardt, finished by Gauss–Newton.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// A surface or curve with `N` parameters.
+/// Surface or curve with `N` parameters.
 pub(super) trait Shape<const N: usize>: Clone {
-    /// The signed distance of a point, and its derivatives by the parameters of [`moved`](Self::moved) at zero.
+    /// Signed distance of a point, and its derivatives by the parameters of [`moved`](Self::moved) at zero.
     fn distance(&self, point: &Vector3<f64>) -> (f64, SVector<f64, N>);
     /// The shape with its parameters changed.
     fn moved(&self, by: &SVector<f64, N>) -> Self;
 }
 
-/// A shape with the sum of its squared distances.
+/// Shape with the sum of its squared distances.
 pub(super) struct Refined<S, const N: usize> {
     pub(super) shape: S,
     pub(super) squares: f64,
-    /// The square root of the ratio of the smallest to the largest eigenvalue of the normal equations, each parameter in a
-    /// scale of its own: 0 where the points do not determine the parameters.
+    /// Square root of the ratio of the smallest to the largest eigenvalue of the normal equations, each parameter scaled separately: 0 if the points
+    /// do not determine the parameters.
     pub(super) determined: f64,
     /// Length of the last step.
     step: f64,
 }
 
 impl<S, const N: usize> Refined<S, N> {
-    /// Whether the last step was so small that the shape is the best one.
+    /// Whether the last step was small enough for convergence.
     pub(super) fn has_settled(&self) -> bool {
         self.step < 1e-6
     }
@@ -50,7 +50,7 @@ impl<const N: usize> Normal<N> {
         sum
     }
 
-    /// The step that the equations ask for, with a share `damping` added to their diagonal.
+    /// Solves for the step, with a share `damping` added to the diagonal.
     fn step(&self, damping: f64) -> Option<SVector<f64, N>> {
         let mut matrix = self.matrix;
         for k in 0..N {
@@ -74,7 +74,7 @@ impl<const N: usize> Normal<N> {
     }
 }
 
-/// Brings a shape to the least sum of squared distances that lies below its start. Points are about 1 apart.
+/// Minimises the sum of squared distances, starting from a shape. Points are about 1 apart.
 pub(super) fn refine<S: Shape<N>, const N: usize>(
     start: S,
     points: &[Vector3<f64>],
@@ -106,7 +106,7 @@ pub(super) fn refine<S: Shape<N>, const N: usize>(
             break;
         }
     }
-    // The sum of squares is flat at its least to half the digits; the gradient is not.
+    // The sum of squares is flat at its minimum to half the digits; the gradient is not.
     let mut last = f64::INFINITY;
     for _ in 0..60 {
         let Some(step) = normal.step(0.0) else { break };

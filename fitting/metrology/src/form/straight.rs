@@ -10,10 +10,10 @@ use super::{
 use crate::number::range;
 use crate::straightness::half_hull;
 
-/// Points are a line, or a plane, where the next extent is at most this share of the one before.
+/// Maximum ratio of the next extent to the one before for points of a line, or of a plane.
 const SLENDER: f64 = 0.5;
 
-/// The line through points: in space, or of their images in a plane of two coordinates.
+/// Evaluates a line: in space, or of the points projected to a plane of two coordinates.
 pub(super) fn line(
     points_mm: &[[f64; 3]],
     plane: Option<CoordinatePlane>,
@@ -54,7 +54,7 @@ fn line_in_space(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// The line through the mean in a direction, without deviations.
+/// Line through the mean in a direction, without deviations.
 fn line_along(cloud: &Cloud, w: Vector3<f64>) -> Form {
     let along = range(cloud.points.iter().map(|p| p.dot(&w)));
     let at = |s: f64| cloud.in_mm(w * s);
@@ -79,7 +79,7 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     let normal: Vector3<f64> = plane.normal().into();
     let third = normal.iamax();
     let [below, above] = range(points_mm.iter().map(|p| p[third]));
-    // A coordinate that is no number is refused with the others, as it was found.
+    // NaN and infinite coordinates are rejected with the others, unchanged.
     let middle = 0.5 * (below + above);
     let is_finite = points_mm.iter().all(|p| p[third].is_finite());
     let image = |p: &[f64; 3]| {
@@ -115,7 +115,7 @@ fn line_in_plane(points_mm: &[[f64; 3]], plane: CoordinatePlane) -> Result<Form,
     })
 }
 
-/// The narrowest strip between two parallel lines that hold all points.
+/// Narrowest strip between two parallel lines that encloses all points.
 struct Strip {
     width: f64,
     middle: (f64, f64),
@@ -123,7 +123,7 @@ struct Strip {
     contacts: Vec<usize>,
 }
 
-/// A side of the narrowest strip lies on an edge of the convex hull, the other side on the corner farthest from it.
+/// One side of the narrowest strip lies on an edge of the convex hull, the other on the corner farthest from it.
 fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -160,7 +160,7 @@ fn narrowest_strip(points: &[(f64, f64)]) -> Option<Strip> {
     })
 }
 
-/// The plane through points.
+/// Evaluates a plane.
 pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     let cloud = Cloud::of(points_mm, FeatureKind::Plane)?;
     cloud.refuse_line(FeatureKind::Plane, "points that spread over a plane")?;
@@ -183,8 +183,8 @@ pub(super) fn plane(points_mm: &[[f64; 3]]) -> Result<Form, FormError> {
     })
 }
 
-/// The thinnest layer between two parallel planes that holds all points, by minimax problems of the heights over the
-/// planes found so far. `None` where none was found.
+/// Thinnest layer between two parallel planes that encloses all points, by minimax problems of the heights over the previous plane. `None` if none
+/// was found.
 fn layer(cloud: &Cloud, start: Vector3<f64>) -> Option<MinimumZone> {
     let thickness_of = |normal: Vector3<f64>| {
         let [low, high] = range(cloud.points.iter().map(|p| p.dot(&normal)));

@@ -10,24 +10,24 @@ use crate::{Metadata, MetrologyError};
 const DATA: &[u8] = b"Data:";
 const END: &[u8] = b"EOF::";
 
-/// A dynamic capture: samples over time, without targets. The unit of the samples is not stated in the file.
+/// Dynamic capture: samples over time, without targets. The file does not state the unit of the samples.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Capture {
-    /// The file it came from, for messages.
+    /// Source file, for messages.
     pub name: String,
-    /// The statements of the file about itself and its machine.
+    /// Information in the file about itself and its machine.
     pub metadata: Metadata,
-    /// Samples a second, as the header states it; the actual rate where it gives both.
+    /// Sample rate in the header, Hz; the actual rate if it gives both.
     pub sample_rate_hz: Option<f64>,
-    /// Every sample in its order, in the unit of the program that captured it.
+    /// Samples in their order, in the unit of the program that captured them.
     pub samples: Vec<f64>,
-    /// Notes for a person on how the file was read.
+    /// Notes for the user on how the file was read.
     pub notes: Vec<String>,
 }
 
 impl Capture {
-    /// How long the capture took, s; `None` without a sample rate.
+    /// Duration of the capture, s; `None` without a sample rate.
     pub fn duration_s(&self) -> Option<f64> {
         let intervals = self.samples.len().saturating_sub(1) as f64;
         self.sample_rate_hz.map(|rate| intervals / rate)
@@ -37,8 +37,8 @@ impl Capture {
 /// Reads a Renishaw dynamic capture (`.rtx`).
 ///
 /// # Errors
-/// No `Data:` line, no `EOF::` behind the samples, another number of samples than `Sample no` states, bytes that are no
-/// whole number of samples, a sample that is not finite.
+/// No `Data:` line, no `EOF::` after the samples, another number of samples than `Sample no` states, bytes that are not a whole number of samples, a
+/// sample that is not finite.
 pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
     let Some((head, data, data_line)) = split(bytes) else {
         let end = bytes.len().min(400);
@@ -84,7 +84,7 @@ pub fn parse_rtx(bytes: &[u8], name: &str) -> Result<Capture, MetrologyError> {
     })
 }
 
-/// The header, the bytes behind the line `Data:`, and the number of that line.
+/// Header, the bytes after the line `Data:`, and the number of that line.
 fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
     let mut start = 0;
     let mut number = 0;
@@ -100,7 +100,7 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
     None
 }
 
-/// The samples before the end mark: where the stated count puts it, else at the last one in the file.
+/// Samples before the end mark: at the position given by the stated count, else at the last mark in the file.
 fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
     let is_end = |rest: &[u8]| rest.trim_ascii() == END;
     if let Some(count) = count {
@@ -108,7 +108,7 @@ fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
         let rest = data.get(length..)?;
         return is_end(rest).then(|| &data[..length]);
     }
-    // Samples may hold any bytes, blanks too: only whole samples before the mark fit.
+    // Samples may contain any bytes, including blanks: the mark must follow a whole number of samples.
     let mark = data.windows(END.len()).rposition(|window| window == END)?;
     let is_blank = |end: &usize| data[*end..mark].iter().all(u8::is_ascii_whitespace);
     let end = (mark.saturating_sub(2)..=mark)
@@ -168,7 +168,7 @@ impl Header {
     }
 }
 
-/// A rate with or without its unit behind it.
+/// Parses a rate with or without a unit after it.
 fn rate(place: Place<'_>, value: &str) -> Result<f64, MetrologyError> {
     let number = value.split_ascii_whitespace().next().unwrap_or_default();
     let rate = place.number("Sample rate", number)?;

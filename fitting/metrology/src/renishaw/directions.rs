@@ -1,4 +1,4 @@
-//! Which way each pass went, and which passes are no measurement at all.
+//! Directions of the passes, and passes that hold no measurement.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,11 @@ use super::sections::{Row, Targets};
 use crate::number::Place;
 use crate::{Direction, MetrologyError, Reading};
 
-/// Readings with directions and run numbers, and what a person should know about them.
+/// Assigns directions and run numbers to the readings, with notes for the user.
 ///
-/// The order of a pass's own targets decides: ascending is forward. The second flag is consulted:
-/// a file that says "bidirectional" and holds only passes of one order is refused, since its reverse
-/// passes may have been sorted; any other difference is noted and the order is believed. Reverse (even) passes
-/// that hold nothing but zeros beside real forward ones are left out and named.
+/// The order of the targets in a pass decides: ascending is forward. The second flag is checked: a file that states "bidirectional" and holds only
+/// passes of one order is rejected, since its reverse passes may have been sorted. Any other difference is noted, and the order has priority. Reverse
+/// (even) passes of nothing but zeros next to real forward ones are omitted, with a note.
 pub(super) fn readings(
     file: &str,
     rows: Vec<Row>,

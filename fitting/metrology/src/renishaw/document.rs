@@ -1,4 +1,4 @@
-//! The frame of a file: `NAME::` sections up to `EOF::`, with line numbers.
+//! Structure of a file: `NAME::` sections up to `EOF::`, with line numbers.
 
 use volcomp_document::quoted;
 
@@ -98,14 +98,14 @@ impl<'t> Document<'t> {
     }
 }
 
-/// `NAME::` alone on its line, in capitals; free text may hold colons, so a name may not.
+/// Section name: `NAME::` alone on its line, in capitals. Free text may contain colons, so a name may not.
 pub(super) fn section_name(line: &str) -> Option<String> {
     let name = line.strip_suffix("::")?.trim_ascii_end();
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, ' ' | '-' | '_');
     (!name.is_empty() && name.chars().all(plain)).then(|| name.to_ascii_uppercase())
 }
 
-/// A `key : value` line; keys compare without case, blanks and hyphens (`Target-count`, `Air Press`, `Targets `).
+/// Splits a `key : value` line; keys compare without case, blanks and hyphens (`Target-count`, `Air Press`, `Targets `).
 pub(super) fn key_value(line: &str) -> Option<(String, &str)> {
     let (key, value) = line.split_once(':')?;
     let key = key
@@ -117,7 +117,7 @@ pub(super) fn key_value(line: &str) -> Option<(String, &str)> {
 }
 
 impl<'t> Section<'t> {
-    /// The one line with this key: its number and value.
+    /// Number and value of the only line with this key.
     pub(super) fn value(
         &self,
         file: &str,

@@ -4,7 +4,7 @@ use super::document::{Section, key_value};
 use crate::number::Place;
 use crate::{Environment, MetrologyError, StartEnd};
 
-/// A material sensor that is not connected reads exactly this, °C.
+/// Reading of a disconnected material sensor, °C.
 pub(super) const NO_SENSOR_DEGC: f64 = -10.0;
 
 pub(super) fn environment(

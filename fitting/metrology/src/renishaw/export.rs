@@ -12,15 +12,15 @@ use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading};
 const EXPECTED: &str =
     "`Compensation start`, `end` and `spacing`, then rows of number, axis position and value";
 
-/// Reads an export of compensation values (`.REN`): lines `Compensation start | end | spacing <number>`, and rows of
-/// number, axis position and combined value behind the head `No.  Axis position  Combined`.
+/// Reads an export of compensation values (`.REN`): lines `Compensation start | end | spacing <number>`, and rows of number, axis position and
+/// combined value below the head `No.  Axis position  Combined`.
 ///
-/// The values are those for a control. Whether they are deviations or their negatives, and in which unit, the file does not say:
-/// [`Measurement::unit`] is `None`, and a note says so.
+/// The values are meant for a control. The file states neither their sign (deviations or corrections) nor their unit: [`Measurement::unit`] is
+/// `None`, with a note.
 ///
 /// # Errors
-/// No head, no rows, rows that are not numbers or not numbered from 1 (or 0) on, positions that are not `spacing` apart
-/// or do not end where the head says.
+/// No head, no rows, rows that are not numbers or not numbered from 1 (or 0) on, positions that are not `spacing` apart or do not end where the head
+/// states.
 pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
@@ -61,7 +61,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
             .first()
             .is_some_and(|cell| cell.parse::<u32>().is_ok());
         if !starts_with_number {
-            // Rows end at the first line that is none.
+            // Rows end at the first line that does not begin with a number.
             if cells.is_empty() && readings.is_empty() {
                 continue;
             }
@@ -115,7 +115,7 @@ fn is_head(line: &str) -> bool {
     line.starts_with("no.") && line.contains("axis position")
 }
 
-/// What the lines above the rows state.
+/// Values in the lines above the rows.
 #[derive(Default)]
 struct Grid {
     start: Option<f64>,
@@ -123,7 +123,7 @@ struct Grid {
     spacing: Option<f64>,
 }
 
-/// Positions are written with few decimals, mm.
+/// Rounding of positions, which are written with few decimals, mm.
 const ROUNDING: f64 = 1e-3;
 
 impl Grid {

@@ -1,5 +1,5 @@
-//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm), the
-//! dynamic captures `.rtx` and the compensation exports `.REN`.
+//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm), the dynamic captures `.rtx` and
+//! the compensation exports `.REN`.
 
 mod capture;
 mod directions;
@@ -17,7 +17,7 @@ pub use write::write_renishaw;
 
 use crate::{DeviationUnit, FileFormat, Quantity};
 
-/// Which of the Renishaw formats a file is.
+/// Kind of a Renishaw laser file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RenishawKind {
@@ -25,7 +25,7 @@ pub enum RenishawKind {
     Linear,
     /// `.rta`: angular, deviations in milliradian in the file, in µrad in memory.
     Angular,
-    /// `.rts`: straightness, deviations across the axis, taken as µm: no real file has proven the unit.
+    /// `.rts`: straightness, deviations perpendicular to the axis, taken as µm: the unit is not verified with a real file.
     Straightness,
 }
 
@@ -45,7 +45,7 @@ impl RenishawKind {
         }
     }
 
-    /// µm or µrad for one unit of the file.
+    /// µm or µrad per unit of the file.
     fn scale(self) -> f64 {
         match self {
             Self::Linear | Self::Straightness => 1.0,

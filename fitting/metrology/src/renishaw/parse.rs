@@ -13,23 +13,21 @@ const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm
 
 /// Reads a Renishaw laser file.
 ///
-/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar that independent readers and
-/// writers of the format share; unknown sections and keys are passed over. Targets are mm or deg. Deviations are
-/// measured − target: µm in `.rtl`; milliradian in `.rta`, held as µrad; in `.rts` taken as µm across the axis, with a note.
+/// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar that independent readers and writers of the format share; unknown
+/// sections and keys are skipped. Targets are mm or deg. Deviations are measured − target: µm in `.rtl`; milliradian in `.rta`, converted to µrad; in
+/// `.rts` taken as µm perpendicular to the axis, with a note.
 ///
-/// - The middle column of DEVIATIONS is the number of the target in the list, from 1. In a file where it cannot be
-///   that in some row (not whole, out of range) and equals a target in every row, it is read as the target. Row order
-///   never assigns a deviation to a target.
-/// - The direction of a run is the order of its own targets (ascending = forward), a run's number counts the passes
-///   of its direction. The second flag is compared: "bidirectional" with all runs in one direction is an error (the
-///   reverse runs may have been sorted), "unidirectional" with both is a note.
-/// - Reverse (even) runs of nothing but zeros beside real forward runs are left out and named in the notes.
-/// - Text that is not UTF-8 is read as GBK or Latin-1, with a note; numbers are ASCII always.
+/// - The middle column of DEVIATIONS is the number of the target in the list, from 1. If some row cannot be such a number (not whole, out of range)
+///   and every row equals a target, the column holds the targets themselves. Row order never assigns a deviation to a target.
+/// - The direction of a run is the order of its targets (ascending = forward), and the run number counts the passes of its direction. The second flag
+///   is compared: "bidirectional" with all runs in one direction is an error (the reverse runs may have been sorted), "unidirectional" with both is a
+///   note.
+/// - Reverse (even) runs of nothing but zeros next to real forward runs are omitted, with a note.
+/// - Text that is not UTF-8 is read as GBK or Latin-1, with a note; numbers are always ASCII.
 ///
 /// # Errors
-/// Anything else than a complete file: `EOF::` missing, counts that differ from the rows, repeated readings, targets or
-/// sections, numbers that are not finite decimals, a header that names another file type. Each names
-/// file, line, what was found and what was expected.
+/// Anything but a complete file: `EOF::` missing, counts that differ from the rows, repeated readings, targets or sections, numbers that are not
+/// finite decimals, a header that names another file type. Each names file, line, what was found and what was expected.
 pub fn parse_renishaw(
     bytes: &[u8],
     name: &str,
@@ -75,7 +73,7 @@ pub fn parse_renishaw(
     })
 }
 
-/// Where the numbers of a line begin: behind the key, if it has one, in the sections that hold numbers.
+/// Byte at which the numbers of a line begin, after the key, if any; `None` outside the sections that hold numbers.
 fn numbers_from(section: Option<&str>, line: &str) -> Option<usize> {
     let is_of_numbers = matches!(section?, "TARGET DATA" | "DEVIATIONS" | "ENVIRONMENT");
     // A date is no number, though its hours may look like one.

@@ -1,4 +1,4 @@
-//! The sections that carry numbers: targets with their flags, the number of runs, the deviations.
+//! Sections with numbers: targets with their flags, the number of runs, the deviations.
 
 use std::collections::HashMap;
 
@@ -36,7 +36,7 @@ pub(super) fn targets(document: &Document<'_>) -> Result<Targets, MetrologyError
     })
 }
 
-/// The numbers from `Targets :` to `Flags`, however they are wrapped.
+/// Numbers from `Targets :` to `Flags`, regardless of line breaks.
 fn target_list(section: &Section<'_>, file: &str) -> Result<Vec<f64>, MetrologyError> {
     let is_key = |line: &str, key: &str| key_value(line).is_some_and(|(k, _)| k == key);
     let mut values: Vec<f64> = Vec::new();
@@ -93,7 +93,7 @@ struct RawRow<'t> {
     deviation: f64,
 }
 
-/// All rows under DEVIATIONS, their targets found, complete for the declared counts.
+/// All rows under DEVIATIONS with their targets; checks them against the declared counts.
 pub(super) fn rows(document: &Document<'_>, targets: &[f64]) -> Result<Vec<Row>, MetrologyError> {
     let file = document.file;
     let (count_line, text) =
@@ -177,10 +177,9 @@ fn raw_rows<'t>(
     Ok(rows)
 }
 
-/// The meaning of the middle column of DEVIATIONS, decided once for the whole file.
+/// Meaning of the middle column of DEVIATIONS, decided once for the whole file.
 ///
-/// It is the number of the target in the list (from 1) whenever every row allows that; only when some row
-/// cannot be such a number is it read as the target itself.
+/// It is the number of the target in the list (from 1) if every row allows that, else the target itself.
 enum TargetColumn {
     Number,
     Value,
@@ -221,7 +220,7 @@ fn by_number(text: &str, targets: &[f64]) -> Option<f64> {
     targets.get(number.checked_sub(1)?).copied()
 }
 
-/// The target of this value, to the rounding of six decimals.
+/// Target closest to this value, within the rounding of six decimals.
 fn by_value(text: &str, targets: &[f64]) -> Option<f64> {
     const ROUNDING: f64 = 1e-6;
     let value = Place::new("", 0).number("", text).ok()?;

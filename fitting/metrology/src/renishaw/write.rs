@@ -8,10 +8,9 @@ const TARGETS_PER_LINE: usize = 5;
 
 /// Writes a Renishaw laser file: `.rta` for deviations in µrad, `.rts` for a straightness, else `.rtl`.
 ///
-/// CRLF; one pass a run, forward and backward in turn, reverse runs in the order of travel (targets descending);
-/// `Run-count` is the number of passes, the second flag 1 for one direction only. Targets and µm have six decimals,
-/// milliradian nine. The format has a place for complete runs only: where a run lacks a target, counts and
-/// rows differ and [`parse_renishaw`](crate::parse_renishaw) refuses the file. Line breaks in texts become blanks.
+/// CRLF; one pass per run, forward and backward in turn, reverse runs in the order of travel (targets descending); `Run-count` is the number of
+/// passes, the second flag 1 for one direction only. Targets and µm have six decimals, milliradian nine. The format can only hold complete runs: if a
+/// run lacks a target, counts and rows differ and [`parse_renishaw`](crate::parse_renishaw) rejects the file. Line breaks in texts become blanks.
 pub fn write_renishaw(measurement: &Measurement) -> String {
     let kind = match measurement.unit {
         Some(DeviationUnit::Urad) => RenishawKind::Angular,
@@ -30,7 +29,7 @@ pub fn write_renishaw(measurement: &Measurement) -> String {
     lines.join("\r\n") + "\r\n"
 }
 
-/// The runs in the order of travel: forward 1, backward 1, forward 2, …
+/// Runs in the order of travel: forward 1, backward 1, forward 2, …
 fn passes(measurement: &Measurement) -> Vec<Vec<Reading>> {
     let mut keys: Vec<(u32, Direction)> = measurement
         .readings
