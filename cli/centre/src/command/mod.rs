@@ -91,6 +91,7 @@ fn who() -> String {
         .unwrap_or_else(|| "command line".to_owned())
 }
 
+/// Opens the store of a configuration.
 pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
     Ok(Arc::new(Store::open(&config.store.file)?))
 }
