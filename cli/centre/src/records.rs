@@ -13,7 +13,7 @@ use crate::Error;
 
 /// Maximum length of a text field of a machine, characters.
 const MAX_TEXT: usize = 500;
-/// Maximum interval of conditions and of whole states, s.
+/// Maximum interval of conditions and of full telemetry, s.
 const MAX_INTERVAL_S: u32 = 86_400;
 /// Maximum time between two calibrations, days.
 const MAX_DUE_DAYS: u32 = 36_500;

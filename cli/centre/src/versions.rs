@@ -116,7 +116,7 @@ fn before<'a>(
     })
 }
 
-/// Aborted roll-outs of these versions of a machine, without those whose model the user decided to keep.
+/// Stopped or aborted roll-outs of these versions of a machine, without those whose model the user decided to keep.
 fn broken_off(
     store: &Store,
     machine: &MachineId,
@@ -133,7 +133,7 @@ fn broken_off(
     Ok(found)
 }
 
-/// The version that a machine can return to; `None` if no other model was active before, or it belonged to an aborted roll-out.
+/// The version that a machine can return to; `None` if no other model was active before, or it belonged to a stopped or aborted roll-out.
 pub(crate) fn way_back(
     store: &Store,
     machine: &MachineId,

@@ -130,7 +130,7 @@ impl Hub {
         put_model(&self.context, machine, sha256, model, replicas).await
     }
 
-    /// Watches the keys of all machines. Only one watch at a time receives every connection event.
+    /// Watches the keys of all machines. A single watch receives every connection event; several watches share them.
     ///
     /// # Errors
     /// The connection is closed.

@@ -99,7 +99,7 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     }
 }
 
-/// Machines whose active model belongs to an aborted roll-out and that the user has not decided to keep.
+/// Machines whose active model belongs to a stopped or aborted roll-out and that the user has not decided to keep.
 fn suspects(
     engine: &Engine,
     state: &mut State,

@@ -24,7 +24,7 @@ pub(super) struct Known<'a> {
     pub(super) quiet_s: f64,
     pub(super) version: Option<&'a Version>,
     pub(super) model: Option<&'a Model>,
-    /// The roll-out of the active version, if it was aborted.
+    /// The roll-out of the active version, if it stopped or was aborted.
     pub(super) suspect: Option<&'a Suspect>,
     /// Time since a foreign value was found under its key, s.
     pub(super) clobbered_s: Option<f64>,
@@ -33,7 +33,7 @@ pub(super) struct Known<'a> {
     pub(super) now_s: f64,
 }
 
-/// An aborted roll-out whose model is active on a machine.
+/// A stopped or aborted roll-out whose model is active on a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Suspect {
     pub(super) rollout: u64,

@@ -32,7 +32,7 @@ const ROLLOUTS: u32 = 20;
 struct Shown {
     #[serde(flatten)]
     rollout: Rollout,
-    /// For an aborted roll-out: machines on which its model is active now. The user must decide about them.
+    /// For a stopped or aborted roll-out: machines on which its model is active now. The user must decide about them.
     in_force_on: Vec<MachineId>,
 }
 
@@ -59,7 +59,7 @@ fn shown(store: &Store) -> Result<Vec<Shown>, Error> {
     Ok(shown.collect())
 }
 
-/// For each machine of an aborted roll-out, the roll-out whose model is active.
+/// For each machine of a stopped or aborted roll-out, the roll-out whose model is active.
 fn rollouts_in_force(
     store: &Store,
     rollouts: &[Rollout],

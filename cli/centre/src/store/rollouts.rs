@@ -91,7 +91,7 @@ impl Store {
         })
     }
 
-    /// Records that a machine keeps the model of an aborted roll-out.
+    /// Records that a machine keeps the model of a stopped or aborted roll-out.
     ///
     /// # Errors
     /// The roll-out or its machine does not exist, the roll-out is active or done, or the machine does not have its model.
