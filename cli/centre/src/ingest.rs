@@ -173,8 +173,8 @@ impl Ingest {
         told.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
-    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. A machine counts as heard if its
-    /// last condition is at most `fresh_s` old.
+    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. `heard` is true if the last
+    /// condition is at most `fresh_s` old.
     pub fn look(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::records::Made;
 
-/// Maximum number of remembered gateway instances of a machine. Instances heard within a day of the newest are kept beyond it, so that a
+/// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
 /// redelivered batch is recognized whatever the number of restarts, …
 const MOST: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;

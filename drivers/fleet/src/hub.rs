@@ -75,7 +75,7 @@ impl Hub {
         &self.context
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }

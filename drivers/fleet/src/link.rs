@@ -243,7 +243,7 @@ impl MachineLink {
         self.sender.publish(kind, id, bytes).await
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.sender.is_connected()
     }
@@ -316,13 +316,13 @@ impl MachineSender {
         stored("publishing", &self.context, subject, headers, bytes).await
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }
 }
 
-/// Whether a client is connected now.
+/// True if the client is connected.
 pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }

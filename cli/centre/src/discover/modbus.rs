@@ -31,7 +31,7 @@ pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
         [function, code, ..] if *function == FUNCTION[0] | 0x80 => {
             Some(Identification::Refused(*code))
         }
-        // Conformity level, more follows and next object are not needed.
+        // Read code, conformity level, more follows, next object, and the number of objects.
         [0x2b, 0x0e, _, _, _, _, count, rest @ ..] => {
             let mut objects: [Option<String>; 3] = [None, None, None];
             let mut rest = rest;

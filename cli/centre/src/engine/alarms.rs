@@ -86,7 +86,7 @@ pub(super) fn look(
             .extend(changed.into_iter().map(|(id, _)| (id, now)));
         state.changed_s.retain(|id, _| !gone.contains(id));
     }
-    // Remove troubles that are over and whose alarm has been stored.
+    // Remove failures that are over and whose alarm has been stored.
     lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
     Ok(())
 }
@@ -187,7 +187,7 @@ fn of_machines(
     Ok(found)
 }
 
-/// Adds the centre's own troubles and what its roll-outs wait for; returns the kinds of troubles that are over.
+/// Adds the centre's own failures and what its roll-outs wait for; returns the kinds of failures that are over.
 fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<AlarmKind>, Error> {
     let mut over = Vec::new();
     for (kind, trouble) in lock(&engine.troubles).iter() {

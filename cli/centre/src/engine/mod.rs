@@ -139,7 +139,7 @@ impl Engine {
         &self.store
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.hub.is_connected()
     }
