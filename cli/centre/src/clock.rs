@@ -1,19 +1,18 @@
-//! The clock of the centre and its dates, for people: no machine decides anything by them.
+//! The clock of the centre and its dates. They are for display: no machine makes decisions from them.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use time::{Date, Month, OffsetDateTime};
 use volcomp_model::is_date;
 
-/// Seconds since 1970, to the millisecond: so many digits are the same number again when they were written and read. 0 where
-/// the clock stands before 1970.
+/// Seconds since 1970, rounded to milliseconds so that a value survives writing and reading unchanged. 0 if the clock is before 1970.
 pub fn now_s() -> f64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0.0, |since| (since.as_secs_f64() * 1e3).round() / 1e3)
 }
 
-/// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.
+/// Start of a UTC day such as `2026-11-25`, seconds since 1970; `None` if the text is not a date.
 pub fn date_s(text: &str) -> Option<f64> {
     if !is_date(text) {
         return None;
@@ -29,7 +28,7 @@ pub fn date_s(text: &str) -> Option<f64> {
     Some(date.midnight().assume_utc().unix_timestamp() as f64)
 }
 
-/// A time, s since 1970, as people read it: `2026-11-25 14:03:59`, UTC.
+/// Formats a time, seconds since 1970, as `2026-11-25 14:03:59` UTC.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "a time of this program lies within the years 1970 to 9999"

@@ -31,7 +31,7 @@ impl Default for StoreConfig {
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct NatsConfig {
-    /// The addresses, separated by commas.
+    /// Server addresses, separated by commas.
     pub url: String,
     pub nkey_file: PathBuf,
     pub ca: Option<PathBuf>,
@@ -58,7 +58,7 @@ impl Default for NatsConfig {
 }
 
 impl NatsConfig {
-    /// How long and how much the server keeps.
+    /// Retention limits of the server, by age and size.
     pub fn keeping(&self) -> Keeping {
         let days = |days: f64| Duration::from_secs_f64(days * 86_400.0);
         Keeping {
@@ -70,7 +70,7 @@ impl NatsConfig {
     }
 }
 
-/// The table `[keys]`: the keys that sign.
+/// The table `[keys]`: the signing keys.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct KeysConfig {
@@ -87,13 +87,13 @@ impl Default for KeysConfig {
     }
 }
 
-/// The table `[server]`: what `nats-config` writes beside the users.
+/// The table `[server]`: what `nats-config` writes in addition to the users.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct ServerConfig {
     pub name: String,
     pub listen: String,
-    /// The folder of its streams.
+    /// Folder of the JetStream data.
     pub store: PathBuf,
     certificate: Option<PathBuf>,
     key: Option<PathBuf>,
@@ -118,7 +118,7 @@ impl Default for ServerConfig {
 }
 
 impl ServerConfig {
-    /// TLS towards clients, and between the servers of a cluster.
+    /// TLS for clients and between the servers of a cluster.
     pub fn tls(&self) -> Option<ServerTls> {
         let (certificate, key) = self.certificate.clone().zip(self.key.clone())?;
         Some(ServerTls { certificate, key })
@@ -132,13 +132,13 @@ pub struct PageConfig {
     pub listen: SocketAddr,
     tls_certificate: Option<PathBuf>,
     tls_key: Option<PathBuf>,
-    /// Host names, besides addresses, under which browsers may ask.
+    /// Host names accepted in requests, in addition to addresses.
     #[serde(default)]
     pub hosts: Vec<String>,
 }
 
 impl PageConfig {
-    /// Certificate and key, PEM.
+    /// Paths of the certificate and the key, PEM.
     pub fn tls(&self) -> Option<(&Path, &Path)> {
         self.tls_certificate.as_deref().zip(self.tls_key.as_deref())
     }
@@ -151,7 +151,7 @@ pub struct Config {
     pub keep: Keep,
     pub nats: NatsConfig,
     pub keys: KeysConfig,
-    /// The rules of roll-outs that state none.
+    /// Default roll-out rules.
     pub rollout: Rules,
     pub server: ServerConfig,
     pub page: Option<PageConfig>,
@@ -166,7 +166,7 @@ impl Config {
                 .then_some("PostgreSQL is not supported any more, expected `file`, a SQLite file")
         })?;
         config.check(&mut mistakes);
-        // The server reads what `nats-config` prints in a folder of its own: its paths begin at the root.
+        // `nats-config` is read by the server in a different working directory, so its paths must be absolute.
         let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let folder = whole.parent().unwrap_or(Path::new("."));
         for path in config.paths() {

@@ -1,4 +1,4 @@
-//! The demonstration: a server, three simulated machines and the page, in a folder that is removed at the end.
+//! The demonstration: a server, three simulated machines and the web interface, in a folder that is removed at the end.
 
 mod machine;
 
@@ -31,7 +31,7 @@ use crate::{
     users::{Password, Role, Token, hash},
 };
 
-/// The machines: name, serial number, control, model.
+/// Machines: name, serial number, control, model.
 const MACHINES: [(&str, &str, &str, &str); 3] = [
     (
         "mill-1",
@@ -64,26 +64,26 @@ fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> Error {
     |source| Error::File { file, source }
 }
 
-/// There are no random numbers, or keys.
+/// Random numbers or keys are not available.
 fn key(error: impl Display) -> Error {
     Error::Failed(format!("a key: {error}"))
 }
 
-/// A running demonstration, to be ended with [`Demo::end`]. The server ends and the folder goes when it is dropped.
+/// A running demonstration; end it with [`Demo::end`]. Dropping it stops the server and removes the folder.
 pub struct Demo {
     pub address: SocketAddr,
     pub user: &'static str,
-    /// The password, drawn for this demonstration.
+    /// Password generated for this demonstration.
     pub password: String,
     engine: Option<Running>,
     tasks: Vec<JoinHandle<()>>,
-    /// Ended before the folder is removed.
+    /// Must end before the folder is removed.
     server: Option<Server>,
     folder: TempDir,
 }
 
 impl Demo {
-    /// Starts it on the runtime of the caller; the page listens on `listen`.
+    /// Starts it on the runtime of the caller; the web interface listens on `listen`.
     pub async fn start(listen: SocketAddr) -> Result<Self, Error> {
         let folder = tempfile::tempdir().map_err(io("a temporary folder"))?;
         let std = StdListener::bind(listen).map_err(io(format!("the page on {listen}")))?;
@@ -169,17 +169,17 @@ impl Demo {
         })
     }
 
-    /// The folder of everything that it keeps while it runs.
+    /// Folder of all its data, removed at the end.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// The number of the process of the server.
+    /// Process id of the server.
     pub fn server_id(&self) -> Option<u32> {
         self.server.as_ref().map(Server::id)
     }
 
-    /// Ends it in order.
+    /// Shuts it down in order.
     pub async fn end(mut self) {
         for task in &self.tasks {
             task.abort();
@@ -190,7 +190,7 @@ impl Demo {
     }
 }
 
-/// What stands above the page.
+/// Notice shown above the web interface.
 fn notice() -> String {
     format!(
         "Demonstration: simulated machines, invented models, and nothing is kept. A model that moves the axes far waits for \
@@ -232,13 +232,13 @@ fn registered(
     })
 }
 
-/// A store with the machines, their models on the way to them, and an admin with a password drawn here.
+/// A store with the machines, roll-outs of their models and an admin with a generated password.
 fn prepared(
     folder: &Path,
     machines: &[(Machine, nkeys::KeyPair, &str)],
 ) -> Result<(Arc<Store>, String), Error> {
     let store = Store::open(&folder.join("centre.sqlite"))?;
-    // 80 bits, in groups that can be typed.
+    // 80 bits, in groups that are easy to type.
     let letters: Vec<char> = drawn()?.text().chars().take(20).collect();
     let groups: Vec<String> = letters
         .chunks(5)
@@ -267,15 +267,15 @@ fn prepared(
     Ok((Arc::new(store), password))
 }
 
-/// For so long a person may confirm before the demonstration does.
+/// Time the operator has to confirm a change before the demonstration confirms it.
 pub const CONFIRMS_AFTER: Duration = Duration::from_secs(20);
-/// Who has confirmed, in the audit log.
+/// User name of automatic confirmations in the audit log.
 const BY: &str = "demonstration";
 
-/// What waits: the roll-out, the machine and its hash.
+/// A pending confirmation: the roll-out, the machine and its hash.
 type Waiting = (u64, MachineId, String);
 
-/// Confirms what has waited for long enough, again and again, until the runtime ends.
+/// Confirms changes that have waited for [`CONFIRMS_AFTER`], until the runtime ends.
 async fn confirm(store: Arc<Store>) {
     let mut since: HashMap<Waiting, Instant> = HashMap::new();
     let mut ticks = tokio::time::interval(Duration::from_secs(1));
@@ -320,11 +320,11 @@ fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Erro
         if begun.elapsed() >= CONFIRMS_AFTER {
             let (id, machine, hash) = one.clone();
             match store.wish(id, &Wish::Confirm { machine, hash }, BY) {
-                // It has gone on, or stopped, since it was looked at.
+                // It was resumed or stopped since it was read.
                 Ok(()) | Err(Error::NotConfirmed(_)) => {}
                 Err(error) => return Err(error),
             }
-            // The engine takes it up within a second; where it does not, it is wished again after the same while.
+            // The engine applies it within a second; otherwise it is confirmed again after the same delay.
             since.insert(one, Instant::now());
         }
     }

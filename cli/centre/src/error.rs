@@ -1,4 +1,4 @@
-//! Why something was not done.
+//! The errors of the centre.
 
 use std::io;
 
@@ -7,13 +7,13 @@ use volcomp_fleet::{LinkError, MachineId, NoConfiguration, NotADesired};
 use volcomp_model::ModelError;
 use volcomp_web::TlsError;
 
-/// Every error of the centre but that of a [subnet](crate::discover::NotSearched).
+/// Every error of the centre except that of a [subnet](crate::discover::NotSearched).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
-    /// The file of the database cannot be created, or kept from others.
+    /// The database file cannot be created, or its permissions cannot be restricted.
     #[error(
         "the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)"
     )]
@@ -21,7 +21,7 @@ pub enum Error {
     /// A document in the database was not written by this program.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
-    /// A newer program has changed the database.
+    /// A newer program has changed the database schema.
     #[error(
         "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
     )]
@@ -34,12 +34,12 @@ pub enum Error {
     NotConfirmed(String),
     #[error("found no {what} {name}")]
     Missing { what: &'static str, name: String },
-    /// The model is for another kind of machine.
+    /// The model does not match the structure and axes of the machine.
     #[error("{0}")]
     Misfit(String),
     #[error("{machine} has no model yet: expected a roll-out first")]
     NoModelYet { machine: MachineId },
-    /// There is no such machine, or it has had one model alone.
+    /// The machine does not exist, or has had only one model.
     #[error("{machine}: found no model that it has had in force before the one that it has now")]
     NoWayBack { machine: MachineId },
     #[error(transparent)]
@@ -48,17 +48,17 @@ pub enum Error {
     Model(#[from] ModelError),
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Places in the configuration.
+    /// Errors in the configuration, with their places.
     #[error(transparent)]
     Input(#[from] InputErrors),
-    /// A secret cannot be read, or others may read it.
+    /// A secret cannot be read, or other users can read it.
     #[error(transparent)]
     Private(#[from] PrivateError),
     #[error("{file}: {source}")]
     File { file: String, source: io::Error },
     #[error("random numbers: {0}")]
     Random(getrandom::Error),
-    /// The configuration of the server cannot be written.
+    /// The server configuration cannot be written.
     #[error(transparent)]
     Server(#[from] NoConfiguration),
     #[error(transparent)]
@@ -73,16 +73,16 @@ pub enum Error {
     Ended(&'static str),
     #[error(transparent)]
     Io(#[from] io::Error),
-    /// The input or the call is wrong.
+    /// The input or the arguments are invalid.
     #[error("{0}")]
     Wrong(String),
-    /// The work failed, or found something that needs attention.
+    /// The operation failed, or found something that needs attention.
     #[error("{0}")]
     Failed(String),
 }
 
 impl Error {
-    /// The exit status: 2 where the configuration or the call is wrong, 1 where the work failed.
+    /// Exit status: 2 if the configuration or the arguments are invalid, 1 if the operation failed.
     pub fn status(&self) -> u8 {
         match self {
             Self::File { source, .. } if source.kind() == io::ErrorKind::StorageFull => 1,
@@ -114,7 +114,7 @@ impl Error {
         }
     }
 
-    /// Whether the database itself fails: a later try may succeed with the same data.
+    /// True if the database itself failed: a retry may succeed with the same data.
     pub(crate) fn is_of_database(&self) -> bool {
         matches!(
             self,

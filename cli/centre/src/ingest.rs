@@ -1,8 +1,6 @@
-//! From messages of machines to rows of the store: each message once, all of a batch in one transaction, and what they say of
-//! each machine now.
+//! Stores messages of machines: each message once, each batch in one transaction. Maintains the current state of each machine.
 //!
-//! State: the gateways of each machine, and the last of each machine. It is what the store holds: where a transaction fails,
-//! nothing of it has happened here either.
+//! State: the gateways of each machine, and its last state. It equals the store's content: if a transaction fails, this state is unchanged too.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -20,24 +18,24 @@ use crate::{
     store::{Store, history, machines::put_live, models},
 };
 
-/// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
+/// Maximum length of a gateway's instance identifier, bytes; the database indexes it.
 const LONGEST_INSTANCE: usize = 256;
 
-/// A residual that is larger is none, µm: a kilometre.
+/// Maximum plausible residual, µm (1 km); larger values are discarded.
 const LARGEST_UM: f64 = 1e9;
 
-/// A machine as it is heard.
+/// Reception state of a machine.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
-    /// The last of it.
+    /// Its last received state.
     pub live: Option<Live>,
     pub instances: Instances,
-    /// What happened since the last look.
+    /// Events since the last pass.
     pub since: Since,
-    /// When the last message came that could not be read, and why.
+    /// When the last unreadable message arrived, and why it was unreadable.
     pub unreadable: Option<(Instant, String)>,
-    /// When the newest condition was made, by a clock that does not jump; `None`: none came since the start of the program.
-    /// Other messages say nothing of how the machine is now.
+    /// When the newest condition was created, by a monotonic clock; `None` if none was received since the program started. Other messages do not
+    /// show the current state of the machine.
     pub told: Option<Instant>,
 }
 
@@ -45,18 +43,18 @@ fn corrects(condition: &Condition) -> bool {
     condition.state == "compensating"
 }
 
-/// What was heard since the last look.
+/// Events received since the last pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Since {
     pub conditions: u64,
-    /// The guard was faulted: its reasons.
+    /// The guard faulted: its reasons.
     pub faulted: Option<String>,
-    /// The sum of the residuals that were known, µm, and how many.
+    /// Sum and number of the known residuals, µm.
     pub residual: (f64, u64),
 }
 
 impl Since {
-    /// Adds what happened before.
+    /// Adds earlier events.
     fn add(&mut self, before: Self) {
         self.conditions += before.conditions;
         if self.faulted.is_none() {
@@ -67,23 +65,23 @@ impl Since {
     }
 }
 
-/// What a batch brought beside rows.
+/// Results of a batch in addition to the stored rows.
 #[derive(Debug, Default)]
 pub struct Taken {
     pub stored: u64,
-    /// Messages that were stored before.
+    /// Number of duplicate messages.
     pub twice: u64,
 }
 
 pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
-    /// Of these the store does not have the last yet.
+    /// Machines whose last state is not yet stored.
     changed: BTreeSet<MachineId>,
     start: Instant,
 }
 
 impl Ingest {
-    /// Goes on with what the store holds.
+    /// Loads the state from the store.
     pub fn of(store: &Store) -> Result<Self, Error> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
         for (machine, live) in store.live()? {
@@ -100,10 +98,10 @@ impl Ingest {
         })
     }
 
-    /// Stores a batch: when this returns, all of it is on disk, or none of it.
+    /// Stores a batch: on return either all of it is on disk or none of it.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. The same batch may be given again.
+    /// The database rejects the change (full disk, locked by another program); then nothing is changed. The same batch may be passed again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, Error> {
         let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
         let taken = store.write(|database| {
@@ -114,7 +112,7 @@ impl Ingest {
                     let heard = self.machines.get(name).cloned().unwrap_or_default();
                     changed.insert(name.clone(), heard);
                 }
-                // It was put there just now.
+                // The entry was inserted just above.
                 if let Some(heard) = changed.get_mut(name) {
                     one(database, &mut taken, heard, message)?;
                 }
@@ -142,8 +140,8 @@ impl Ingest {
         Ok(taken)
     }
 
-    /// Stores the last of each machine that was heard since this was called before: once a second is enough, since every
-    /// message is stored by itself.
+    /// Stores the last state of each machine that changed since the previous call. Once a second is enough, since every message is stored
+    /// separately.
     pub fn store_live(&mut self, store: &Store) -> Result<(), Error> {
         if self.changed.is_empty() {
             return Ok(());
@@ -160,7 +158,7 @@ impl Ingest {
         Ok(())
     }
 
-    /// Every machine that was ever heard.
+    /// Every machine from which a message was ever received.
     pub fn machines(&self) -> impl Iterator<Item = (&MachineId, &Heard)> {
         self.machines.iter()
     }
@@ -169,14 +167,14 @@ impl Ingest {
         self.machines.get(machine)
     }
 
-    /// How old the last condition of a machine is, s; before one came, since the start of the program.
+    /// Age of a machine's last condition, s; before the first one, the time since the program started.
     pub fn quiet_s(&self, machine: &MachineId) -> f64 {
         let told = self.machines.get(machine).and_then(|heard| heard.told);
         told.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
-    /// What a roll-out sees of each machine, and what happened since the last look, which begins anew. A machine counts as
-    /// heard where its last condition is not older than `fresh_s` of it.
+    /// Returns each machine's observation for roll-outs and its events since the last pass, and resets the events. `heard` is true if the last
+    /// condition is at most `fresh_s` old.
     pub fn look(
         &mut self,
         fresh_s: impl Fn(&MachineId) -> f64,
@@ -198,7 +196,7 @@ impl Ingest {
         self.machines.iter_mut().map(look).unzip()
     }
 
-    /// Counts the messages that are missing for good. To be called once a minute.
+    /// Counts the messages that are lost for good. Call once a minute.
     pub fn count_missing(&mut self) {
         for heard in self.machines.values_mut() {
             let missing = heard.instances.count_missing();
@@ -208,7 +206,7 @@ impl Ingest {
         }
     }
 
-    /// Takes back what a look has given and nobody could act on: it belongs to the next look.
+    /// Returns events of a pass that failed, so that the next pass processes them.
     pub fn put_back(&mut self, looked: BTreeMap<MachineId, Since>) {
         for (machine, before) in looked {
             if let Some(heard) = self.machines.get_mut(&machine) {
@@ -234,14 +232,14 @@ fn one(
     let body = match read {
         Ok(body) => body,
         Err(error) => {
-            // What cannot be read is kept as it is, for a person.
+            // Unreadable messages are stored unchanged for inspection.
             let why = format!("{}: {error}", message.kind.name());
             heard.unreadable = Some((Instant::now(), why));
             let text = String::from_utf8_lossy(&message.bytes);
             let text: String = text.chars().take(1000).collect();
             let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
-            // The server hands it out again where the centre was killed before its acknowledgement: by its place in the stream, and by
-            // its time where a stream was made anew, it is known.
+            // The server redelivers messages if the centre was killed before acknowledging them. They are recognized by their sequence number in
+            // the stream, and by their time in case the stream was recreated.
             let kind = message.kind.name();
             let key = format!("{kind} {} {}", message.sequence, message.stored_s);
             let text = document.to_string();
@@ -277,7 +275,7 @@ fn one(
             live.version = envelope.version;
             live.model = envelope.model;
             live.condition = Some(condition);
-            // What waited at the gateway tells how the machine was. Before the start of this computer there is no time.
+            // A message that waited at the gateway shows an earlier state. There is no `Instant` before this computer's start.
             let waited = Duration::try_from_secs_f64(made.late_s).unwrap_or_default();
             let made_at = Instant::now().checked_sub(waited);
             heard.told = heard.told.max(made_at);
@@ -317,7 +315,7 @@ fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_js
     Ok(envelope)
 }
 
-/// What a message says.
+/// The parsed content of a message.
 enum Body {
     Condition(Envelope<Condition>),
     Telemetry(Envelope<Box<serde_json::value::RawValue>>),
@@ -325,7 +323,7 @@ enum Body {
     Answer(Envelope<Acknowledgement>),
 }
 
-/// A record, of which the centre reads the checksum alone.
+/// A record, of which the centre parses only the checksum.
 #[derive(serde::Deserialize)]
 struct Record {
     #[serde(default)]
@@ -333,8 +331,8 @@ struct Record {
 }
 
 impl Record {
-    /// By what a record that comes again is known: each names the one before, so that no two of a machine have one checksum.
-    /// `None`: the record has none.
+    /// Key that identifies a redelivered record: each record contains the checksum of its predecessor, so no two records of a machine have the same
+    /// one. `None` if the record has none.
     fn key(self) -> Option<String> {
         let is_checksum =
             self.checksum.len() == 64 && self.checksum.bytes().all(|byte| byte.is_ascii_hexdigit());

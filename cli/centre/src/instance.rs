@@ -1,56 +1,55 @@
-//! Gateways as they are heard: which of their messages are stored, when they were started, and whether two of them have the
-//! identity of one machine.
+//! Gateway instances: which of their messages are stored, when they started, and whether two of them share the identity of one machine.
 
 use serde::{Deserialize, Serialize};
 
 use crate::records::Made;
 
-/// So many gateways of a machine are remembered, and those that were heard within a day of the newest: a batch that is handed out
-/// again, of however many starts, is known …
+/// Maximum number of remembered gateway instances of a machine. Instances active within a day of the newest are kept beyond it, so that a
+/// redelivered batch is recognized whatever the number of restarts, …
 const MOST: usize = 16;
 const REMEMBERED_S: f64 = 86_400.0;
-/// … up to so many, as one batch has messages.
+/// … up to this number, which is the number of messages in a batch.
 const MOST_OF_A_DAY: usize = 2048;
-/// Over so long the time at which a gateway was started is measured anew, s: clocks drift, and the server's may be set.
+/// Window over which the start time of a gateway is measured again, s: clocks drift, and the server's clock may be set.
 const WINDOW_S: f64 = 300.0;
-/// A time since the start that is longer is none, s.
+/// Maximum plausible time since start, s.
 const LONGEST_S: f64 = 1e9;
-/// A message is not older than this when it comes, s: no gateway keeps one so long.
+/// Maximum age of a message on arrival, s: no gateway keeps one longer.
 const OLDEST_S: f64 = 32.0 * 86_400.0;
 
 /// One run of a gateway, from its start to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Instance {
-    /// What the gateway drew at its start.
+    /// Identifier that the gateway generated at its start.
     pub instance: String,
-    /// When it was heard first, s by the server.
+    /// First message, s by the server's clock.
     pub first_s: f64,
-    /// When it was heard last, s by the server.
+    /// Last message, s by the server's clock.
     pub heard_s: f64,
-    /// When it was started, s by the server: never later than that by more than its fastest message took.
+    /// Start of the gateway, s by the server's clock; late by at most the transit time of its fastest message.
     pub start_s: f64,
-    /// The numbers of its messages that are stored.
+    /// Numbers of its stored messages.
     pub stored: Intervals,
-    /// The place in the stream of its first condition or whole state.
+    /// Sequence number in the stream of its first condition or full telemetry.
     pub passing_from: Option<u64>,
-    /// The highest number at the last count of what is missing.
+    /// Highest number at the last count of lost messages.
     #[serde(default)]
     pub counted_to: u64,
-    /// When it was started as its latest conditions and whole states tell it.
+    /// Start time estimated from its latest conditions and telemetry.
     #[serde(default)]
     pub recent: Option<Recent>,
 }
 
-/// The start of a gateway as its messages of a few minutes tell it. It follows clocks that drift, which [`Instance::start_s`] does not,
-/// and no time counts in which nothing was made or nothing came: what waited for an hour is late by an hour.
+/// Start time of a gateway estimated from its messages of a few minutes. Unlike [`Instance::start_s`] it follows clock drift. Periods without new
+/// messages do not count: a message that waited for an hour is an hour late.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::struct_field_names, reason = "each ends with its unit")]
 pub struct Recent {
-    /// The message with which these minutes begin: when it was stored and how long after the start it was made, s.
+    /// First message of the current window: storage time and time since the gateway's start, s.
     from_s: [f64; 2],
-    /// The earliest start that a message of these minutes tells, s.
+    /// Earliest start time derived from a message of the current window, s.
     start_s: f64,
-    /// That of the minutes before.
+    /// The same for the previous window.
     before_s: f64,
 }
 
@@ -64,7 +63,7 @@ impl Recent {
         }
     }
 
-    /// Takes a message. Tells for how long it was on its way, beyond the fastest of these minutes.
+    /// Adds a message. Returns its transit time in excess of the fastest of the window, s.
     fn take(&mut self, stored_s: f64, uptime_s: f64) -> f64 {
         let start_s = stored_s - uptime_s;
         let [from_stored_s, from_uptime_s] = self.from_s;
@@ -79,33 +78,33 @@ impl Recent {
     }
 }
 
-/// The gateways that a machine has had, the newest last.
+/// Gateway instances of a machine, the newest last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Instances {
     pub each: Vec<Instance>,
-    /// When two were heard at a time, s by the server.
+    /// When two were active at the same time, s by the server's clock.
     pub cloned_s: Option<f64>,
 }
 
-/// What a message of a gateway is, beside what it says.
+/// Metadata of a gateway message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Header<'a> {
-    /// What the gateway drew at its start.
+    /// Identifier that the gateway generated at its start.
     pub instance: &'a str,
     pub number: u64,
-    /// How long after the start it was made, s.
+    /// Time since the gateway's start when it was created, s.
     pub uptime_s: f64,
     /// When the server stored it, s.
     pub stored_s: f64,
-    /// Its place in the stream, where it is a condition or a whole state: these are sent in the order in which they are made.
+    /// Its sequence number in the stream, if it is a condition or full telemetry: these are sent in the order of their creation.
     pub passing: Option<u64>,
 }
 
 impl Instances {
-    /// Takes a message. `None`: it is stored already; else when it was made.
+    /// Adds a message. Returns when it was created, or `None` for a duplicate.
     ///
-    /// The time is counted from the start of the gateway, so that a clock of a gateway which is wrong moves nothing, and what
-    /// waited for the connection stands where it belongs.
+    /// The creation time is counted from the gateway's start, so a wrong gateway clock has no effect, and messages delayed by a lost connection get
+    /// their true time.
     pub fn take(&mut self, message: &Header<'_>) -> Option<Made> {
         let uptime_s = Some(message.uptime_s).filter(|s| (0.0..LONGEST_S).contains(s));
         let start_s = message.stored_s - uptime_s.unwrap_or(0.0);
@@ -155,8 +154,8 @@ impl Instances {
         };
         if let Some(sequence) = message.passing {
             let from = *one.passing_from.get_or_insert(sequence);
-            // One gateway sends what it has made before its restart before what it makes after. A message of an earlier one
-            // behind one of a later one comes from a second gateway.
+            // A gateway sends all messages created before a restart ahead of those created after it. A message of an earlier instance that follows
+            // one of a later instance therefore comes from a second gateway.
             let behind = self.each.iter().any(|other| {
                 other
                     .passing_from
@@ -172,7 +171,7 @@ impl Instances {
         })
     }
 
-    /// Counts what is missing for good: below what was the highest number at the count before, which was long ago enough.
+    /// Counts messages lost for good: missing numbers below the highest number at the previous count, which must be long enough ago.
     pub fn count_missing(&mut self) -> u64 {
         let mut missing = 0_u64;
         for one in &mut self.each {
@@ -183,25 +182,25 @@ impl Instances {
         missing
     }
 
-    /// The gateways that were heard after a time.
+    /// Instances with messages after `since_s`.
     pub fn heard_since(&self, since_s: f64) -> impl Iterator<Item = &Instance> {
         self.each.iter().filter(move |one| one.heard_s >= since_s)
     }
 }
 
-/// Maximum number of intervals. Beyond that the lowest is forgotten: its numbers count as not seen, so that nothing is
-/// ever taken for seen that was not.
+/// Maximum number of intervals. Beyond that the lowest is dropped: its numbers count as unseen, so a message is never wrongly taken for a
+/// duplicate.
 const MAX_INTERVALS: usize = 256;
 
-/// Intervals of whole numbers, both ends included, in rising order, none touching the next.
+/// Closed intervals of whole numbers in ascending order, with gaps between them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Intervals(Vec<(u64, u64)>);
 
 impl Intervals {
-    /// Adds a number. Tells whether it is new.
+    /// Adds a number. Returns true if it is new.
     pub fn insert(&mut self, number: u64) -> bool {
-        // The first interval that ends at the number or behind it.
+        // The first interval that ends at or after the number.
         let place = self.0.partition_point(|(_, last)| *last < number);
         if self.0.get(place).is_some_and(|(first, _)| *first <= number) {
             return false;
@@ -233,7 +232,7 @@ impl Intervals {
         self.0.last().map(|(_, last)| *last)
     }
 
-    /// How many numbers are missing between the lowest that is remembered and `below`.
+    /// Count of missing numbers between the lowest remembered one and `below`.
     pub fn missing_below(&self, below: u64) -> u64 {
         let holes = self.0.windows(2).map(|pair| (pair[0].1 + 1, pair[1].0));
         holes

@@ -1,5 +1,5 @@
-//! Issuing a manifest: a version that is higher than every one before, signed, and stored with its value in one transaction.
-//! From the store it goes to the server, now or as soon as that is there.
+//! Issues manifests: a version higher than every earlier one, signed, and stored with its value in one transaction. The engine sends it from the
+//! store to the server when that is reachable.
 
 use rusqlite::Connection;
 use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
@@ -21,7 +21,7 @@ use crate::{
     versions::{in_force, may_be_in_force},
 };
 
-/// What is to be issued.
+/// A manifest to issue.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
     pub machine: &'a Machine,
@@ -67,7 +67,7 @@ pub(crate) fn issue(database: &Connection, key: &Key, order: &Order<'_>) -> Resu
         answered_s: None,
         withdrawn: false,
     };
-    // It is JSON, so it is a text.
+    // The value is JSON, hence valid UTF-8.
     let value = String::from_utf8_lossy(&value).into_owned();
     add_version(database, &version, &value)?;
     Ok(Issued {
@@ -78,17 +78,17 @@ pub(crate) fn issue(database: &Connection, key: &Key, order: &Order<'_>) -> Resu
     })
 }
 
-/// Issues the model that a machine has in force once more, with the settings that it has in this transaction: after it was enabled
-/// or disabled, or its intervals were changed.
+/// Issues the active model of a machine again with its settings in this transaction, after it was enabled or disabled, or its intervals were
+/// changed.
 fn reissue(
     database: &Connection,
     key: &Key,
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, Error> {
-    // What is under its key goes with its settings: what it waits for, or has. A model that was refused, or that waits for a
-    // person, is not sent again by the way: the settings go with the one that is in force, also where nothing is under its key.
-    // It stays the model of its roll-out: settings make nothing good.
+    // The settings are sent with the model under the machine's key if that is pending or active. A model that was rejected or waits for
+    // confirmation is not resent this way: then, and if there is nothing under the key, the settings go with the active model. The version stays
+    // part of its roll-out, because a change of settings does not validate its model.
     let under_key = newest(database, machine)?;
     let newest = newest_version(database, machine)?;
     let version = match newest {
@@ -108,7 +108,7 @@ fn reissue(
     issue_again(database, key, machine, &version.model, version.rollout, by)
 }
 
-/// Issues a model that the machine was to have before.
+/// Issues an earlier model of the machine again.
 fn issue_again(
     database: &Connection,
     key: &Key,
@@ -132,8 +132,7 @@ fn issue_again(
     issue(database, key, &order)
 }
 
-/// Takes back what a roll-out has issued for a machine that does not have it in force: the model that it was to have before is
-/// issued once more; where there was none, nothing stands under its key.
+/// Withdraws a roll-out's version that is not active on a machine: the previous model is issued again, or its key is cleared if there was none.
 pub(crate) fn withdraw(
     database: &Connection,
     key: &Key,
@@ -154,7 +153,7 @@ pub(crate) fn withdraw(
         };
         change_version(database, &withdrawn)?;
     }
-    // Neither what it has refused nor what waits for a person.
+    // Exclude versions that were rejected or wait for confirmation.
     let before: Vec<Version> = (versions.into_iter())
         .filter(|version| !of_it(version) && may_be_in_force(version))
         .collect();
@@ -171,19 +170,18 @@ pub(crate) fn withdraw(
     match issued {
         Ok(_) => Ok(()),
         Err(error) if error.is_of_database() => Err(error),
-        // It has had none, or one that fits it no longer.
+        // There was no earlier model, or it no longer fits the machine.
         Err(_) => clear_desired(database, machine),
     }
 }
 
-/// Whether the newest manifest of a machine tells it other settings than those that it is registered with.
+/// True if the settings in the newest manifest differ from the registered ones.
 pub fn differs(machine: &Machine, newest: &Version) -> bool {
     (machine.enable, machine.condition_s, machine.telemetry_s)
         != (newest.enable, newest.condition_s, newest.telemetry_s)
 }
 
-/// Issues the model of a machine once more where its newest manifest tells other settings than those that it is registered
-/// with. `None`: it tells them already.
+/// Issues the model of a machine again if the settings in its newest manifest differ from the registered ones. `None` if they agree.
 pub fn settle(
     store: &Store,
     key: &Key,
@@ -193,7 +191,7 @@ pub fn settle(
     store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| Error::missing("machine", machine))?;
-        // Where nothing is under its key it goes on with what it has.
+        // If there is no value under its key, it continues with its active version.
         let newest = if let Some(newest) = newest_version(database, machine)? {
             Some(newest)
         } else {

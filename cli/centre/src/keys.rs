@@ -1,7 +1,7 @@
-//! The keys by which manifests are signed, each in a file of its own that nobody else may read, and the seeds of nkeys.
+//! Keys that sign manifests, each in a separate file readable only by its owner, and the seeds of nkeys.
 //!
-//! A key file holds one line: the 32 bytes of the secret key, base64. Its public key, which the machines trust, is told by
-//! `volcomp-centre key list`.
+//! A key file holds one line: the 32 bytes of the secret key, base64. `volcomp-centre key list` prints the public key, which the machines must
+//! trust.
 
 use std::{
     fs,
@@ -15,24 +15,24 @@ use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use volcomp_document::private;
 use volcomp_fleet::SigningKey;
 
-/// The end of the names of key files.
+/// Extension of key files.
 const END: &str = "key";
 
-/// A key with its name.
+/// A signing key with its name.
 #[derive(Clone)]
 pub struct Key {
-    /// The name of its file without the end.
+    /// Name of its file without the extension.
     pub name: String,
     pub key: SigningKey,
 }
 
 impl Key {
-    /// The public key, base64, as `trusted_keys` of a gateway has it.
+    /// The public key, base64, as in `trusted_keys` of a gateway.
     pub fn public(&self) -> String {
         BASE64.encode(self.key.verifying_key().to_bytes())
     }
 
-    /// Draws a new key, and writes it into a new file of the folder.
+    /// Generates a key and writes it to a new file in the folder.
     pub fn create(folder: &Path, name: &str) -> Result<Self, Error> {
         let mut secret = [0; 32];
         getrandom::fill(&mut secret).map_err(Error::Random)?;
@@ -44,7 +44,7 @@ impl Key {
         })
     }
 
-    /// Reads the key of this name.
+    /// Reads a key by its name.
     pub fn read(folder: &Path, name: &str) -> Result<Self, Error> {
         let file = path(folder, name)?;
         let text = private::read(&file)?;
@@ -57,7 +57,7 @@ impl Key {
         })
     }
 
-    /// Every key of a folder, by name; none where there is no folder.
+    /// Every key of a folder, sorted by name; empty if the folder does not exist.
     pub fn all(folder: &Path) -> Result<Vec<Self>, Error> {
         let entries = match fs::read_dir(folder) {
             Ok(entries) => entries,
@@ -93,18 +93,17 @@ fn path(folder: &Path, name: &str) -> Result<PathBuf, Error> {
     }
 }
 
-/// A file cannot be read or written.
 pub(crate) fn failed(file: &Path) -> impl FnOnce(io::Error) -> Error {
     let file = file.display().to_string();
     move |source| Error::File { file, source }
 }
 
-/// A file holds something else.
+/// Error for invalid file content.
 pub(crate) fn content(file: &Path, expected: &str) -> Error {
     Error::Wrong(format!("{}: expected {expected}", file.display()))
 }
 
-/// Writes a secret and a line end into a new file, mode 0600.
+/// Writes a secret and a line end to a new file, mode 0600.
 pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     let write = || -> io::Result<()> {
         let folder = file
@@ -112,7 +111,7 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
             .filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         fs::create_dir_all(folder)?;
-        // Beside it first, so that a full disk leaves no half of a secret.
+        // Write a temporary file first, so that a full disk leaves no partial secret.
         let mut opened = tempfile::Builder::new()
             .permissions(fs::Permissions::from_mode(0o600))
             .tempfile_in(folder)?;
@@ -125,7 +124,7 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), Error> {
     };
     write().map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => {
-            // A secret is never written over.
+            // A secret is never overwritten.
             Error::Wrong(format!("{}: there already, kept", file.display()))
         }
         _ => failed(file)(error),

@@ -24,7 +24,7 @@ pub mod versions;
 
 pub use error::Error;
 
-/// Bytes as hexadecimal digits in lower case.
+/// Lower-case hexadecimal digits.
 pub(crate) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write;
     bytes.iter().fold(String::new(), |mut text, byte| {
@@ -34,7 +34,7 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Columns, each as wide as its widest cell; the last as wide as it is.
+/// Formats a table: each column as wide as its widest cell, the last one unpadded.
 pub(crate) fn columns(rows: &[Vec<String>]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {

@@ -1,4 +1,4 @@
-//! The error of a model over the work space, before the correction and with it: what the page draws.
+//! Error of a model over the work space before and after correction, as drawn by the web interface.
 
 use serde::Serialize;
 use volcomp_model::{
@@ -10,9 +10,9 @@ use volcomp_vocabulary::AxisName;
 
 /// Nodes along each axis of a section.
 const NODES: usize = 21;
-/// Nodes along each axis of the work space, its corners among them, where the largest error is sought.
+/// Nodes along each axis of the work space, including its corners, over which the largest error is searched.
 const SOUGHT: usize = 11;
-/// Corrections are taken in steps of this, as most controls do: mm and rad.
+/// Resolution of corrections, as in most controls: mm and rad.
 const STEP_MM: f64 = 1e-3;
 const STEP_RAD: f64 = 1e-4 / 180.0 * std::f64::consts::PI;
 
@@ -26,31 +26,31 @@ pub struct SectionAxis {
 /// A plane through the middle of the work space.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Section {
-    /// The axis across and the axis up.
+    /// The horizontal and the vertical axis.
     pub axes: [SectionAxis; 2],
-    /// Where the third axis stands, mm.
+    /// Position of the third axis, mm.
     pub at: Option<(AxisName, f64)>,
-    /// The length of the position error without correction, µm: rows along the axis up.
+    /// Length of the position error without correction, µm: rows along the vertical axis.
     pub before_um: Vec<Vec<f64>>,
-    /// The same with correction in steps of 1 µm and 0.0001 deg.
+    /// The same with a correction resolution of 1 µm and 0.0001 deg.
     pub after_um: Vec<Vec<f64>>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorMap {
-    /// Sections over the first two, the first and the last, and the last two of the linear axes.
+    /// Sections over the linear axes: first and second, first and last, second and last.
     pub sections: Vec<Section>,
-    /// The largest error of the whole work space before and after, µm: where the other axes stand.
+    /// Largest error of the whole work space before and after correction, µm, with the other axes at `others`.
     pub largest_um: [f64; 2],
-    /// The ranges of the body diagonals (ISO 230-6) before and after, µm; empty where one of X, Y, Z is missing.
+    /// Range of the body diagonals (ISO 230-6) before and after correction, µm; empty if X, Y or Z is missing.
     pub diagonals_um: Vec<(&'static str, [f64; 2])>,
-    /// Where the other axes stand, deg or mm.
+    /// Positions of the other axes, deg or mm.
     pub others: Vec<(AxisName, f64)>,
-    /// Whether the terms of temperature are left out: the map is that at the reference temperature.
+    /// True if temperature terms are omitted: the map applies at the reference temperature.
     pub reference_temperature: bool,
 }
 
-/// The larger of what was found and of these, before and after.
+/// Element-wise maximum, before and after correction.
 fn larger(largest_um: &mut [f64; 2], found_um: &[[f64; 2]]) {
     for (place, largest) in largest_um.iter_mut().enumerate() {
         let found = found_um.iter().map(|values| values[place]);
@@ -58,8 +58,8 @@ fn larger(largest_um: &mut [f64; 2], found_um: &[[f64; 2]]) {
     }
 }
 
-/// Along each axis the places at which its curves have to be looked at, the others at their ends and in their middles or where
-/// they are held: an error that repeats may have its zeros at all nodes of a grid.
+/// Samples along each axis at the positions that resolve its curves, with the other axes at their ends and middles or at their held positions. A
+/// periodic error may have its zeros at all nodes of a grid.
 fn between_nodes(machine: &Machine, held: &[(AxisName, f64)]) -> Result<Vec<State>, ModelError> {
     let mut states = Vec::new();
     for (axis, places) in machine.axes().iter().zip(machine.places()) {
@@ -85,7 +85,7 @@ fn between_nodes(machine: &Machine, held: &[(AxisName, f64)]) -> Result<Vec<Stat
     Ok(states)
 }
 
-/// The map of a model at its reference temperature, rotary axes where they are nearest to zero.
+/// Error map of a model at its reference temperature, with rotary axes at the position nearest to zero.
 pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
     let none = Temperatures::new();
     let source = machine.source(&none);
@@ -121,7 +121,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         others: others.clone(),
         reference_temperature: true,
     };
-    // A plane through the middle knows nothing of the corners.
+    // A section through the middle does not cover the corners.
     let space = MapGrid::over_travels(machine, [SOUGHT; 3], &others)?;
     let whole: Vec<[f64; 2]> = (0..space.len())
         .map(|index| lengths_um(&space.node(machine, index).1))
@@ -144,7 +144,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
             }
         }
         let plane = MapGrid::over_travels(machine, counts, &others)?;
-        // The third axis has one node, so that the first axis of the section runs fastest.
+        // The third axis has one node, so that the first axis of the section varies fastest.
         let both: Vec<[f64; 2]> = (0..plane.len())
             .map(|index| lengths_um(&plane.node(machine, index).1))
             .collect();

@@ -1,4 +1,4 @@
-//! Models: machine files that are checked before anything is stored, described and compared, and when the next calibration is due.
+//! Models: validation, description and comparison of machine files, and when the next calibration is due.
 
 use std::{
     collections::BTreeMap,
@@ -26,7 +26,7 @@ pub struct NewModel {
 }
 
 impl NewModel {
-    /// Takes the text of a machine file. `file` names it in messages.
+    /// Parses the text of a machine file. `file` is its name in messages.
     pub fn of_text(text: String, file: &str, origin: Origin, by: &str) -> Result<Self, Error> {
         let machine = ModelMachine::parse(&text, file)?;
         let reference = ModelRef::of(text.as_bytes());
@@ -48,7 +48,7 @@ impl NewModel {
         })
     }
 
-    /// Takes a machine file.
+    /// Reads a machine file.
     pub fn of_file(path: &Path, by: &str) -> Result<Self, Error> {
         let text = volcomp_document::read_text(path)?;
         let name = path.display().to_string();
@@ -56,7 +56,7 @@ impl NewModel {
         Self::of_text(text, &name, origin, by)
     }
 
-    /// States the day of the measurements, and adds a note where the error is larger than any guard corrects.
+    /// Sets the day of the measurements, and adds a note if the error exceeds what any guard corrects.
     pub fn with_day_and_note(mut self, measured: &str) -> Result<Self, Error> {
         if !measured.is_empty() && date_s(measured).is_none() {
             return Err(Error::Wrong(format!(
@@ -72,7 +72,7 @@ impl NewModel {
     }
 }
 
-/// Whether a model may go to a machine: it must have its structure and its axes.
+/// Checks that a model has the structure and the axes of a machine.
 pub fn fits(model: &Model, machine: &Machine) -> Result<(), Error> {
     let misfit = |what: &str, found: &str, expected: &str| {
         let (model, machine) = (&model.name, &machine.identity.machine);
@@ -90,8 +90,7 @@ pub fn fits(model: &Model, machine: &Machine) -> Result<(), Error> {
     Ok(())
 }
 
-/// The lines that only one of two machine files has, after `-` or `+`, as they are written canonically: comments, blanks and the
-/// order of keys do not count.
+/// Line differences of two machine files in canonical form, prefixed with `-` or `+`: comments, whitespace and the order of keys are ignored.
 pub fn compare(one: &str, other: &str) -> Result<String, Error> {
     let one = ModelMachine::parse(one, "first model")?.to_toml();
     let other = ModelMachine::parse(other, "second model")?.to_toml();
@@ -105,21 +104,21 @@ pub fn compare(one: &str, other: &str) -> Result<String, Error> {
     Ok(text)
 }
 
-/// What a machine file states.
+/// Summary of a machine file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Described {
     pub text: String,
     pub structure: String,
-    /// The type numbers, linear and rotary; `None`: none of the sixteen types.
+    /// Type numbers of the linear and the rotary axes; `None` if the machine is none of the sixteen types.
     pub type_numbers: Option<[u8; 2]>,
-    /// The first-order volumetric error as a formula: displacement along X, Y, Z, rotation about them (mm, rad).
+    /// First-order volumetric error as formulas: displacement along X, Y, Z and rotation about them (mm, rad).
     pub formula: Vec<String>,
-    /// The coordinates of the tool tip in the formula, mm.
+    /// Coordinates of the tool tip in the formula, mm.
     pub tool_mm: [f64; 3],
 }
 
 impl Described {
-    /// Describes a machine, whose file has this text.
+    /// Describes a machine; `text` is its machine file.
     pub fn new(machine: &ModelMachine, text: &str) -> Self {
         let stated: Vec<_> = machine.locations().keys().copied().collect();
         let expression = Expression::of(machine.chain(), &terms(machine.chain(), false, &stated));
@@ -136,7 +135,7 @@ impl Described {
     }
 }
 
-/// A note on a machine whose error is larger than any guard corrects: a unit is wrong, or a comma.
+/// Note for a machine whose error exceeds what any guard corrects: probably a wrong unit or decimal point.
 pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
     let largest_mm = map.largest_um[0] / 1000.0;
     let Mm(most_mm) = volcomp_guard::ceiling::LIMIT;
@@ -147,17 +146,17 @@ pub fn beyond_every_guard(map: &ErrorMap) -> Option<String> {
     })
 }
 
-/// An error motion is looked at in so many steps over the travel.
+/// Number of steps over the travel in which an error motion is sampled.
 const STEPS: u32 = 100;
 /// A day, s.
 const DAY_S: f64 = 86_400.0;
 
-/// A parameter of a machine: a location error, or the range of an error motion over the travel.
+/// An error parameter of a machine: a location error, or the range of an error motion over the travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Parameter {
     /// A location error, µm or µrad.
     Location(ErrorName),
-    /// From the lowest to the highest value of an error motion over the travel, µm or µrad.
+    /// Range (maximum minus minimum) of an error motion over the travel, µm or µrad.
     Range(ErrorName),
 }
 
@@ -171,7 +170,7 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// A model in the life of a machine: its checksum and its parameters, µm or µrad.
+/// A model in the history of a machine: its checksum and its parameters, µm or µrad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
     pub sha256: String,
@@ -201,9 +200,9 @@ pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, Error> {
     Ok(found)
 }
 
-/// For how many days a calibration has been due; negative: it is due in so many days; `None`: never.
+/// Days since a calibration became due; negative: days until it is due; `None`: never.
 ///
-/// A calibration is as old as its measurements, where that is known, else as its model.
+/// The age of a calibration is that of its measurements if known, otherwise that of its model.
 pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
     let interval = f64::from(machine.due_days?);
     let measured_s = date_s(&model.measured).unwrap_or(model.added_s);

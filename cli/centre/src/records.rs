@@ -1,6 +1,6 @@
-//! What the centre knows, as plain data: machines, models, versions, roll-outs, alarms, and its own audit log.
+//! Data records of the centre: machines, models, versions, roll-outs, alarms and its own audit log.
 //!
-//! Times are seconds since 1970 by the clock of the centre, and are for people: no machine decides anything by them.
+//! Times are seconds since 1970 by the centre's clock and are for display only: no machine makes decisions from them.
 
 use std::{collections::BTreeMap, fmt::Display};
 
@@ -11,9 +11,9 @@ use volcomp_vocabulary::AxisName;
 
 use crate::Error;
 
-/// Maximum length of a text of a machine, characters.
+/// Maximum length of a text field of a machine, characters.
 const MAX_TEXT: usize = 500;
-/// Maximum interval of conditions and of whole states, s.
+/// Maximum interval of conditions and of full telemetry, s.
 const MAX_INTERVAL_S: u32 = 86_400;
 /// Maximum time between two calibrations, days.
 const MAX_DUE_DAYS: u32 = 36_500;
@@ -22,22 +22,22 @@ const MAX_DUE_DAYS: u32 = 36_500;
 pub struct Machine {
     #[serde(flatten)]
     pub identity: Identity,
-    /// The serial number of the machine tool, as its gateway has it.
+    /// Serial number of the machine tool, as configured in its gateway.
     pub serial: String,
     /// The structure code, such as `w X' b Y Z t`.
     pub structure: String,
     pub axes: Vec<AxisName>,
-    /// The public nkey of its gateway, `U…`; `None`: it has no access to the server yet.
+    /// Public nkey of its gateway, `U…`; `None`: no access to the server yet.
     #[serde(default)]
     pub nkey: Option<String>,
-    /// Where its control or its gateway was found, for people.
+    /// Network address of its control or gateway, for display.
     #[serde(default)]
     pub address: String,
-    /// The make of its control, for people.
+    /// Make of its control, for display.
     #[serde(default)]
     pub control: String,
     pub enable: bool,
-    /// Whether it is among the first of a roll-out.
+    /// True if it belongs to the first machines of a roll-out.
     #[serde(default)]
     pub canary: bool,
     /// Days after a calibration until the next one is due; `None`: never.
@@ -46,7 +46,7 @@ pub struct Machine {
     /// Seconds between two conditions; `None`: 1.
     #[serde(default)]
     pub condition_s: Option<u32>,
-    /// Seconds between two whole states; `None`: 10.
+    /// Seconds between two full telemetry messages; `None`: 10.
     #[serde(default)]
     pub telemetry_s: Option<u32>,
     #[serde(default)]
@@ -54,7 +54,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A machine that may be corrected and of which nothing else is known.
+    /// A machine that is enabled, with every optional field empty.
     pub fn new(identity: Identity, serial: String, structure: String, axes: Vec<AxisName>) -> Self {
         Self {
             identity,
@@ -73,25 +73,25 @@ impl Machine {
         }
     }
 
-    /// A machine of which no condition came for longer than this is not heard, s: five of its intervals, and at least 15 s.
-    /// Alarms, roll-outs, the page and the command line go by it alike.
+    /// Age of the last condition beyond which a machine is silent, s: five of its intervals, but at least 15 s. Alarms, roll-outs, the web
+    /// interface and the command line all use it.
     pub fn silent_after_s(&self) -> f64 {
         (5.0 * f64::from(self.condition_s.unwrap_or(1))).max(Self::SILENT_S)
     }
 
-    /// Whether it is not heard any more: its last condition is older than [`silent_after_s`](Self::silent_after_s).
+    /// True if its last condition is older than [`silent_after_s`](Self::silent_after_s).
     pub fn is_silent(&self, age_s: f64) -> bool {
         age_s > self.silent_after_s()
     }
 
-    /// No machine is silent before this, s.
+    /// Minimum age of the last condition of a silent machine, s.
     pub const SILENT_S: f64 = 15.0;
 
-    /// Checks what is known of a machine, wherever it comes from, before it is stored: its axes are those of its structure in chain
-    /// order, its texts are single lines, its nkey is a public one, and its times are within range.
+    /// Validates a machine record from any source before it is stored: its axes must be those of its structure in chain order, its texts single
+    /// lines, its nkey a public one, and its times within range.
     ///
     /// # Errors
-    /// The first that is wrong.
+    /// The first invalid field.
     pub fn check(&self) -> Result<(), Error> {
         let structure: Structure = self.structure.parse().map_err(|error| {
             let expected = format!("a structure code: {error}");
@@ -123,7 +123,7 @@ impl Machine {
             }
         }
         if let Some(nkey) = self.nkey.as_ref().filter(|nkey| !is_public_nkey(nkey)) {
-            // What was found may be the seed, which belongs into no message.
+            // The text may be the secret seed, so messages must not contain it.
             let found = format!("{} characters", nkey.chars().count());
             let expected = "the public nkey of the gateway's user, U and 55 letters and digits";
             return Err(invalid("nkey", found, expected));
@@ -145,7 +145,7 @@ fn invalid(key: &str, found: impl Display, expected: impl Display) -> Error {
     Error::Wrong(format!("{key}: found {found}, expected {expected}"))
 }
 
-/// The letters of axes, separated by blanks.
+/// Axis letters, separated by blanks.
 pub(crate) fn letters(axes: &[AxisName]) -> String {
     let letters: Vec<String> = axes.iter().map(ToString::to_string).collect();
     letters.join(" ")
@@ -156,11 +156,11 @@ pub(crate) fn letters(axes: &[AxisName]) -> String {
 pub enum Origin {
     #[serde(alias = "form")]
     File {
-        /// Its name; empty where the interface received a text alone.
+        /// Its name; empty if the text was submitted without a file.
         #[serde(default)]
         name: String,
     },
-    /// A calibration file: in databases of earlier programs.
+    /// A calibration file; only in databases of earlier programs.
     Calibration { path: String },
 }
 
@@ -170,27 +170,27 @@ pub struct Model {
     /// SHA-256 of its text, 64 hexadecimal digits.
     pub sha256: String,
     pub bytes: u64,
-    /// The checksum of what it states, as a gateway tells it of the model that corrects.
+    /// Checksum of the model's content, as a gateway reports it for the active model.
     pub checksum: String,
     pub name: String,
     pub structure: String,
     pub axes: Vec<AxisName>,
     pub origin: Origin,
-    /// When the measurements behind it were made, `2026-11-25`; empty where that is not known.
+    /// Day of the measurements, `2026-11-25`; empty if unknown.
     #[serde(default)]
     pub measured: String,
     pub added_s: f64,
     pub by: String,
-    /// What a person should read: errors not measured, odd values.
+    /// Notes for the user: errors that were not measured, unusual values.
     #[serde(default)]
     pub notes: Vec<String>,
 }
 
-/// A manifest that was issued for a machine, and what became of it.
+/// An issued manifest and its outcome.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Version {
     pub machine: MachineId,
-    /// The version, larger than that of every one before.
+    /// Version number, higher than every earlier one of the machine.
     pub version: u64,
     pub model: String,
     pub enable: bool,
@@ -198,7 +198,7 @@ pub struct Version {
     /// Seconds between two conditions; `None`: 1.
     #[serde(default)]
     pub condition_s: Option<u32>,
-    /// Seconds between two whole states; `None`: 10.
+    /// Seconds between two full telemetry messages; `None`: 10.
     #[serde(default)]
     pub telemetry_s: Option<u32>,
     /// SHA-256 of the bytes of the signed value.
@@ -208,8 +208,8 @@ pub struct Version {
     pub by: String,
     pub outcome: Option<Outcome>,
     pub answered_s: Option<f64>,
-    /// Whether another version was put under the key of the machine in its place because its roll-out had stopped before the
-    /// machine told that this one is in force. A machine that has taken it all the same corrects with it until it takes the other one.
+    /// True if another version replaced it under the machine's key because its roll-out stopped before the machine reported it as active. A machine
+    /// that accepted it anyway uses it until it accepts the replacement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub withdrawn: bool,
 }
@@ -218,9 +218,9 @@ pub struct Version {
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
     Note,
-    /// A person should look when there is time.
+    /// Needs attention, not urgent.
     Warning,
-    /// A person must look now.
+    /// Needs attention immediately.
     Alarm,
 }
 
@@ -229,35 +229,35 @@ pub enum Severity {
 pub enum AlarmKind {
     /// The guard of the machine is faulted.
     Faulted,
-    /// The machine is not heard.
+    /// No condition is received from the machine.
     Silent,
     /// Two gateways have the identity of one machine.
     Clone,
     /// Messages of the machine are missing.
     Gap,
-    /// The value of its key was another one than the centre's, and was put back.
+    /// The value under the machine's key was not the centre's, and was restored.
     Clobbered,
     Refused,
     NeedsConfirmation,
     /// A roll-out waits for the machine to compensate.
     Idle,
-    /// A temperature is broken.
+    /// A temperature sensor is broken.
     Sensor,
     /// A message could not be read.
     Unreadable,
-    /// The machine runs another model than it shall.
+    /// The active model of the machine is not the intended one.
     OtherModel,
-    /// The machine has the model of a roll-out that stopped or was ended before it was done.
+    /// The machine has the model of a roll-out that stopped or was aborted before it was done.
     Suspect,
     Due,
     Rollout,
-    /// The database takes nothing.
+    /// The database rejects writes.
     Store,
     Server,
 }
 
 impl AlarmKind {
-    /// The name as it stands in JSON and in the database.
+    /// Name in JSON and in the database.
     pub fn name(self) -> &'static str {
         match self {
             Self::Faulted => "faulted",
@@ -300,7 +300,7 @@ impl AlarmKind {
     }
 }
 
-/// Something that a person should see: open until what caused it has gone.
+/// A problem for the user: open until its cause is gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
     pub id: u64,
@@ -308,10 +308,10 @@ pub struct Alarm {
     pub machine: Option<MachineId>,
     pub kind: AlarmKind,
     pub severity: Severity,
-    /// What happened, a sentence.
+    /// Description, one sentence.
     pub text: String,
     pub since_s: f64,
-    /// When the cause went away, s; `None`: it is there.
+    /// When the cause ended, s; `None`: it persists.
     pub until_s: Option<f64>,
     pub seen_by: Option<String>,
 }
@@ -320,42 +320,42 @@ pub struct Alarm {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Resolution {
-    /// Every condition as it came, kept for a day.
+    /// Every received condition, kept for a day.
     Raw,
-    /// Means of minutes, kept for a month.
+    /// One-minute means, kept for a month.
     Minute,
-    /// Means of hours, kept for ever.
+    /// One-hour means, kept indefinitely.
     Hour,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     pub at_s: f64,
-    /// How many conditions it was made of.
+    /// Number of conditions in this point.
     pub count: u64,
-    /// The state of the guard; of several the worst.
+    /// State of the guard; the worst one of several conditions.
     pub state: String,
-    /// The mean residual, µm; `None` while it was not known.
+    /// Mean residual, µm; `None` if unknown.
     pub residual_um: Option<f64>,
     pub residual_max_um: Option<f64>,
-    /// The mean correction by linear axis, µm.
+    /// Mean correction by linear axis, µm.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction_um: BTreeMap<AxisName, f64>,
-    /// The mean correction by rotary axis, µrad.
+    /// Mean correction by rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction_urad: BTreeMap<AxisName, f64>,
-    /// The mean temperatures, °C; one that was broken all the time is left out.
+    /// Mean temperatures, °C; sensors that were broken the whole time are omitted.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_degc: BTreeMap<String, f64>,
-    /// The largest 99th percentile of the time of a cycle, µs.
+    /// Largest p99 of the cycle time, µs.
     pub cycle_p99_us: f64,
-    /// Cycles that took too long since the start of the gateway, the last value.
+    /// Number of cycles that exceeded their time since the gateway started, latest value.
     pub overruns: u64,
-    /// Exchanges with controllers that failed since the start of the gateway, the last value.
+    /// Number of failed exchanges with controllers since the gateway started, latest value.
     pub faults: u64,
 }
 
-/// The states of the guard, the best first: of several the last one counts.
+/// States of the guard from best to worst; the worst of several conditions counts.
 const STATES: [&str; 7] = [
     "compensating",
     "disarmed",
@@ -366,24 +366,24 @@ const STATES: [&str; 7] = [
     "faulted",
 ];
 
-/// How bad a state is; one that is not known is worse than `unknown`.
+/// Severity of a state; unlisted states are worse than `unknown`.
 fn badness(state: &str) -> usize {
     let place = STATES.iter().position(|one| *one == state);
     place.unwrap_or(STATES.len() - 1)
 }
 
-/// Three digits behind the point are more than any instrument has told.
+/// Three decimals exceed the resolution of any instrument.
 fn round(value: f64) -> f64 {
     (value * 1e3).round() / 1e3 + 0.0
 }
 
-/// A number that is still one when it is rounded: JSON has no other, and a row that holds another is never read again.
+/// Discards values that are not finite after rounding: JSON cannot represent them, so their row could not be read again.
 fn finite(value: f64) -> Option<f64> {
     Some(round(value)).filter(|value| value.is_finite())
 }
 
 impl Point {
-    /// The point of one condition.
+    /// The point of a single condition.
     pub(crate) fn of(condition: &Condition, at_s: f64) -> Self {
         let known = condition.residual_um.and_then(finite);
         Self {
@@ -403,8 +403,8 @@ impl Point {
         }
     }
 
-    /// One point for several, in rising order of time: means weighted by their counts, over the points in which the value is
-    /// known. `None`: there are none.
+    /// Combines points, given in ascending order of time: means weighted by count, over the points in which the value is known. `None` if `points`
+    /// is empty.
     pub(crate) fn mean(points: &[Self], at_s: f64) -> Option<Self> {
         let last = points.last()?;
         let worst = points.iter().max_by_key(|point| badness(&point.state))?;
@@ -458,37 +458,37 @@ fn by_name<K: Ord + Clone>(
     sums.into_iter().filter_map(known).collect()
 }
 
-/// What is known of a machine now.
+/// Current state of a machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
     pub machine: MachineId,
-    /// When its last message was stored at the server, s.
+    /// When the server stored its last message, s.
     pub heard_s: f64,
-    /// The gateway that sent it, drawn at its start.
+    /// Identifier that its gateway generated at its start.
     pub instance: String,
-    /// The version of the manifest that is in force; 0: none.
+    /// Version of the active manifest; 0: none.
     pub version: u64,
-    /// The checksum of the machine file that corrects, as the gateway tells it.
+    /// Checksum of the active machine file, as reported by the gateway.
     pub model: String,
     pub condition: Option<Condition>,
-    /// Messages that are missing for good.
+    /// Number of messages lost for good.
     pub lost: u64,
-    /// When the last condition was made; `None`: there is none, or it was stored by an older program.
+    /// When the last condition was created; `None` if there is none, or it was stored by an older program.
     #[serde(default)]
     pub made: Option<Made>,
 }
 
-/// When a message was made.
+/// Creation time of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Made {
-    /// s by the clock of the server.
+    /// s by the server's clock.
     pub at_s: f64,
-    /// For how long it waited and was on its way until the server stored it, s; 0 where that is not known.
+    /// Delay until the server stored it, waiting and transit, s; 0 if unknown.
     pub late_s: f64,
 }
 
 impl Live {
-    /// A machine of which no more is known.
+    /// A state with every other field unknown.
     pub fn new(machine: MachineId, heard_s: f64, version: u64) -> Self {
         Self {
             machine,
@@ -502,7 +502,7 @@ impl Live {
         }
     }
 
-    /// When the last condition was made. Of an older program: when the last message was stored.
+    /// When the last condition was created. For data of an older program: when the last message was stored.
     pub fn made(&self) -> Option<Made> {
         let stored = Made {
             at_s: self.heard_s,
@@ -512,20 +512,20 @@ impl Live {
     }
 }
 
-/// One record of the centre's own audit log. Its hash covers the one before.
+/// Record of the centre's own audit log. Its hash covers the previous record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AuditRecord {
-    /// Its number, from 1.
+    /// Number, from 1.
     pub number: u64,
     pub at_s: f64,
-    /// Who: the name of a user, or `centre` for what the program did by itself.
+    /// Author: a user name, or `centre` for automatic actions.
     pub by: String,
-    /// What was done, such as `machine.add`.
+    /// Action, such as `machine.add`.
     pub action: String,
-    /// To what: the name of a machine, the checksum of a model, the number of a roll-out, the name of a user.
+    /// Object of the action: machine name, model checksum, roll-out number or user name.
     pub object: String,
     pub details: serde_json::Value,
-    /// SHA-256 of the hash of the record before and of this one as it is stored, hexadecimal.
+    /// SHA-256 over the hash of the previous record and this record as stored, hexadecimal.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub hash: String,
 }

@@ -1,4 +1,4 @@
-//! Which version of a machine is in force, and the way back: the model that it has had in force before the one that it has now.
+//! The active version of a machine, and the previous one: the model that was active before the present one.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,8 +12,7 @@ use crate::{
     store::Store,
 };
 
-/// Whether a machine may correct by the model of this version: it has neither refused it, nor does it wait for a person, nor was
-/// it taken back.
+/// True if the version may be active: it was neither rejected nor withdrawn, and does not wait for confirmation.
 pub(crate) fn may_be_in_force(version: &Version) -> bool {
     !version.withdrawn
         && !matches!(
@@ -22,8 +21,7 @@ pub(crate) fn may_be_in_force(version: &Version) -> bool {
         )
 }
 
-/// The version by whose model a machine corrects, by [`in_force`], of a machine whose `newest` version is known: where it tells
-/// that one, no other is read.
+/// The active version by [`in_force`], for a machine whose `newest` version is known; no other version is read if the machine reports that one.
 pub(crate) fn version_in_force(
     store: &Store,
     machine: &MachineId,
@@ -38,9 +36,8 @@ pub(crate) fn version_in_force(
     }
 }
 
-/// The version by whose model a machine corrects: the one that it tells; where none is known of what it tells, or it has answered
-/// since that a newer one is in force, the newest that it has put in force and that was not taken back. `versions` begins with
-/// the newest.
+/// The active version: the one the machine reports. If the reported version is unknown, or a later outcome says that a newer version is active, the
+/// newest version that was activated and not withdrawn. `versions` begins with the newest.
 pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
     let told = live.and_then(|live| {
         let mut each = versions.iter();
@@ -49,7 +46,7 @@ pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a 
     let told_s = live.and_then(Live::made).map(|made| made.at_s);
     let is_active = |version: &&Version| {
         let is_newer = told.is_none_or(|told| {
-            // Conditions may be rarer than answers.
+            // Conditions may be rarer than outcomes.
             let is_later = version
                 .answered_s
                 .zip(told_s)
@@ -61,8 +58,8 @@ pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a 
     versions.iter().find(is_active).or(told)
 }
 
-/// The checksum of that model, where the newest version is known; older ones are read where they are needed. Where nothing tells
-/// what is in force it is the newest that may be.
+/// Checksum of the active model, if the newest version is known; older versions are read only when needed. Without any report, it is that of the
+/// newest version that may be active.
 fn model_in_force(
     store: &Store,
     newest: &Version,
@@ -77,8 +74,8 @@ fn model_in_force(
     Ok(version.map(|version| version.model.clone()))
 }
 
-/// For how many days a calibration of a machine has been due; see [`due_days`]. A calibration that was refused, or that waits for a
-/// confirmation, renews nothing. `models` are those of the newest versions; an older one is read.
+/// Days since a machine's calibration became due; see [`due_days`]. A calibration that was rejected or waits for confirmation does not count.
+/// `models` are those of the newest versions; an older one is read.
 pub(crate) fn overdue_days(
     store: &Store,
     machine: &Machine,
@@ -100,10 +97,10 @@ pub(crate) fn overdue_days(
     Ok(model.and_then(|model| due_days(machine, &model, now_s)))
 }
 
-/// The newest version whose model was in force before the one that the machine has now; `None`: there was no other.
+/// The newest version whose model was active before the present one; `None` if there was no other.
 ///
-/// `versions` begins with the newest. What was taken back is none, nor what is of a roll-out that was `broken_off` and that nobody
-/// has decided to keep.
+/// `versions` begins with the newest. Withdrawn versions are excluded, and so are those of roll-outs in `broken_off` that no user has decided to
+/// keep.
 fn before<'a>(
     versions: &'a [Version],
     live: Option<&Live>,
@@ -119,7 +116,7 @@ fn before<'a>(
     })
 }
 
-/// The roll-outs of these versions of a machine that were broken off, without those whose model it shall keep.
+/// Stopped or aborted roll-outs of these versions of a machine, without those whose model the user decided to keep.
 fn broken_off(
     store: &Store,
     machine: &MachineId,
@@ -136,7 +133,7 @@ fn broken_off(
     Ok(found)
 }
 
-/// The version whose model a machine can be given back; `None`: it has had no other in force, or what it had was broken off.
+/// The version that a machine can return to; `None` if no other model was active before, or it belonged to a stopped or aborted roll-out.
 pub(crate) fn way_back(
     store: &Store,
     machine: &MachineId,
@@ -147,11 +144,10 @@ pub(crate) fn way_back(
     Ok(before(&versions, live, &broken_off).cloned())
 }
 
-/// Starts a roll-out of that model to the machine: it gets a version that is higher than all before, and is watched as with any
-/// other.
+/// Starts a roll-out of that model to the machine. It gets a version higher than all earlier ones, and is observed like any other.
 ///
 /// # Errors
-/// There is none, or the machine has its turn in a roll-out that is not over.
+/// There is no such model, or the machine has a pending target in an open roll-out.
 pub fn start_way_back(
     store: &Store,
     machine: &MachineId,

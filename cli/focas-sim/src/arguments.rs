@@ -1,4 +1,4 @@
-//! The call: options, and what they mean for the simulated control.
+//! Command-line options, and their effect on the simulated control.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -146,10 +146,9 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// The arguments of the process.
     pub(crate) fn read() -> Self {
         let mut arguments: Vec<String> = std::env::args().collect();
-        // `--version 3` is the version of the answers; `--version` alone is the program's.
+        // `--version 3` is the version of the responses; `--version` alone is the program's.
         for i in 1..arguments.len().saturating_sub(1) {
             if arguments[i] == "--version" && arguments[i + 1].parse::<u16>().is_ok() {
                 "--version-of-answers".clone_into(&mut arguments[i]);
@@ -158,12 +157,12 @@ impl Arguments {
         Self::parse_from(arguments)
     }
 
-    /// The typed commands, as `--help` shows them.
+    /// The typed commands, as in `--help`.
     pub(crate) fn typed_commands() -> &'static str {
         EXAMPLES.split("\n\n").next().unwrap_or(EXAMPLES)
     }
 
-    /// The axes of the control, `default` where none are named.
+    /// Axes of the control; `default` if none are named.
     pub(crate) fn axes(&self, default: &[AxisName]) -> Result<Vec<AxisName>, SimError> {
         let axes = if self.axes.is_empty() {
             default.to_vec()
@@ -182,7 +181,7 @@ impl Arguments {
         Ok(axes)
     }
 
-    /// How the control behaves on the wire.
+    /// Protocol behaviour of the control.
     pub(crate) fn options(&self) -> Result<Options, SimError> {
         Ok(Options {
             version: self.version_of_answers,
@@ -197,12 +196,12 @@ impl Arguments {
         })
     }
 
-    /// Time until what is written can be read back.
+    /// Delay until written data can be read back.
     pub(crate) fn read_back_delay(&self) -> Result<Duration, SimError> {
         duration("--readback-ms", self.readback_ms, 1e-3)
     }
 
-    /// Acceleration of the moves of a program.
+    /// Acceleration of a program's moves, mm/s².
     pub(crate) fn acceleration_mm_s2(&self) -> Result<f64, SimError> {
         let found = self.acceleration_mm_s2;
         if (1.0..=1e6).contains(&found) {
@@ -216,7 +215,7 @@ impl Arguments {
         }
     }
 
-    /// When a correction has settled at a target.
+    /// Condition for a correction to be settled at a target.
     pub(crate) fn settling(&self, axes: &[AxisName]) -> Result<Settling, SimError> {
         Ok(Settling {
             stands: duration("--settle-s", self.settle_s, 1.0)?,
@@ -225,14 +224,14 @@ impl Arguments {
         })
     }
 
-    /// Time between two lines of report; `None`: none is printed.
+    /// Interval of the report lines; `None`: no lines.
     pub(crate) fn report_period(&self) -> Result<Option<Duration>, SimError> {
         let default = if self.truth.is_some() { 1.0 } else { 0.0 };
         let period = duration("--report-s", self.report_s.unwrap_or(default), 1.0)?;
         Ok((!period.is_zero()).then_some(period))
     }
 
-    /// How long the control is silent, and the time from one silence to the next.
+    /// Duration and interval of the control's pauses.
     pub(crate) fn pauses(&self) -> Result<Option<(Duration, Duration)>, SimError> {
         let Some(pause_s) = self.pause_s else {
             return Ok(None);

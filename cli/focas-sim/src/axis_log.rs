@@ -1,4 +1,4 @@
-//! The log of what the axes did, written by a thread of its own: a scan never waits for a disk.
+//! Log of the axis corrections, written by a separate thread, so that a scan never waits for a disk.
 
 use std::{
     fs::File,
@@ -15,10 +15,10 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{error::SimError, quantities::count};
 
-/// What is written is in the file so much later at the latest.
+/// Maximum delay until a line is written to the file.
 const FLUSH: Duration = Duration::from_millis(50);
 
-/// One line: the monotonic time, ns, whether the control was switched on, and the shifts, counts.
+/// One line: monotonic time, ns; whether the control was power-cycled; and the shifts, counts.
 struct Line {
     time_ns: i128,
     switched_on: bool,
@@ -32,7 +32,7 @@ pub(crate) struct AxisLog {
 }
 
 impl AxisLog {
-    /// Makes the file, and what hears of the scans; the log ends when that is dropped.
+    /// Creates the file and the scan callback; the log ends when the callback is dropped.
     pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<(ScanLog, Self), SimError> {
         let file = path.display().to_string();
         let mut output = BufWriter::new(File::create(path).map_err(SimError::write(&file))?);
@@ -55,13 +55,13 @@ impl AxisLog {
 
     /// Waits until everything is written.
     pub(crate) fn end(self) -> Result<(), SimError> {
-        // A panic of a thread has been told by its own message.
+        // The panic message was already printed.
         let written = self.writer.join().unwrap_or(Ok(()));
         written.map_err(SimError::write(&self.file))
     }
 }
 
-/// Passes on the first scan, and those in which an axis moved or before which the control was switched on.
+/// Forwards the first scan, and those in which an axis moved or that follow a power cycle.
 fn hears(told: Sender<Line>) -> ScanLog {
     let mut last: Option<Vec<i64>> = None;
     Box::new(move |scan: Scan<'_>| {
@@ -69,7 +69,7 @@ fn hears(told: Sender<Line>) -> ScanLog {
             return;
         }
         let now = clock_gettime(ClockId::Monotonic);
-        // Whoever writes is gone only where writing failed, which is told at the end.
+        // The receiver is gone only after a write error, which is reported at the end.
         let _ = told.send(Line {
             time_ns: i128::from(now.tv_sec) * 1_000_000_000 + i128::from(now.tv_nsec),
             switched_on: scan.switched_on,

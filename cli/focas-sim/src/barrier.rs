@@ -1,4 +1,4 @@
-//! The barrier in the simulated control: its options, and the ladder that they make.
+//! The barrier in the simulated control: its options, and the ladder made from them.
 
 use std::time::Duration;
 
@@ -99,7 +99,7 @@ pub(crate) struct BarrierArguments {
 }
 
 impl BarrierArguments {
-    /// The time from one scan to the next.
+    /// Scan period.
     pub(crate) fn scan(&self) -> Result<Duration, SimError> {
         let scan = duration("--scan-ms", self.scan_ms, 1e-3)?;
         if (Duration::from_micros(100)..=Duration::from_secs(1)).contains(&scan) {
@@ -110,7 +110,7 @@ impl BarrierArguments {
         }
     }
 
-    /// The axes that the barrier corrects.
+    /// Axes that the barrier corrects.
     fn corrected<'a>(&'a self, axes: &'a [AxisName]) -> &'a [AxisName] {
         if self.barrier_axes.is_empty() {
             axes
@@ -119,7 +119,7 @@ impl BarrierArguments {
         }
     }
 
-    /// Whose report the barrier publishes: the machine and its axes; `None` with `--no-barrier`.
+    /// Machine number and axes in the barrier's report; `None` with `--no-barrier`.
     pub(crate) fn reports(&self, axes: &[AxisName]) -> Result<Option<(u16, Layout)>, SimError> {
         if self.no_barrier || self.map_words.is_some() {
             return Ok(None);
@@ -180,7 +180,7 @@ impl BarrierArguments {
         Ok(Some(Ladder::Barrier(ladder)))
     }
 
-    /// The ladder that looks up in a map.
+    /// The ladder that looks up corrections in a map.
     fn map(&self, axes: &[AxisName], slots: Vec<usize>, capacity: u16) -> Result<Ladder, SimError> {
         let linear = axes.iter().all(|axis| axis.kind() == AxisKind::Linear);
         if !linear || axes.len() > OUTPUTS {

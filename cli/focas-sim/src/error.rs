@@ -1,13 +1,12 @@
-//! Why the simulator does not start, or refuses a typed command.
+//! Errors at start-up and in typed commands.
 
 use volcomp_document::InputError;
 use volcomp_guard::barrier::SettingsError;
 use volcomp_model::ModelError;
 
-/// Why the simulator does not start.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SimError {
-    /// An option is wrong.
+    /// An invalid option.
     #[error("{place}: found {found}, expected {expected}")]
     Input {
         place: String,
@@ -26,16 +25,16 @@ pub(crate) enum SimError {
         file: String,
         source: std::io::Error,
     },
-    /// A place in the program file is wrong.
+    /// An error at a place in the program file.
     #[error(transparent)]
     Place(#[from] InputError),
-    /// The machine file of `--truth` is wrong.
+    /// An invalid machine file of `--truth`.
     #[error("--truth: {0}")]
     Model(#[from] ModelError),
-    /// The barrier cannot be set as the options say.
+    /// Invalid settings of the barrier.
     #[error("the barrier: {0}")]
     Barrier(#[from] SettingsError),
-    /// The look-up cannot be set as the options say.
+    /// Invalid settings of the map look-up.
     #[error("--map-words: {0}")]
     Map(#[from] volcomp_tables::control::SettingsError),
     /// The simulator cannot listen on the address.
@@ -44,7 +43,7 @@ pub(crate) enum SimError {
         address: String,
         source: std::io::Error,
     },
-    /// The operating system refuses something else.
+    /// Another operating system error.
     #[error("{what}: {source}")]
     System {
         what: &'static str,
@@ -53,7 +52,7 @@ pub(crate) enum SimError {
 }
 
 impl SimError {
-    /// An input that is wrong at a place.
+    /// Error for an invalid input with its place.
     pub(crate) fn input(
         place: impl Into<String>,
         found: impl Into<String>,
@@ -66,19 +65,17 @@ impl SimError {
         }
     }
 
-    /// A file cannot be written.
     pub(crate) fn write(file: &str) -> impl FnOnce(std::io::Error) -> Self {
         let file = file.to_owned();
         move |source| Self::Write { file, source }
     }
 
-    /// The operating system gives no thread.
     pub(crate) fn thread(source: std::io::Error) -> Self {
         let what = "a thread";
         Self::System { what, source }
     }
 
-    /// The exit status: 2 where the call or a file is wrong, 1 where the work failed.
+    /// Exit status: 2 if the arguments or a file are invalid, 1 if the operation failed.
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Listen { source, .. } if source.kind() != std::io::ErrorKind::InvalidInput => 1,

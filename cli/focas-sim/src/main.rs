@@ -1,4 +1,4 @@
-//! A simulated FANUC control on the wire, to rehearse a gateway or a program of one's own with.
+//! A simulated FANUC control on the network, for rehearsals with a gateway or another program.
 
 mod arguments;
 mod axis_log;
@@ -42,7 +42,7 @@ use crate::{
     walk::Walk,
 };
 
-/// How often it is looked in which direction the axes move.
+/// Interval at which the directions of the axes are sampled.
 const LOOK: Duration = Duration::from_millis(50);
 
 fn main() -> ExitCode {
@@ -76,11 +76,11 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     }
     let options = arguments.options()?;
     let (period, pauses) = (arguments.report_period()?, arguments.pauses()?);
-    // Before the line that says that it is ready: who reads it may end the program at once.
+    // Before printing that it is ready: a program that reads this line may end the simulator immediately.
     let (end, ended) = channel();
     let interrupted = end.clone();
     ctrlc::set_handler(move || {
-        // The other end is gone where it is ending already.
+        // The receiver is gone if the program is already ending.
         let _ = interrupted.send(Ok(()));
     })
     .map_err(|e| SimError::System {
@@ -99,7 +99,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let (run, told) = channel();
     if let Some(measurement) = measurement {
         if !arguments.wait {
-            // The other end is here.
+            // The receiver exists.
             let _ = run.send(());
         }
         measure(measurement, &simulator, told, end.clone())?;
@@ -134,16 +134,16 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
             }
         })?;
     }
-    // It goes on where standard input ends: the report must keep somebody who could ask for a line.
+    // Keep the senders after the end of standard input: the report ends when no sender is left.
     let _asks = (now, run);
-    // An error says that nobody is left who could end it: then it is the end, too.
+    // An error means that every sender is gone, so this is the end too.
     let ended = ended.recv().unwrap_or(Ok(()));
     print_steps(&axes, &simulator, arguments.json);
     simulator.world().scan_log = None;
     ended.and(axis_log.map_or(Ok(()), AxisLog::end))
 }
 
-/// What measures at the targets of the program, where the call asks for it.
+/// The measurement at the targets of the program, if requested.
 fn measurement(
     arguments: &Arguments,
     axes: &[AxisName],
@@ -162,7 +162,7 @@ fn measurement(
     }))
 }
 
-/// Measures whenever it is `told` to; where that fails it is the end.
+/// Measures on every request; an error ends the program.
 fn measure(
     measurement: Measurement,
     simulator: &Arc<Simulator>,
@@ -172,17 +172,17 @@ fn measure(
     let simulator = Arc::clone(simulator);
     start("focas-sim measure", move || {
         if let Err(error) = measurement.run(&simulator, &told) {
-            // The other end is gone where it is ending already.
+            // The receiver is gone if the program is already ending.
             let _ = end.send(Err(error));
         }
     })
 }
 
-/// Whom a typed command is passed on to.
+/// Receivers of the typed commands.
 struct Asks {
-    /// Prints a line of the report.
+    /// Prints a report line.
     now: Sender<()>,
-    /// Goes through the program.
+    /// Runs the program.
     run: Sender<()>,
     /// Ends the simulator.
     end: Sender<Result<(), SimError>>,
@@ -198,13 +198,13 @@ fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
     });
 }
 
-/// Prints a line; a reader that has gone away is no reason to fail.
+/// Prints a line; a closed reader is not a failure.
 fn print(line: &str) {
     let mut output = std::io::stdout();
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());
 }
 
-/// The machine and the memory of the control as they are at the start.
+/// Initial machine and memory of the control.
 fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<(World, Option<Arc<Walk>>), SimError> {
     let letters: Vec<char> = axes.iter().map(|axis| axis.letter()).collect();
     let mut world = World::new(&letters);
@@ -225,14 +225,14 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimErro
     started.map(drop).map_err(SimError::thread)
 }
 
-/// Does what is typed; `steps` prints the largest steps.
+/// Executes typed commands; `steps` prints the largest steps.
 fn typed(simulator: &Simulator, asks: &Asks, steps: impl Fn()) {
     standard_input::lines(|line| {
         match line.parse::<Command>() {
             Err(message) => eprintln!("error: {message}"),
             Ok(Command::Help) => eprintln!("{}", Arguments::typed_commands()),
             Ok(Command::Report) => {
-                // Whoever listens is there until the end.
+                // The receiver exists until the end.
                 let _ = asks.now.send(());
             }
             Ok(Command::Run) => {
@@ -251,7 +251,7 @@ fn typed(simulator: &Simulator, asks: &Asks, steps: impl Fn()) {
     });
 }
 
-/// Prints a line every `period` and whenever one is asked for, until nobody can ask any more.
+/// Prints a line every `period` and on request, until no sender is left.
 fn report(
     simulator: &Simulator,
     mut reporter: Reporter,

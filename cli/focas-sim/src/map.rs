@@ -1,4 +1,4 @@
-//! A look-up of maps in the simulated control: the reference of `volcomp-tables` as the program of its PMC.
+//! Map look-up in the simulated control: the reference implementation of `volcomp-tables` as its PMC program.
 
 use volcomp_focas::{
     PmcAddress, PmcArea,
@@ -13,36 +13,35 @@ use volcomp_tables::{
     control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings, SettingsError},
 };
 
-/// The bytes of data table D from which on mailbox, report and the two buffers lie.
+/// First bytes of mailbox, report and the two buffers in data table D.
 const MAILBOX: u16 = 0;
 const REPORT: u16 = 144;
 const BUFFERS: u16 = 200;
-/// The words of a buffer, two of which fit into the 10 000 bytes of the data table.
+/// Maximum number of words in a buffer; two buffers fit into the 10 000 bytes of the data table.
 pub(crate) const MOST_WORDS: u16 = (10_000 - BUFFERS) / 4;
-/// A step of a position, of a correction, and of what counts as a turn: 1 µm and 5 µm.
+/// Step of positions and corrections, and minimum travel of a reversal: 1 µm and 5 µm.
 const STEP_NM: u32 = 1000;
 const TURNED: i32 = 5;
 
-/// The program.
 pub(crate) struct MapLadder {
     lookup: Lookup,
     settings: Settings,
-    /// The place of each corrected axis among the axes of the control.
+    /// Index in the control of each corrected axis.
     slots: Vec<usize>,
 }
 
-/// What a control is set to, in the units of its program.
+/// Settings of a control, in the units of its program.
 pub(crate) struct Set {
     pub(crate) machine: u16,
-    /// The words of a buffer.
+    /// Number of words in a buffer.
     pub(crate) capacity: u16,
-    /// The largest correction, µm.
+    /// Maximum correction, µm.
     pub(crate) limit: i16,
-    /// The largest change in one scan, µm.
+    /// Maximum change in one scan, µm.
     pub(crate) rate: i16,
-    /// The largest age of what a frame answers, scans.
+    /// Maximum age of the report that a frame answers, scans.
     pub(crate) hold_scans: u16,
-    /// Scans without a frame after which it goes to zero.
+    /// Timeout without a frame after which the correction goes to zero, scans.
     pub(crate) time_out_scans: u16,
 }
 
@@ -52,7 +51,7 @@ fn address(at: u16) -> PmcAddress {
 }
 
 impl MapLadder {
-    /// A look-up over these axes, which it corrects, at its start.
+    /// A look-up for these axes in its initial state.
     pub(crate) fn new(axes: Layout, slots: Vec<usize>, set: &Set) -> Result<Self, SettingsError> {
         let settings = Settings {
             grid: axes,
@@ -77,7 +76,7 @@ impl MapLadder {
         })
     }
 
-    /// Where the axes stand without the correction, in steps.
+    /// Positions of the axes without the correction, in steps.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "a float is cut to the range of i32"
@@ -95,7 +94,7 @@ impl MapLadder {
 
 impl LadderProgram for MapLadder {
     fn scan(&mut self, world: &mut World) {
-        // Copied first, then judged.
+        // Copied first, then validated.
         let mut mailbox = [0; FRAME_WORDS];
         let found = world.words(address(MAILBOX), FRAME_WORDS);
         mailbox[..found.len()].copy_from_slice(&found);

@@ -1,4 +1,4 @@
-//! Measuring at the targets of a program: at each one the machine stands until the correction there has settled.
+//! Measurement at the targets of a program: the machine stops at each target until the correction has settled.
 
 use std::{
     sync::mpsc::Receiver,
@@ -18,24 +18,24 @@ use crate::{
     walk::Walk,
 };
 
-/// How often it is looked where the machine is and what it applies.
+/// Interval at which position and correction are sampled.
 const LOOK: Duration = Duration::from_millis(5);
-/// So many frames are seen to be taken while a correction stands before it counts as settled: the first ones may have been
-/// computed, or held, before the machine stood, and on a busy computer all of them come late.
+/// Number of frames that must be accepted without a change before a correction counts as settled. The first ones may have been computed or queued
+/// before the machine stopped, and on a busy computer all of them are late.
 const FRAMES: u16 = 10;
 
-/// When a correction has settled.
+/// Condition for a correction to be settled.
 #[derive(Clone, Copy)]
 pub(crate) struct Settling {
-    /// It has not changed for so long.
+    /// Minimum time without a change.
     pub(crate) stands: Duration,
-    /// What is waited for it at most; then the target is told as it is.
+    /// Timeout; after it the target is recorded as not settled.
     pub(crate) at_most: Duration,
-    /// The machine and the axes of the barrier, where there is one.
+    /// Machine number and axes of the barrier, if there is one.
     pub(crate) barrier: Option<(u16, Layout)>,
 }
 
-/// What goes through the program, whenever it is told to.
+/// Runs the program on request.
 pub(crate) struct Measurement {
     pub(crate) walk: std::sync::Arc<Walk>,
     pub(crate) settling: Settling,
@@ -45,7 +45,7 @@ pub(crate) struct Measurement {
 }
 
 impl Measurement {
-    /// Goes through the program once for each word that comes, until nobody can tell any more.
+    /// Runs the program once for each message, until the channel is closed.
     pub(crate) fn run(
         mut self,
         simulator: &Simulator,
@@ -90,7 +90,7 @@ impl Measurement {
         })
     }
 
-    /// Goes to the end of a move, and notes in which direction each axis went.
+    /// Moves to the end of a move, and records the direction of each axis.
     fn go_to(&mut self, index: usize, simulator: &Simulator) {
         self.walk.go_to(index, simulator.world().moved_for());
         while !self.walk.has_arrived(simulator.world().moved_for()) {
@@ -100,7 +100,7 @@ impl Measurement {
         self.reporter.watch(simulator);
     }
 
-    /// Waits until the correction has settled: whether it has, and how long it took.
+    /// Waits until the correction has settled; returns whether it has, and the time it took.
     fn settle(&self, dwell: Duration, simulator: &Simulator) -> (bool, Duration) {
         let arrived = Instant::now();
         let mut standing = Standing::since(arrived, self.seen(simulator));
@@ -127,7 +127,7 @@ impl Measurement {
     }
 }
 
-/// Whose frames the barrier takes, and the last one that it took; `None`: nobody's.
+/// Owner of the frames that the barrier accepts, and its last accepted frame; `None` without an owner.
 fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16)> {
     let Some(Ladder::Barrier(ladder)) = &world.ladder else {
         return None;
@@ -138,14 +138,14 @@ fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16
     (report.owner != 0).then_some((report.owner, report.sequence))
 }
 
-/// What is seen of the corrections at one moment.
+/// A sample of the corrections.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
     shifts: Vec<i64>,
     sender: Option<(u16, u16)>,
 }
 
-/// For how long the corrections have been as they are.
+/// Tracks for how long the corrections have not changed.
 struct Standing {
     since: Instant,
     seen: Seen,

@@ -1,4 +1,4 @@
-//! How the axes of the simulated machine move: they stand, go through a program, or go to and fro.
+//! Motion of the simulated axes: at rest, along a program, or oscillating.
 
 use std::{sync::Arc, time::Duration};
 
@@ -14,7 +14,7 @@ use crate::{
     walk::Walk,
 };
 
-/// The motion that the call asks for, and the way through its program where it is measured at the targets.
+/// The requested motion, and the walk through its program if it is measured at the targets.
 pub(crate) fn motion(
     arguments: &Arguments,
     axes: &[AxisName],
@@ -42,7 +42,7 @@ pub(crate) fn motion(
     }
 }
 
-/// A position such as `X=100,C=30`, mm and deg.
+/// Parses a position such as `X=100,C=30`, mm and deg.
 fn position(text: &str, axes: &[AxisName]) -> Result<Vec<f64>, SimError> {
     let mut stands = vec![None; axes.len()];
     for item in text.split(',').filter(|item| !item.trim().is_empty()) {
@@ -83,7 +83,7 @@ fn to_and_fro(stroke: f64, period_s: f64, axes: usize) -> Result<Motion, SimErro
     }))
 }
 
-/// Along a program, again and again.
+/// Repeats a program.
 fn along(axes: &[AxisName], path: Path) -> Motion {
     let axes = axes.to_vec();
     Arc::new(move |elapsed| outside(&axes, &path.at(elapsed)))

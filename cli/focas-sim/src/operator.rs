@@ -1,4 +1,4 @@
-//! Commands that a person types while the simulator runs.
+//! Commands typed while the simulator runs.
 
 use std::{str::FromStr, time::Duration};
 
@@ -21,7 +21,7 @@ pub(crate) enum Command {
     Clear,
     Power,
     Reset,
-    /// Bytes of R memory, from a place on.
+    /// Bytes for R memory, from an offset.
     Write(usize, Vec<u8>),
     Freeze(bool),
     Steps,
@@ -32,7 +32,7 @@ pub(crate) enum Command {
     Quit,
 }
 
-/// The commands that need more words, or take others than were found, and their forms.
+/// Commands with missing or invalid words, and their forms.
 const FORMS: [(&str, &str); 14] = [
     ("alarm", "alarm on or alarm off"),
     ("estop", "estop on or estop off"),
@@ -97,7 +97,7 @@ impl FromStr for Command {
     }
 }
 
-/// Bytes for R memory: `R200` and decimal numbers.
+/// Parses bytes for R memory: `R200` and decimal numbers.
 fn write(place: &str, bytes: &[&str]) -> Result<Command, String> {
     let at = place.strip_prefix('R').and_then(|at| at.parse().ok());
     let at = at.ok_or_else(|| format!("found `{place}`, expected a place such as R200"))?;
@@ -110,7 +110,7 @@ fn write(place: &str, bytes: &[&str]) -> Result<Command, String> {
 }
 
 impl Command {
-    /// Does what concerns the simulated control; the other commands do nothing here.
+    /// Executes commands on the simulated control; other commands have no effect here.
     pub(crate) fn act(self, simulator: &Simulator) {
         match self {
             Self::Disconnect => simulator.disconnect_all(),
@@ -120,7 +120,7 @@ impl Command {
         }
     }
 
-    /// Does what concerns the machine and the memory of the control.
+    /// Executes commands on the machine and the memory of the control.
     pub(crate) fn change(self, world: &mut World) {
         match self {
             Self::Alarm(on) => {

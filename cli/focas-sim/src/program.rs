@@ -1,4 +1,4 @@
-//! A program of the simulated machine: the moves of a CSV file, and the lines along which it is measured.
+//! Program of the simulated machine: the moves of a CSV file, and the lines along which it is measured.
 
 use std::{path::Path as FilePath, time::Duration};
 
@@ -8,26 +8,26 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{error::SimError, quantities::letters};
 
-/// Feed of a row without one, mm/min or deg/min.
+/// Default feed of a row, mm/min or deg/min.
 const DEFAULT_FEED_PER_MIN: f64 = 2000.0;
 
-/// The moves of a program, and what the end of each one is.
+/// The moves of a program, and the kind of each end point.
 pub(crate) struct Program {
     pub(crate) moves: Vec<Move>,
     pub(crate) stops: Vec<Stop>,
 }
 
-/// What a place is where a move ends.
+/// Kind of a move's end point.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Stop {
-    /// A target at which is measured, and the line to which it belongs.
+    /// A target to measure, and its line.
     Target(Option<String>),
-    /// A place on the way, where nothing is measured: its row has a column for a line and names none.
+    /// An intermediate point that is not measured: its row leaves the column for the line empty.
     OnTheWay,
 }
 
 impl Program {
-    /// Reads a program: the moves in mm and rad, axes without a column at `stands` (mm, deg).
+    /// Reads a program: moves in mm and rad, axes without a column at `stands` (mm, deg).
     pub(crate) fn read(
         file: &FilePath,
         axes: &[AxisName],
@@ -84,7 +84,7 @@ impl Program {
             });
             program.moves.push(Move {
                 to: inside(axes, &to),
-                // Until it is known where the move comes from.
+                // Converted once the start of the move is known.
                 feed_per_s: feed_per_min,
                 dwell,
             });
@@ -102,7 +102,7 @@ impl Program {
     }
 }
 
-/// Coordinates in mm and deg as a path has them: mm and rad.
+/// Converts coordinates in mm and deg to mm and rad.
 fn inside(axes: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
     let mut values = PerChannel::ZERO;
     for ((value, axis), coordinate) in values.iter_mut().zip(axes).zip(coordinates) {

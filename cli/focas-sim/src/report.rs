@@ -1,4 +1,4 @@
-//! The lines of the report: where the axes stand, which shifts are applied, how far the tool misses.
+//! Report lines: positions of the axes, applied shifts, tool error.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -11,10 +11,10 @@ use crate::{
     truth::{Miss, Place, Truth},
 };
 
-/// What the end of one move may be away from the beginning of the next by its last digits, mm or deg: no travel.
+/// Rounding difference between the end of one move and the start of the next, mm or deg, that does not count as travel.
 const NO_TRAVEL: f64 = 1e-9;
 
-/// Values of linear axes under one key, values of rotary axes under another.
+/// Values by axis letter; linear and rotary axes are kept separately.
 pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 
 /// One line of the report.
@@ -22,9 +22,9 @@ pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 pub(crate) struct Report {
     /// Time since the start, s.
     pub(crate) time_s: f64,
-    /// Where linear axes are commanded to be, mm.
+    /// Commanded positions of linear axes, mm.
     pub(crate) positions_mm: ByLetter,
-    /// Where rotary axes are commanded to be, deg.
+    /// Commanded positions of rotary axes, deg.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) positions_deg: ByLetter,
     /// Applied shifts of linear axes, µm.
@@ -32,23 +32,23 @@ pub(crate) struct Report {
     /// Applied shifts of rotary axes, µrad.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) correction_urad: ByLetter,
-    /// How far the tool misses without shifts.
+    /// Tool error without shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) error: Option<Miss>,
-    /// How far the tool misses with the shifts.
+    /// Tool error with the shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) residual: Option<Miss>,
-    /// Where the tip of the ideal machine is in workpiece axes, mm; zero where the machine is not known.
+    /// Tool tip of the ideal machine in workpiece axes, mm; zero if the machine is unknown.
     #[serde(skip)]
     pub(crate) ideal_tip_mm: [f64; 3],
 }
 
-/// The largest step of the shift of each axis from one scan of the control to the next.
+/// Largest change of each axis's shift between two scans of the control.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Steps {
-    /// Of linear axes, µm.
+    /// Linear axes, µm.
     largest_step_um: ByLetter,
-    /// Of rotary axes, µrad.
+    /// Rotary axes, µrad.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     largest_step_urad: ByLetter,
 }
@@ -70,7 +70,7 @@ impl Steps {
         }
     }
 
-    /// The line for people.
+    /// Text form.
     pub(crate) fn text(&self) -> String {
         let of = |steps: &ByLetter, unit: &str| {
             let of = |(axis, step): (&AxisName, &f64)| format!("{axis} {step:.1} {unit}");
@@ -82,7 +82,7 @@ impl Steps {
     }
 }
 
-/// The maker of the report lines; it is called often enough to know in which direction each axis moved last.
+/// Generates report lines; it must be called often enough to know the last direction of each axis.
 pub(crate) struct Reporter {
     axes: Vec<AxisName>,
     truth: Option<Arc<Truth>>,
@@ -100,7 +100,7 @@ impl Reporter {
         }
     }
 
-    /// Where the axes are commanded to be and which shifts are applied, mm and deg.
+    /// Commanded positions and applied shifts, mm and deg.
     fn look(&mut self, simulator: &Simulator) -> [Vec<f64>; 2] {
         let (commanded, shifts) = {
             let mut world = simulator.world();
@@ -121,12 +121,12 @@ impl Reporter {
         [commanded, shifts]
     }
 
-    /// Notes in which direction the axes move.
+    /// Samples the directions of the axes.
     pub(crate) fn watch(&mut self, simulator: &Simulator) {
         self.look(simulator);
     }
 
-    /// The line of this moment.
+    /// The current report line.
     pub(crate) fn report(&mut self, simulator: &Simulator) -> Report {
         let time_s = simulator.world().elapsed().as_secs_f64();
         let [commanded, shifts] = self.look(simulator);
@@ -164,8 +164,8 @@ impl Reporter {
 }
 
 impl Report {
-    /// The line for people: where the axes stand, and how far the tool misses without and with the correction, or
-    /// where that is not known the correction. What does not fit into 80 columns goes on in another line.
+    /// Text form: positions, and the tool error without and with the correction, or the correction if the error is unknown. Text beyond 80 columns
+    /// continues on another line.
     pub(crate) fn text(&self) -> String {
         let mut items = Vec::new();
         let kinds = [
@@ -194,12 +194,12 @@ impl Report {
     }
 }
 
-/// The line for programs. Keys are letters and names, numbers are numbers: this cannot fail.
+/// JSON form. Keys are letters and names, and numbers are finite, so this cannot fail.
 pub(crate) fn json(line: &impl Serialize) -> String {
     serde_json::to_string(line).unwrap_or_default()
 }
 
-/// Items behind a head, blanks between, in lines of 80 columns at the most.
+/// Formats items after a prefix, separated by blanks, in lines of at most 80 columns.
 pub(crate) fn wrapped(head: &str, items: &[String]) -> String {
     const COLUMNS: usize = 80;
     let (mut text, mut column) = (head.to_owned(), head.chars().count());
@@ -217,7 +217,7 @@ pub(crate) fn wrapped(head: &str, items: &[String]) -> String {
     text
 }
 
-/// Three digits behind the point.
+/// Rounds to three decimals.
 pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }

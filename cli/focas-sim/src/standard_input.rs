@@ -1,4 +1,4 @@
-//! Lines from standard input, without ever stopping a program that was put into the background.
+//! Reads lines from standard input without stopping a program in the background.
 
 use std::{
     io::{BufRead, BufReader, IsTerminal, Read},
@@ -7,15 +7,14 @@ use std::{
 
 use rustix::{process::getpgrp, termios::tcgetpgrp};
 
-/// How often a program in the background looks whether it is in the foreground again.
+/// Interval at which a background program checks whether it is in the foreground again.
 const LOOK: Duration = Duration::from_millis(300);
-/// A longer line is taken as several.
+/// Maximum length of a line, bytes; longer lines are split.
 const LONGEST: u64 = 1 << 16;
 
-/// Calls `line` with every line until the input ends or it answers `false`.
+/// Calls `line` with every line until the input ends or it returns `false`.
 ///
-/// A program in the background of a terminal is stopped by the kernel when it reads; so it waits until it is in the
-/// foreground.
+/// The kernel stops a background program that reads from its terminal, so this waits until the program is in the foreground.
 pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
     let stdin = std::io::stdin();
     let is_terminal = stdin.is_terminal();
@@ -35,7 +34,7 @@ pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
                     return;
                 }
             }
-            // The end, or bytes that are no text.
+            // End of input, or invalid UTF-8.
             _ => return,
         }
     }
@@ -45,7 +44,7 @@ fn in_foreground() -> bool {
     tcgetpgrp(rustix::stdio::stdin()).is_ok_and(|group| group == getpgrp())
 }
 
-/// Waits for a line for a short time, so that the terminal is looked at again.
+/// Waits briefly for input, so that the state of the terminal is checked again.
 fn readable() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let stdin = rustix::stdio::stdin();

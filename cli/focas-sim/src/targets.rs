@@ -1,4 +1,4 @@
-//! What was measured at the targets of a program: the file of them, and how far the tool is off along each line.
+//! Measurement results at the targets of a program: their file, and the tool error along each line.
 
 use std::{
     fs::File,
@@ -15,49 +15,49 @@ use crate::{
     truth::Miss,
 };
 
-/// One target, where the correction has settled.
+/// A measured target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Target {
-    /// Counts the times that the program was gone through, from 1.
+    /// Number of the pass through the program, from 1.
     pub(crate) pass: u32,
-    /// Counts the targets of the program, from 1.
+    /// Number of the target in the program, from 1.
     #[serde(rename = "target")]
     pub(crate) number: usize,
-    /// The line to which the target belongs.
+    /// Line of the target.
     pub(crate) line: Option<String>,
-    /// Whether the correction had settled.
+    /// True if the correction had settled.
     pub(crate) settled: bool,
-    /// How long the machine had stood there, s.
+    /// Time the machine had been at rest, s.
     pub(crate) stood_s: f64,
     #[serde(flatten)]
     pub(crate) report: Report,
 }
 
-/// How far the tool tip is off along a line of targets.
+/// Tool tip error along a line of targets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Line {
     #[serde(rename = "line")]
     pub(crate) name: String,
     pub(crate) targets: usize,
-    /// Largest minus smallest deviation along the line, as it would be without correction, µm.
+    /// Range (largest minus smallest) of the deviation along the line without correction, µm.
     pub(crate) range_without_um: f64,
-    /// The same with the correction that was applied, µm.
+    /// The same with the applied correction, µm.
     pub(crate) range_um: f64,
 }
 
-/// What one way through the program has shown.
+/// Results of one pass through the program.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Pass {
     #[serde(rename = "pass")]
     pub(crate) number: u32,
     pub(crate) targets: usize,
-    /// Targets at which the correction had not settled in time.
+    /// Number of targets at which the correction did not settle before the timeout.
     pub(crate) not_settled: usize,
     pub(crate) lines: Vec<Line>,
 }
 
 impl Line {
-    /// The lines among these targets, in the order in which they begin.
+    /// The lines of these targets, in order of their first targets.
     pub(crate) fn of(targets: &[Target]) -> Vec<Self> {
         let mut lines: Vec<(&str, Vec<&Report>)> = Vec::new();
         for target in targets {
@@ -90,7 +90,7 @@ impl Line {
     }
 }
 
-/// The direction from the first to the last target of a line; zero where they are one place.
+/// Unit vector from the first to the last target of a line; zero if they coincide.
 fn direction(reports: &[&Report]) -> [f64; 3] {
     let ends = reports.first().zip(reports.last());
     let way = ends.map_or([0.0; 3], |(from, to)| {
@@ -105,7 +105,7 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 }
 
 impl Pass {
-    /// The lines for people.
+    /// Text form.
     pub(crate) fn text(&self) -> String {
         let of = |line: &Line| {
             let (before, after) = (line.range_without_um, line.range_um);
@@ -125,16 +125,16 @@ impl Pass {
     }
 }
 
-/// The file of the targets: a row for each as soon as it is measured.
+/// The target file; each target is written as soon as it is measured.
 pub(crate) struct Sheet {
     output: BufWriter<File>,
     file: String,
-    /// The axes whose columns a table has; `None`: JSON documents, one a line.
+    /// Axes with columns in the table; `None`: JSON documents, one per line.
     table: Option<Vec<AxisName>>,
 }
 
 impl Sheet {
-    /// Makes the file: JSON documents where its name ends in `.json`, else a table.
+    /// Creates the file: JSON documents if its name ends in `.json`, otherwise a table.
     pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<Self, SimError> {
         let file = path.display().to_string();
         let made = File::create(path).map_err(SimError::write(&file))?;
@@ -151,7 +151,6 @@ impl Sheet {
         Ok(sheet)
     }
 
-    /// Writes a target.
     pub(crate) fn write(&mut self, target: &Target) -> Result<(), SimError> {
         let line = match &self.table {
             Some(axes) => row(axes, target),
@@ -211,7 +210,7 @@ fn number(value: f64) -> String {
     format!("{value:.3}")
 }
 
-/// A cell of a table, in quotation marks where it would be taken for several.
+/// Quotes a table cell if it contains separators.
 fn quoted(text: &str) -> String {
     if text.contains([',', ';', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))

@@ -1,5 +1,4 @@
-//! The errors that the simulated machine really has: how far its tool misses, without and with the shifts that are
-//! applied.
+//! True errors of the simulated machine: its tool error without and with the applied shifts.
 
 use std::path::Path;
 
@@ -10,12 +9,12 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
 use crate::{error::SimError, quantities::letters};
 
-/// A machine with the errors that the simulated one really has.
+/// The machine with its true errors.
 pub(crate) struct Truth {
     machine: Machine,
 }
 
-/// How far the tool is from where the ideal machine would have it.
+/// Deviation of the tool from the ideal machine.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Miss {
     /// Actual minus ideal position of the tool tip in workpiece axes, µm.
@@ -25,21 +24,21 @@ pub(crate) struct Miss {
 }
 
 impl Miss {
-    /// The distance of the actual from the ideal tool tip, µm.
+    /// Distance of the actual from the ideal tool tip, µm.
     pub(crate) fn distance_um(&self) -> f64 {
         self.position_um.iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 }
 
-/// Where the machine stands, in the order of the control's axes, as the control counts: mm and deg.
+/// Pose of the machine, in the order and units of the control: mm and deg.
 pub(crate) struct Place<'a> {
     /// The axes of the control.
     pub(crate) axes: &'a [AxisName],
-    /// Where they are commanded to be, without shifts.
+    /// Commanded positions, without shifts.
     pub(crate) commanded: &'a [f64],
-    /// The shifts that are applied.
+    /// Applied shifts.
     pub(crate) shifts: &'a [f64],
-    /// The direction of their last travel, where they moved.
+    /// Direction of the last travel of each axis that has moved.
     pub(crate) approach: &'a [Option<Direction>],
 }
 
@@ -51,13 +50,13 @@ impl Truth {
         })
     }
 
-    /// The axes of the machine in the order X Y Z A B C U V W.
+    /// Axes of the machine in the order X Y Z A B C U V W.
     pub(crate) fn axes(&self) -> Vec<AxisName> {
         let has = |name: &AxisName| self.machine.axis(*name).is_some();
         AxisName::ALL.into_iter().filter(has).collect()
     }
 
-    /// Refuses a control that lacks an axis of the machine.
+    /// Fails if the control lacks an axis of the machine.
     pub(crate) fn check(&self, axes: &[AxisName]) -> Result<(), SimError> {
         match self.axes().iter().find(|name| !axes.contains(name)) {
             None => Ok(()),
@@ -72,7 +71,7 @@ impl Truth {
         }
     }
 
-    /// How far the tool misses without and with the shifts.
+    /// Tool error without and with the shifts.
     pub(crate) fn misses(&self, place: &Place<'_>) -> [Miss; 2] {
         let chain = self.machine.chain();
         let commanded = self.state(place, false);
@@ -84,7 +83,7 @@ impl Truth {
         })
     }
 
-    /// Where the tip of the ideal machine is in workpiece axes, mm.
+    /// Tool tip of the ideal machine in workpiece axes, mm.
     pub(crate) fn ideal_tip_mm(&self, place: &Place<'_>) -> [f64; 3] {
         let state = self.state(place, false);
         self.machine.chain().ideal_tip_mm(&state).into()
@@ -96,7 +95,7 @@ impl Truth {
         for ((axis, (commanded, shift)), approach) in
             place.axes.iter().zip(values).zip(place.approach)
         {
-            // An axis that the machine does not have moves nothing.
+            // Axes that the machine does not have are ignored.
             if let Ok(index) = self.machine.index_of(*axis) {
                 let coordinate = commanded + if shifted { *shift } else { 0.0 };
                 let coordinate = Displacement::from_coordinate(axis.kind(), coordinate);
@@ -108,7 +107,7 @@ impl Truth {
     }
 }
 
-/// The tool against the workpiece: tip (mm) and axis.
+/// Tool relative to the workpiece: tip (mm) and axis.
 struct Tool {
     tip_mm: [f64; 3],
     axis: [f64; 3],
@@ -126,7 +125,7 @@ impl Tool {
         let [x, y, z] = std::array::from_fn(|i| (self.tip_mm[i] - ideal.tip_mm[i]) * 1e3);
         let [i, j, k] = self.axis;
         let [l, m, n] = ideal.axis;
-        // The length of the cross product of two unit vectors: the sine of a small angle.
+        // The length of the cross product of two unit vectors is the sine of the angle between them.
         let sine = [j * n - k * m, k * l - i * n, i * m - j * l];
         Miss {
             position_um: [x, y, z],

@@ -1,4 +1,4 @@
-//! A program that is gone through move by move: each one begins when it is told to.
+//! A program that is run move by move, each on request.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -14,13 +14,13 @@ use crate::{
     quantities::outside,
 };
 
-/// The way through a program. Its times are those for which the machine moved, without emergency stops.
+/// Progress through a program. Times are motion times, without emergency stops.
 pub(crate) struct Walk {
-    /// What the places are where the moves end.
+    /// Kinds of the moves' end points.
     pub(crate) stops: Vec<Stop>,
-    /// How long the machine stands at each of them at least.
+    /// Minimum time at rest at each end point.
     pub(crate) dwells: Vec<Duration>,
-    /// The moves without the times at which they stand.
+    /// The moves without their dwell times.
     path: Path,
     leg: Mutex<Leg>,
 }
@@ -28,15 +28,15 @@ pub(crate) struct Walk {
 /// From the end of one move to that of the next.
 #[derive(Clone, Copy)]
 struct Leg {
-    /// When it was left.
+    /// Departure time.
     left: Duration,
-    /// The times of the path there and at the next one.
+    /// Path times of this end point and the next one.
     from: Duration,
     to: Duration,
 }
 
 impl Walk {
-    /// A machine that stands where the first move ends.
+    /// A machine at rest at the end of the first move.
     pub(crate) fn new(program: Program, acceleration: f64) -> Self {
         let dwells = program.moves.iter().map(|step| step.dwell).collect();
         let passing = |step: Move| Move {
@@ -58,26 +58,26 @@ impl Walk {
         }
     }
 
-    /// The motion that a control goes along.
+    /// The motion of the control.
     pub(crate) fn motion(self: &Arc<Self>, axes: &[AxisName]) -> Motion {
         let (walk, axes) = (Arc::clone(self), axes.to_vec());
         Arc::new(move |moved_for| outside(&axes, &walk.path.at(walk.leg().reached(moved_for))))
     }
 
-    /// Leaves for the end of this move, counted from 0, of a machine that has moved for this time.
+    /// Starts towards the end of this move, counted from 0; `moved_for` is the present motion time.
     pub(crate) fn go_to(&self, index: usize, moved_for: Duration) {
         let mut leg = self.leg();
         let at = leg.reached(moved_for);
         let to = self.path.arrival(index).unwrap_or(at);
         *leg = Leg {
             left: moved_for,
-            // From the last one the path begins anew.
+            // After the last move the path starts again.
             from: if at <= to { at } else { Duration::ZERO },
             to,
         };
     }
 
-    /// Whether the machine is where it was sent.
+    /// True if the machine has reached its destination.
     pub(crate) fn has_arrived(&self, moved_for: Duration) -> bool {
         let leg = self.leg();
         leg.reached(moved_for) == leg.to
@@ -89,7 +89,7 @@ impl Walk {
 }
 
 impl Leg {
-    /// The time of the path that is reached.
+    /// The path time that has been reached.
     fn reached(&self, moved_for: Duration) -> Duration {
         let gone = moved_for.saturating_sub(self.left);
         self.from.saturating_add(gone).min(self.to)

@@ -1,4 +1,4 @@
-//! Why the studio refuses a request.
+//! Errors of studio requests.
 
 use std::io;
 
@@ -8,7 +8,7 @@ use volcomp_model::ModelError;
 use volcomp_nc::NcError;
 use volcomp_tables::axis_table::ExchangeError;
 
-/// Why the studio refuses a request.
+/// Why the studio rejects a request.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StudioError {
@@ -17,7 +17,7 @@ pub enum StudioError {
     Disk {
         /// The file or folder.
         place: String,
-        /// The answer of the operating system.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// The folder holds more files than measurements of one machine.
@@ -25,12 +25,12 @@ pub enum StudioError {
         "{folder}: found more than {most} files, expected a folder that holds the measurement files of one machine"
     )]
     TooManyFiles {
-        /// The folder.
+        /// Path of the folder.
         folder: String,
         /// The largest number of files.
         most: usize,
     },
-    /// A dropped file is refused.
+    /// An uploaded file is rejected.
     #[error("{name}: {why}")]
     Upload {
         /// The name of the file.
@@ -38,7 +38,7 @@ pub enum StudioError {
         /// What was found and what is expected.
         why: String,
     },
-    /// An answer is not one of the question.
+    /// An answer is invalid for its question.
     #[error(transparent)]
     Answer(#[from] AnswerError),
     /// Questions are open.
@@ -51,10 +51,10 @@ pub enum StudioError {
         /// The file and the key of the first one.
         first: String,
     },
-    /// No file of the folder can be used.
+    /// No file of the folder is usable.
     #[error("found no measurement of this machine in the folder{reasons}")]
     NoMeasurement {
-        /// Why each file is not used; empty without files.
+        /// The reason for each file; empty without files.
         reasons: String,
     },
     /// There is no machine file yet.
@@ -65,24 +65,24 @@ pub enum StudioError {
     /// There is no result yet.
     #[error("result/machine.toml: not found: fit the measurements first")]
     NoResult,
-    /// What was fitted is not what is in the folder now.
+    /// The folder has changed since the fit.
     #[error(
         "result/machine.toml: a measurement, the machine file or the calibration file has changed since the fit: fit again"
     )]
     Stale,
-    /// The machine file is wrong, or cannot be evaluated.
+    /// The machine file is invalid, or cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The calibration is refused.
+    /// The calibration fails.
     #[error(transparent)]
     Calibrate(#[from] Box<CalibrateError>),
-    /// A tolerance cannot be read.
+    /// A tolerance is invalid.
     #[error("{0}")]
     Tolerance(#[from] MetrologyError),
-    /// The tables are refused.
+    /// The tables cannot be exported.
     #[error(transparent)]
     Tables(#[from] ExchangeError),
-    /// The NC program is refused.
+    /// The NC program cannot be compensated.
     #[error("{name}: {source}")]
     Nc {
         /// The name of the program.
@@ -90,7 +90,7 @@ pub enum StudioError {
         /// The line and the reason.
         source: Box<NcError>,
     },
-    /// A value of a request is wrong.
+    /// A value of a request is invalid.
     #[error("{key}: {why}")]
     Request {
         /// The field.
@@ -98,26 +98,26 @@ pub enum StudioError {
         /// What was found and what is expected.
         why: String,
     },
-    /// The gateway or the centre cannot be reached, or refuses the machine file.
+    /// The gateway or the centre cannot be reached, or rejects the machine file.
     #[error("{address}: {why}")]
     Send {
         /// The address.
         address: String,
-        /// Its answer, or why there is none.
+        /// Its response, or why there is none.
         why: String,
     },
-    /// The operating system refuses a socket, a thread or random numbers.
+    /// The operating system provides no socket, thread or random numbers.
     #[error("{what}: {source}")]
     System {
         /// What was requested.
         what: &'static str,
-        /// The answer of the operating system.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
 impl StudioError {
-    /// A failure at a file or folder.
+    /// Error for a file or folder.
     pub(crate) fn disk(place: impl ToString) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Disk {
             place: place.to_string(),
@@ -125,7 +125,7 @@ impl StudioError {
         }
     }
 
-    /// The status of HTTP.
+    /// HTTP status code.
     pub(crate) fn status(&self) -> u16 {
         match self {
             Self::Disk { .. } | Self::System { .. } => 500,

@@ -1,4 +1,4 @@
-//! From the calibration file to the machine file and the report.
+//! Computes the machine file and the report from the calibration file.
 
 use serde::Serialize;
 use volcomp_calibrate::{Calibration, CalibrationFile, LeftOver, calibrate};
@@ -16,7 +16,7 @@ use crate::{
 
 pub(crate) const REPORT: &str = "result/report.html";
 
-/// The result of a fit. Curves with their bands, map and figures are in the report.
+/// Result of a fit. Curves with their bands, map and figures are in the report.
 #[derive(Clone, Debug, Serialize)]
 pub struct FitResult {
     /// The checksum of the machine file.
@@ -25,18 +25,17 @@ pub struct FitResult {
     pub verdict: Verdict,
     /// Each figure with its tolerance, in words.
     pub checks: Vec<String>,
-    /// The largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` of a machine without
-    /// two linear axes.
+    /// Largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` for a machine without two linear axes.
     pub position_um: Option<f64>,
-    /// The pose at which it is reached.
+    /// The pose of that error.
     pub worst_at: Option<String>,
     /// Number of fitted curves.
     pub curves: usize,
-    /// Messages to read before the machine file is used, the gravest first.
+    /// Messages to read before using the machine file, the most severe first.
     pub warnings: Vec<String>,
 }
 
-/// The verdict on all tolerances together.
+/// Overall verdict on the tolerances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
@@ -44,7 +43,7 @@ pub enum Verdict {
     Pass,
     /// A figure is beyond its limit.
     Fail,
-    /// A figure is nearer to its limit than its uncertainty, or cannot be evaluated.
+    /// A figure is closer to its limit than its uncertainty, or cannot be evaluated.
     Undecided,
     /// No tolerance was stated.
     None,
@@ -67,17 +66,16 @@ struct MachineWithReport {
     machine: Machine,
     report: Report,
     missed: Vec<String>,
-    /// The hashes of what it was made from.
+    /// Hashes of the inputs.
     inputs: String,
 }
 
 impl Folder {
-    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the
-    /// machine file with the errors that it states. `allowed` holds tolerances as `volcomp report --tolerance` takes them,
-    /// `A=10,EC0Y=20`; empty: none.
+    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the machine file with
+    /// the errors that it states. `allowed` holds tolerances as in `volcomp report --tolerance`, `A=10,EC0Y=20`; it may be empty.
     ///
     /// # Errors
-    /// Open questions, readings from which nothing can be fitted, tolerances that cannot be read.
+    /// Open questions, readings that do not determine any error, invalid tolerances.
     pub fn fit(&self, allowed: &str) -> Result<FitResult, StudioError> {
         let limits = match allowed.trim() {
             "" => Vec::new(),
@@ -92,7 +90,7 @@ impl Folder {
         report.add_working_space(&machine)?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);
-        // Files are named from the folder on, as in the calibration file.
+        // File names are relative to the folder, as in the calibration file.
         let folder = escaped(&self.at("").display().to_string());
         let page = html(&report).replace(&folder, "");
         self.set_outputs_aside()?;
@@ -113,7 +111,7 @@ impl Folder {
         })
     }
 
-    /// The machine with the errors of its measurements, or as its file states them.
+    /// The machine with the errors of its measurements, or as stated in its file.
     fn found(&self) -> Result<MachineWithReport, StudioError> {
         let stated = |machine: &Machine| Stated {
             machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
@@ -133,7 +131,7 @@ impl Folder {
             self.calibration_file()?
         };
         let file = CalibrationFile::read(&self.at(CALIBRATION))?;
-        // Before the fit, which takes longer than a file needs to change.
+        // Before the fit, because a file may change while it runs.
         let inputs = self.inputs(&file.files)?;
         let calibration = calibrate(&file, |_, _| {})?;
         let stated = stated(&calibration.machine);
@@ -145,7 +143,7 @@ impl Folder {
         })
     }
 
-    /// Writes the calibration file from the draft and the answers. Returns the files that it does not use.
+    /// Writes the calibration file from the draft and the answers. Returns the unused files.
     fn calibration_file(&self) -> Result<Vec<LeftOver>, StudioError> {
         let machine = self.machine()?;
         let draft = self.draft(self.measurement_files()?, &machine);
@@ -175,7 +173,7 @@ impl Folder {
     }
 }
 
-/// The errors that nothing measured because their file was not used: in the list of warnings the two would be far apart.
+/// Errors that were not measured because their file was not used. In the list of warnings the two messages would be far apart.
 fn missed<'a>(
     left_over: &'a [LeftOver],
     calibration: &'a Calibration,

@@ -1,9 +1,8 @@
-//! The folder that the user names: the whole state of the studio.
+//! The folder chosen by the user, which holds the whole state of the studio.
 //!
-//! Inputs: the measurement files, `machine.toml` (the machine as built), `answers.json` and `calibration.toml`, which is written
-//! from the draft and the answers; a `setup.toml` for NC programs. Everything that is computed is below `result/`, which can be
-//! removed at any time. Invariant: a `calibration.toml` of which `answers.json` has not the hash was written or changed by the user; it
-//! is used as it is and never replaced.
+//! Inputs: the measurement files, `machine.toml` (the machine as built), `answers.json` and `calibration.toml`, which is written from the draft and
+//! the answers; a `setup.toml` for NC programs. Computed files are below `result/`, which can be removed at any time. Invariant: a
+//! `calibration.toml` whose hash is not in `answers.json` was written or changed by the user; it is used unchanged and never replaced.
 
 use std::{
     collections::BTreeMap,
@@ -23,27 +22,27 @@ use crate::{
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
-/// The largest number of measurement files in a folder.
+/// Maximum number of measurement files in a folder.
 pub const MAX_FILES: usize = 200;
-/// The largest number of results that the page lists.
+/// Maximum number of results listed in the web page.
 const MAX_RESULTS: usize = 10_000;
-/// The largest file that is taken, bytes.
+/// Maximum size of an uploaded file, bytes.
 pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
 pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
-/// The folder of what is computed.
+/// Folder of the computed files.
 pub(crate) const RESULT: &str = "result";
 /// The machine with the fitted errors.
 pub(crate) const FITTED: &str = "result/machine.toml";
-/// Tables for controls, and programs.
+/// Compensation tables for controls, and NC programs.
 pub(crate) const TABLES: &str = "result/tables";
 pub(crate) const PROGRAMS: &str = "result/nc";
-/// The folders of earlier tables and programs, without their number.
+/// Prefix of the folders of earlier tables and programs; a number follows.
 const BEFORE: &str = "result/before-";
-/// The hashes of what the result was computed from.
+/// Hashes of the inputs of the result.
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
 /// The file of answers.
@@ -61,7 +60,7 @@ pub struct Folder {
     path: PathBuf,
 }
 
-/// The folder as the page shows it.
+/// State of the folder, as shown in the web page.
 #[derive(Clone, Debug, Serialize)]
 pub struct State {
     /// The path of the folder.
@@ -74,13 +73,13 @@ pub struct State {
     pub machine_text: String,
     /// Why the machine file is not valid.
     pub machine_error: Option<String>,
-    /// `calibration.toml` was written by the user: it is used as it is.
+    /// True if `calibration.toml` was written by the user: it is used unchanged.
     pub by_hand: bool,
-    /// The drafted calibration; `None` without a machine, and where `calibration.toml` was written by the user.
+    /// The drafted calibration; `None` without a machine, or if `calibration.toml` was written by the user.
     pub draft: Option<DraftState>,
     /// The files below `result/`.
     pub results: Vec<String>,
-    /// An input has changed since the fit.
+    /// True if an input has changed since the fit.
     pub is_stale: bool,
 }
 
@@ -89,9 +88,9 @@ pub struct State {
 pub struct FileState {
     /// Its name in the folder.
     pub name: String,
-    /// The error that it measures, where the file says so or an answer does.
+    /// The measured error, if the file or an answer states it.
     pub error: Option<String>,
-    /// What the file holds.
+    /// Description of the file's content.
     pub said: Vec<String>,
     /// Why it is not used.
     pub not_used: Option<String>,
@@ -123,12 +122,12 @@ impl Folder {
     /// Opens a folder.
     ///
     /// # Errors
-    /// There is no such folder.
+    /// The folder does not exist.
     pub fn open(path: &Path) -> Result<Self, StudioError> {
         let whole = path.canonicalize();
         let path = whole.map_err(StudioError::disk(path.display()))?;
         fs::read_dir(&path).map_err(StudioError::disk(path.display()))?;
-        // Reading a pipe would wait for ever.
+        // Reading a pipe would block forever.
         let of_its_own = [MACHINE, SETUP, CALIBRATION, ANSWERS, INPUTS, FITTED];
         for name in of_its_own {
             if fs::metadata(path.join(name)).is_ok_and(|there| !there.is_file()) {
@@ -144,16 +143,16 @@ impl Folder {
         self.path.join(name)
     }
 
-    /// A message without the path of this folder.
+    /// Removes the path of this folder from a message.
     pub(crate) fn relative(&self, message: &impl ToString) -> String {
         let path = format!("{}/", self.path.display());
         message.to_string().replace(&path, "")
     }
 
-    /// Everything that the page shows, read from the folder.
+    /// Reads the state shown in the web page from the folder.
     ///
     /// # Errors
-    /// The folder cannot be read, or holds too many files. A wrong machine file is part of the state.
+    /// The folder cannot be read, or holds too many files. An invalid machine file is reported in the state.
     pub fn state(&self) -> Result<State, StudioError> {
         let paths = self.measurement_files()?;
         let results = self.results()?;
@@ -184,7 +183,7 @@ impl Folder {
         state.machine_text = self.text_of(MACHINE);
         let draft = self.draft(paths, &machine);
         let given = self.answers()?;
-        // An answer that is refused was written by another program: the questions are shown without the answers.
+        // A rejected answer was written by another program: the questions are shown without the answers.
         let answered = with_answers(&draft, &given).or_else(|_| with_answers(&draft, &[]))?;
         state.files = self.files(&draft, &answered);
         if !state.by_hand {
@@ -201,7 +200,7 @@ impl Folder {
         Ok(state)
     }
 
-    /// The machine file.
+    /// Reads the machine file.
     pub(crate) fn machine(&self) -> Result<Machine, StudioError> {
         let path = self.at(MACHINE);
         if !path.exists() {
@@ -214,15 +213,15 @@ impl Folder {
         fs::read_to_string(self.at(name)).unwrap_or_default()
     }
 
-    /// Whether the user has written the calibration file, or changed it.
+    /// True if the user has written or changed the calibration file.
     pub(crate) fn is_by_hand(&self) -> bool {
         let written = sha256_of(&self.at(CALIBRATION)).ok();
         written.is_some_and(|hash| !self.kept().is_ok_and(|kept| kept.calibration == hash))
     }
 
-    /// The files that may be measurements.
+    /// Files that may be measurements.
     pub(crate) fn measurement_files(&self) -> Result<Vec<PathBuf>, StudioError> {
-        // One file more are the answers.
+        // One more file, for the answers.
         let found = files_below(&self.path, &[self.at(RESULT)], MAX_FILES + 1);
         let mut paths = found.map_err(StudioError::disk(self.path.display()))?;
         let answers = self.at(ANSWERS);
@@ -236,7 +235,7 @@ impl Folder {
         Ok(paths)
     }
 
-    /// The draft of measurement files.
+    /// Drafts a calibration of the measurement files.
     pub(crate) fn draft(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
         let named = |path: &Path| self.relative(&path.display());
         draft_of(paths, machine, MACHINE, named)
@@ -268,7 +267,7 @@ impl Folder {
         files
     }
 
-    /// The answers so far.
+    /// The stored answers.
     pub(crate) fn answers(&self) -> Result<Vec<TypedAnswer>, StudioError> {
         self.kept().map(|kept| kept.answers)
     }
@@ -288,7 +287,7 @@ impl Folder {
     /// Replaces the answers, and writes the calibration file with them.
     ///
     /// # Errors
-    /// An answer that its question does not take; a calibration file of the user.
+    /// An answer that is invalid for its question; a calibration file written by the user.
     pub fn answer(&self, given: &[TypedAnswer]) -> Result<(), StudioError> {
         let machine = self.machine()?;
         let draft = self.draft(self.measurement_files()?, &machine);
@@ -296,7 +295,7 @@ impl Folder {
         self.keep(given, &answered.whole)
     }
 
-    /// Writes answers and calibration file.
+    /// Writes the answers and the calibration file.
     pub(crate) fn keep(&self, given: &[TypedAnswer], whole: &Draft) -> Result<(), StudioError> {
         if self.is_by_hand() {
             return Err(StudioError::Upload {
@@ -315,11 +314,11 @@ impl Folder {
         self.write(ANSWERS, text.as_bytes())
     }
 
-    /// Takes a dropped file: a machine file as `machine.toml`, a set-up file for NC programs as `setup.toml`, anything else as a
-    /// measurement file under its own name. A measurement file with other content is never replaced.
+    /// Stores an uploaded file: a machine file as `machine.toml`, a set-up file for NC programs as `setup.toml`, any other file as a measurement
+    /// file under its own name. A measurement file with different content is never replaced.
     ///
     /// # Errors
-    /// A name that is none, a TOML file that is neither, a file that is too large or one too many.
+    /// An invalid name, a TOML file of another kind, a file that is too large, or too many files.
     pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         let name = name_of_upload(name)?;
         let wrong = |why: String| StudioError::Upload {
@@ -365,10 +364,10 @@ impl Folder {
         self.write(&name, bytes)
     }
 
-    /// Writes the machine file once it is valid; the one before stays as `.machine.toml.bak`.
+    /// Writes the machine file if it is valid; the previous one is kept as `.machine.toml.bak`.
     ///
     /// # Errors
-    /// The key and the line that are wrong, under the name that the text came from.
+    /// Key and line of the error, with the name of the text's source.
     pub fn set_machine(&self, name: &str, text: &str) -> Result<(), StudioError> {
         Machine::parse(text, name)?;
         let path = self.at(MACHINE);
@@ -379,7 +378,7 @@ impl Folder {
         self.write(MACHINE, text.as_bytes())
     }
 
-    /// Writes a file below the folder; it appears whole, by rename.
+    /// Writes a file below the folder atomically, by rename.
     pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         let path = self.at(name);
         let file = path.file_name().unwrap_or_default().to_string_lossy();
@@ -391,7 +390,7 @@ impl Folder {
         written.map_err(StudioError::disk(name))
     }
 
-    /// Moves the tables and programs of the result before aside: beside another machine file they would be taken for its own.
+    /// Moves the tables and programs of the previous result to another folder: next to a new machine file they would be mistaken for its own.
     pub(crate) fn set_outputs_aside(&self) -> Result<(), StudioError> {
         let there = [TABLES, PROGRAMS].map(|name| self.at(name));
         if !there.iter().any(|path| path.is_dir()) {
@@ -409,7 +408,7 @@ impl Folder {
         moved().map_err(StudioError::disk(aside.display()))
     }
 
-    /// The files below `result/`, by their names from the folder on.
+    /// Files below `result/`, by their names relative to the folder.
     pub(crate) fn results(&self) -> Result<Vec<String>, StudioError> {
         let result = self.at(RESULT);
         if !result.is_dir() {
@@ -425,16 +424,16 @@ impl Folder {
         let found = found.map_err(StudioError::disk(RESULT))?;
         let names = found.iter().map(|path| self.relative(&path.display()));
         let mut names: Vec<String> = names.collect();
-        // The machine file ends in .toml, which `files_below` leaves out.
+        // The machine file ends in .toml, which `files_below` omits.
         names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));
         names.sort();
         Ok(names)
     }
 
-    /// A file below `result/`.
+    /// Reads a file below `result/`.
     ///
     /// # Errors
-    /// No such file is listed in the state.
+    /// The state lists no such file.
     pub fn result(&self, name: &str) -> Result<Vec<u8>, StudioError> {
         if !self.results()?.iter().any(|known| known == name) {
             return Err(StudioError::Request {
@@ -445,7 +444,7 @@ impl Folder {
         fs::read(self.at(name)).map_err(StudioError::disk(name))
     }
 
-    /// The machine with the fitted errors, of the files that are there.
+    /// The machine with the fitted errors. Fails without a result, or if an input has changed since the fit.
     pub(crate) fn fitted_machine(&self) -> Result<Machine, StudioError> {
         let path = self.at(FITTED);
         if !path.exists() {
@@ -457,7 +456,7 @@ impl Folder {
         Ok(Machine::read(path)?)
     }
 
-    /// Whether an input is another than the result was computed from, new, or not there any more.
+    /// True if an input was changed, added or removed since the result was computed.
     fn is_stale(&self, measurements: &[PathBuf]) -> bool {
         if !self.at(FITTED).exists() {
             return false;
@@ -473,8 +472,8 @@ impl Folder {
         !before.iter().all(is_same) || !now.all(is_known)
     }
 
-    /// The hash and the name of every input, as `sha256sum` writes them: of the measurement files, the machine and the calibration file, and
-    /// of what this one names besides.
+    /// Hash and name of every input in the format of `sha256sum`: the measurement files, the machine file, the calibration file and the files in
+    /// `named`.
     pub(crate) fn inputs(&self, named: &[PathBuf]) -> Result<String, StudioError> {
         let mut paths = self.measurement_files()?;
         let own = [MACHINE, CALIBRATION].map(|name| self.at(name));
@@ -493,7 +492,7 @@ impl Folder {
     }
 }
 
-/// The name of a dropped file.
+/// Validates the name of an uploaded file.
 pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
     file_name::sanitised(name).ok_or_else(|| StudioError::Upload {
         name: name.chars().take(100).collect(),

@@ -1,7 +1,7 @@
-//! The page and its requests, on this computer only.
+//! The web page and its HTTP API, on this computer only.
 //!
-//! Every path begins with a random token that only the opened address contains: a page of another site cannot know it. A foreign
-//! Host or Origin is refused as well. Requests work one after the other, so that two windows cannot write at the same time.
+//! Every path begins with a random token that only the opened address contains, so pages of other sites cannot know it. A foreign Host or Origin is
+//! rejected as well. Requests run one after the other, so that two windows cannot write at the same time.
 
 use std::{
     net::{SocketAddr, TcpListener},
@@ -30,13 +30,13 @@ use crate::{
     send::Target,
 };
 
-/// The largest NC program, bytes.
+/// Maximum size of an NC program, bytes.
 const LARGEST_PROGRAM: usize = 64 * 1024 * 1024;
 
-/// The report has its styles and its script in the file. As a sandboxed document it cannot send requests to the studio.
+/// The report contains its styles and its script. As a sandboxed document it cannot send requests to the studio.
 const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox allow-scripts allow-modals";
 
-/// The studio on a folder, ready to serve.
+/// The studio for a folder, ready to serve.
 pub struct Studio {
     listener: TcpListener,
     address: SocketAddr,
@@ -45,10 +45,10 @@ pub struct Studio {
 }
 
 impl Studio {
-    /// Listens at an address of this computer; port 0: any free one.
+    /// Listens at a loopback address; port 0: any free one.
     ///
     /// # Errors
-    /// An address that other computers reach, or that is in use.
+    /// The address is not a loopback address, or is in use.
     pub fn listen(folder: Folder, address: SocketAddr) -> Result<Self, StudioError> {
         if !address.ip().is_loopback() {
             return Err(StudioError::Request {
@@ -84,7 +84,7 @@ impl Studio {
         self.address
     }
 
-    /// The address of the page, with the token.
+    /// Address of the web page, with the token.
     pub fn url(&self) -> String {
         format!("http://{}/{}/", self.address, self.token)
     }
@@ -92,7 +92,7 @@ impl Studio {
     /// Serves until the process ends.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system provides no thread.
     pub fn run(self) -> Result<(), StudioError> {
         let system = |source| StudioError::System {
             what: "a thread",
@@ -150,7 +150,7 @@ fn router(token: &str, folder: Folder) -> Router {
         .route(&at("api/fit"), post(fit))
         .route(&at("api/tables"), post(tables))
         .route(&at("api/send"), post(send))
-        // One byte more: what is too large is refused with its name.
+        // One byte more, so that the handler can reject a file that is too large by its name.
         .layer(DefaultBodyLimit::max(LARGEST_FILE + 1))
         .route(
             &at("api/nc"),
@@ -164,7 +164,7 @@ fn router(token: &str, folder: Folder) -> Router {
         .with_state(Arc::new(Mutex::new(folder)))
 }
 
-/// Host, origin, and the headers of every answer.
+/// Checks of Host and Origin, and response headers of every request.
 async fn every_request(request: Request, next: Next) -> Response {
     let is_report = request.uri().path().ends_with("/report.html");
     let host = request.headers().get(header::HOST);
@@ -200,7 +200,7 @@ fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(json!({ "error": why }))).into_response()
 }
 
-/// Works on the folder on a thread of its own: a fit takes seconds.
+/// Runs work on the folder on a blocking thread: a fit takes seconds.
 async fn work<T: Send + 'static>(
     page: Page,
     work: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
@@ -232,7 +232,7 @@ async fn respond<T: Serialize + Send + 'static>(
     }
 }
 
-/// A request with a JSON body.
+/// Handles a request with a JSON body.
 async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
     page: Page,
     body: &Bytes,
@@ -260,7 +260,7 @@ struct FileName {
     name: String,
 }
 
-/// A file below `result/`, to be saved under its name.
+/// Download of a file below `result/`.
 async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileName>) -> Response {
     let base = name.rsplit('/').next().unwrap_or_default();
     let base: String = base.chars().filter(char::is_ascii).collect();
@@ -281,7 +281,7 @@ async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileNa
     }
 }
 
-/// One dropped file: the body is the file itself.
+/// Upload of one file: the body is its content.
 async fn upload(
     Shared(page): Shared<Page>,
     Query(FileName { name }): Query<FileName>,

@@ -1,4 +1,4 @@
-//! Tables for controls and NC programs from the fitted machine.
+//! Compensation tables for controls and NC programs from the fitted machine.
 
 use std::{collections::BTreeMap, io::BufReader, path::Path};
 
@@ -16,64 +16,64 @@ use crate::{
     folder::{Folder, PROGRAMS, SETUP, TABLES, name_of_upload},
 };
 
-/// Which tables are written.
+/// Parameters of a table export.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableRequest {
-    /// The format, as `volcomp export --format` takes it.
+    /// The format, as in `volcomp export --format`.
     pub format: String,
-    /// Distance of the positions along a linear axis, mm.
+    /// Spacing of positions along a linear axis, mm.
     pub step_mm: f64,
-    /// Distance of the positions along a rotary axis, deg.
+    /// Spacing of positions along a rotary axis, deg.
     pub step_deg: f64,
-    /// Where the axes are that a table does not go over, mm or deg.
+    /// Positions of the axes that a table does not cover, mm or deg.
     pub at: BTreeMap<AxisName, f64>,
-    /// Largest correction of an axis, µm or µrad: where the machine needs more, nothing is written.
+    /// Maximum correction of an axis, µm or µrad: if the machine needs more, nothing is written.
     pub limit_um: f64,
 }
 
-/// The tables that were written.
+/// The written tables.
 #[derive(Clone, Debug, Serialize)]
 pub struct TableFiles {
-    /// The files, named from the folder on.
+    /// File names, relative to the folder.
     pub files: Vec<String>,
-    /// What is left of the error of each axis.
+    /// Residual error of each axis.
     pub left: Vec<AxisResidual>,
-    /// What the files do not hold, and what the control needs besides.
+    /// What the files do not contain and must be set at the control.
     pub notes: Vec<String>,
-    /// The sign of a number in the files.
+    /// Sign convention of the numbers in the files.
     pub sign: String,
-    /// What the sign of the format rests on.
+    /// Evidence for the sign convention of the format.
     pub trust: String,
 }
 
-/// What is left of the error of an axis where the tables correct.
+/// Residual error of an axis over the positions that the tables correct.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisResidual {
     /// The axis.
     pub axis: AxisName,
     /// `um` or `urad`.
     pub unit: &'static str,
-    /// The largest error without tables.
+    /// Largest error without the tables.
     pub without: f64,
-    /// The largest error with them.
+    /// Largest error with the tables.
     pub largest: f64,
 }
 
 /// A compensated NC program.
 #[derive(Clone, Debug, Serialize)]
 pub struct NcProgram {
-    /// The program, named from the folder on.
+    /// File name of the program, relative to the folder.
     pub file: String,
-    /// Lines that were read.
+    /// Number of lines read.
     pub lines: u64,
-    /// Motions in them.
+    /// Number of motions in them.
     pub motions: u64,
-    /// Lines with other coordinates.
+    /// Number of lines with changed coordinates.
     pub changed: u64,
-    /// Lines that were added.
+    /// Number of added lines.
     pub added: u64,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<NcNote>,
 }
 
@@ -90,7 +90,7 @@ impl Folder {
     /// Writes compensation tables to `result/tables/FORMAT/`.
     ///
     /// # Errors
-    /// An unknown format, values out of range, a machine whose errors the format cannot hold.
+    /// An unknown format, values out of range, a machine whose errors the format cannot represent.
     pub fn tables(&self, request: &TableRequest) -> Result<TableFiles, StudioError> {
         let wrong = |key, why: String| StudioError::Request { key, why };
         let format: Format =
@@ -138,11 +138,11 @@ impl Folder {
         })
     }
 
-    /// Compensates an NC program and writes it to `result/nc/`. `setup.toml` of the folder, where there is one, states what the
-    /// program relies on.
+    /// Compensates an NC program and writes it to `result/nc/`. If the folder has a `setup.toml`, it states work offsets, tool lengths and the
+    /// start position.
     ///
     /// # Errors
-    /// The line that cannot be read or compensated.
+    /// The line that cannot be parsed or compensated.
     pub fn nc(
         &self,
         name: &str,

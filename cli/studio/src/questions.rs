@@ -1,11 +1,11 @@
-//! The drafted calibration of a folder as the page shows it: measurements, questions with choices and defaults, answers.
+//! The drafted calibration of a folder for the web page: measurements, questions with choices and defaults, answers.
 
 use serde::{Deserialize, Serialize};
 use volcomp_calibrate::{Answer, AnswerError, Draft, LEAVE_OUT, Proposed, Question, Subject, Turn};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-/// An answer, as it was typed.
+/// An answer as typed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TypedAnswer {
@@ -13,7 +13,7 @@ pub struct TypedAnswer {
     pub of: String,
     /// The key, as in [`DraftQuestion::key`], or `leave_out`.
     pub key: String,
-    /// What was typed; `true` for `leave_out`.
+    /// The typed value; `true` for `leave_out`.
     pub value: String,
 }
 
@@ -26,9 +26,9 @@ pub struct DraftQuestion {
     pub key: String,
     /// The question in words.
     pub question: String,
-    /// The possible answers; empty: a number or a text.
+    /// Possible answers; empty: any number or text.
     pub choices: Vec<String>,
-    /// What holds where the calibration file does not state the key.
+    /// The value used if the calibration file does not state the key.
     pub default: Option<String>,
 }
 
@@ -41,9 +41,9 @@ pub struct DraftState {
     pub answers: Vec<TypedAnswer>,
     /// Number of questions without an answer.
     pub open: usize,
-    /// Files at the same place, or with the same readings.
+    /// Files for the same error and position, or with the same readings.
     pub conflicts: Vec<String>,
-    /// Checks of the files that are used.
+    /// Checks of the files in use.
     pub notes: Vec<String>,
     /// The calibration file with these answers.
     pub text: String,
@@ -51,14 +51,14 @@ pub struct DraftState {
 
 /// A draft with answers.
 pub(crate) struct AnsweredDraft {
-    /// With the answers that decide which keys a measurement has: errors and units.
+    /// With the answers that determine a measurement's keys: errors and units.
     pub(crate) decided: Draft,
     /// With all answers.
     pub(crate) whole: Draft,
 }
 
-/// Takes answers in two turns: which questions there are follows from the errors and units of the first one. Answers to what is
-/// not asked any more, because its file or its error is another one now, are passed over.
+/// Applies answers in two passes, because errors and units from the first pass determine which questions exist. Answers to questions that no longer
+/// exist, because their file or its error has changed, are ignored.
 pub(crate) fn with_answers(
     draft: &Draft,
     given: &[TypedAnswer],
@@ -87,12 +87,12 @@ pub(crate) fn with_answers(
     Ok(AnsweredDraft { decided, whole })
 }
 
-/// The files of a measurement, as questions and answers name it.
+/// Names of the files of a measurement, as in questions and answers.
 pub(crate) fn name_of(proposed: &Proposed) -> String {
     proposed.files.join(", ")
 }
 
-/// `None` where its measurement is not in the folder any more.
+/// `None` if its measurement is no longer in the folder.
 fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     let mut proposed = draft.proposed.iter();
     let of = match proposed.position(|of| name_of(of) == given.of) {
@@ -106,14 +106,14 @@ fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     })
 }
 
-/// Every question of a draft, the answered ones included, so that an answer can be changed.
+/// Every question of a draft, including the answered ones, so that answers can be changed.
 pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Vec<DraftQuestion> {
     let mut asked = Vec::new();
     let mut of_measurements = 0;
     for (first, now) in draft.proposed.iter().zip(&decided.proposed) {
         let open = now.questions();
         of_measurements += open.len();
-        // A deciding question that has its answer is open no longer.
+        // A deciding question with an answer is no longer open.
         let mut all = first.questions();
         all.retain(|of| {
             Turn::of(&of.key) != Turn::Other && open.iter().all(|open| open.key != of.key)
@@ -149,7 +149,7 @@ fn choices(question: &Question, files: &[String]) -> Vec<String> {
     }
 }
 
-/// What the calibration takes where a file does not state the key.
+/// Default of a key in the calibration file.
 fn default_of(key: &str, error: Option<ErrorName>, machine: &Machine) -> Option<String> {
     let text = match key {
         "rides" => "carriage".to_owned(),

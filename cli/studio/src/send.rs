@@ -1,5 +1,5 @@
-//! The fitted machine file on its way to a gateway or to the centre, over their own HTTP interfaces. The gateway compares it
-//! with the model in force, the centre stores it; nothing corrects with it before an engineer confirms it there.
+//! Sends the fitted machine file to a gateway or to the centre over their HTTP APIs. The gateway compares it with the active model, the centre
+//! stores it; it is not used for correction until an engineer confirms it there.
 
 use std::{
     net::{TcpStream, ToSocketAddrs},
@@ -21,46 +21,46 @@ use crate::{
     folder::{FITTED, Folder, MACHINE},
 };
 
-/// A connection or an answer that takes longer has failed.
+/// Timeout of a connection or a response.
 const TIMEOUT: Duration = Duration::from_secs(15);
-/// The gateway compares a machine file within this.
+/// Timeout of the comparison at the gateway.
 const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
 
-/// Where the machine file goes, and with whose permission. Nothing of it is kept.
+/// Destination of the machine file, with credentials. They are not stored.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, tag = "to", rename_all = "lowercase")]
 pub enum Target {
     /// The gateway of a machine.
     Gateway {
-        /// The address of its dashboard, `http://192.0.2.7:8080`.
+        /// Address of its dashboard, `http://192.0.2.7:8080`.
         url: String,
-        /// The token of an engineer.
+        /// Token of an engineer.
         token: String,
-        /// The certificate to trust, PEM; needed for `https`.
+        /// Trusted certificate, PEM; required for `https`.
         #[serde(default)]
         certificate: String,
     },
     /// The centre of many machines.
     Centre {
-        /// The address of its web interface.
+        /// Address of its web interface.
         url: String,
-        /// The name of a user with the role engineer.
+        /// Name of a user with the role engineer.
         name: String,
         /// The password.
         password: String,
-        /// The certificate to trust, PEM; needed for `https`.
+        /// Trusted certificate, PEM; required for `https`.
         #[serde(default)]
         certificate: String,
     },
 }
 
-/// What the gateway or the centre has answered.
+/// Response of the gateway or the centre.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Delivery {
     /// The outcome in a sentence.
     pub said: String,
-    /// Messages to read before the machine file is confirmed.
+    /// Messages to read before confirming the machine file.
     pub warnings: Vec<String>,
     /// The page on which an engineer confirms it.
     pub page: String,
@@ -70,9 +70,9 @@ impl Folder {
     /// Sends `result/machine.toml`.
     ///
     /// # Errors
-    /// There is no result yet; nobody answers, or the answer is a refusal.
+    /// There is no result yet; the request timed out or was rejected.
     pub fn send(&self, target: &Target) -> Result<Delivery, StudioError> {
-        // Read as a machine first: a damaged file is named here and not by the other side.
+        // Parse it as a machine first, so that a damaged file is reported here and not by the peer.
         self.fitted_machine()?;
         let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
         match target {
@@ -127,7 +127,7 @@ fn to_centre(
     [name, password]: [&String; 2],
     text: &str,
 ) -> Result<Delivery, StudioError> {
-    // The header without which the centre takes no change.
+    // The centre rejects changes without this header.
     let ours = ("X-Volcomp", "1".to_owned());
     let login = json!({ "name": name, "password": password }).to_string();
     let answer = server.request("POST", "/api/login", std::slice::from_ref(&ours), &login)?;
@@ -137,7 +137,7 @@ fn to_centre(
     let headers = [ours, ("Cookie", cookie)];
     let body = json!({ "text": text, "file": MACHINE }).to_string();
     let answer = server.request("POST", "/api/models", &headers, &body);
-    // The session ends whether or not the model was taken; without an answer it ends by itself.
+    // Log out whether or not the model was accepted; without a response the session times out.
     let _ = server.request("POST", "/api/logout", &headers, "{}");
     let answer = answer?.accepted(server)?;
     let model = &answer["model"];
@@ -158,7 +158,7 @@ fn texts(list: &Value) -> Vec<String> {
         .collect()
 }
 
-/// A server by its address.
+/// A server address.
 struct Server {
     url: Url,
     host: String,
@@ -239,7 +239,7 @@ impl Server {
     }
 }
 
-/// TLS that trusts the stated certificate alone.
+/// TLS configuration that trusts only the given certificate.
 fn trusting(certificate: &str) -> Result<Arc<ClientConfig>, StudioError> {
     let certificate = CertificateDer::from_pem_slice(certificate.as_bytes());
     let trusted = certificate.map_err(CertificateError::from);
@@ -250,7 +250,7 @@ fn trusting(certificate: &str) -> Result<Arc<ClientConfig>, StudioError> {
     })
 }
 
-/// An answer of HTTP.
+/// An HTTP response.
 #[derive(Debug)]
 struct Answer {
     status: u16,
@@ -275,7 +275,7 @@ impl Answer {
         found.map(|(_, value)| value.trim())
     }
 
-    /// The document of an answer that is no refusal.
+    /// The document of a successful response.
     fn accepted(&self, server: &Server) -> Result<Value, StudioError> {
         let document: Value = serde_json::from_str(self.body.trim()).unwrap_or_default();
         if self.status == 200 && document.is_object() {

@@ -1,29 +1,27 @@
-//! Addresses of servers as a configuration has them.
+//! Server addresses in configurations.
 
 use std::net::IpAddr;
 
-/// What an address must be, for messages.
+/// Expected form of an address, for messages.
 pub const ADDRESSES: &str =
     "nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas";
 
-/// The addresses in a text, one by one.
+/// Splits a comma-separated list of addresses.
 pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
     text.split(',').map(str::trim)
 }
 
-/// The first that is no address of a server. One without a scheme, of a web socket, or with a user is none: users are known by
-/// their nkeys.
+/// The first invalid server address. An address without a scheme, of a WebSocket, or with a user is invalid: users are identified by their nkeys.
 pub fn wrong_address(text: &str) -> Option<&str> {
     addresses(text).find(|one| !is_address(one))
 }
 
-/// Those that are reached without TLS over a network: others on the way can read what is said. A connection that stays on this
-/// computer is none of them.
+/// Addresses reached over a network without TLS, where the traffic can be read. Loopback addresses are excluded.
 pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
     addresses(text).filter(|one| one.strip_prefix("nats://").is_some_and(|at| !is_here(at)))
 }
 
-/// Whether a host with its port is this computer.
+/// True if the host of `HOST[:PORT]` is this computer.
 fn is_here(place: &str) -> bool {
     let host = match place.strip_prefix('[') {
         Some(rest) => rest.split(']').next(),
@@ -41,7 +39,7 @@ fn is_address(text: &str) -> bool {
         .strip_prefix("nats://")
         .or_else(|| text.strip_prefix("tls://"));
     let Some(place) = place else { return false };
-    // The port may be left out.
+    // The port is optional.
     if let Some(rest) = place.strip_prefix('[') {
         let Some((host, port)) = rest.split_once(']') else {
             return false;

@@ -1,4 +1,4 @@
-//! What machines have said, taken from a stream in batches. A message stays at the server until its batch is acknowledged.
+//! Collects machine messages from a stream in batches. A message stays at the server until its batch is acknowledged.
 
 use std::time::{Duration, SystemTime};
 
@@ -12,40 +12,40 @@ use tokio_stream::StreamExt;
 
 use crate::{Identity, Kind, LinkError, link::failed};
 
-/// The name of the centre's place in each stream.
+/// Name of the centre's durable consumer in each stream.
 const CONSUMER: &str = "centre";
-/// What is not acknowledged after so long is sent again.
+/// Redelivery interval for messages that are not acknowledged.
 const AGAIN_AFTER: Duration = Duration::from_secs(30);
-/// So many messages are under way at the most, from the server to the disk of the centre.
+/// Maximum number of unacknowledged messages in flight.
 const UNDER_WAY: i64 = 20_000;
-/// So many messages make a batch at the most.
+/// Maximum number of messages in a batch.
 const BATCH: usize = 2_000;
-/// So long a batch waits for more messages after its first: what stores them writes to a disk once for each batch.
+/// Time a batch waits for more messages after its first one; each batch costs one disk write.
 const GATHERED_FOR: Duration = Duration::from_millis(20);
-/// After a failure the next try comes so much later.
+/// Retry interval after a failure.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// A message of a machine as the stream has it.
+/// A machine message as stored in the stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Received {
-    /// Who sent it: the server has checked that the subject is its own.
+    /// The sender; the server has checked that the machine may publish on this subject.
     pub identity: Identity,
     pub kind: Kind,
     pub sequence: u64,
-    /// When the stream stored it, seconds since 1970 by the clock of the server.
+    /// When the stream stored it, seconds since 1970 by the server's clock.
     pub stored_s: f64,
     pub bytes: Bytes,
 }
 
-/// Messages that came together.
+/// Messages received together.
 pub struct Batch {
-    /// The messages in the order in which they came.
+    /// The messages in the order of the stream.
     pub messages: Vec<Received>,
     taken: Vec<Message>,
 }
 
 impl Batch {
-    /// Tells the server that the messages are stored for good. Where that is lost they come again.
+    /// Acknowledges to the server that the messages are stored permanently. If the acknowledgement is lost they are redelivered.
     ///
     /// # Errors
     /// The connection is closed.
@@ -59,7 +59,7 @@ impl Batch {
 
 type Messages = BoxStream<'static, Vec<Result<Message, LinkError>>>;
 
-/// Takes the messages of one stream, from where the last one that was acknowledged stands.
+/// Receives the messages of one stream, starting after the last acknowledged one.
 pub struct Collection {
     context: Context,
     stream: String,
@@ -77,7 +77,7 @@ impl Collection {
         }
     }
 
-    /// The same, where what is not acknowledged comes again after this time; without it after 30 s.
+    /// Sets the redelivery interval for messages that are not acknowledged [default: 30 s].
     #[must_use]
     pub fn again_after(mut self, time: Duration) -> Self {
         self.again_after = time;
@@ -88,10 +88,11 @@ impl Collection {
         &self.stream
     }
 
-    /// The next messages: waits for the first, and gathers what comes within 20 ms of it, 2000 at the most. Where the server is not reached it goes on trying.
+    /// Receives the next batch: waits for a first message, and collects those that follow within 20 ms, at most 2000. Keeps retrying while the
+    /// server cannot be reached.
     ///
     /// # Errors
-    /// Why it had to begin anew just now: to be logged, and to be called again.
+    /// The reason why the subscription had to be restarted. Log it and call again.
     pub async fn next(&mut self) -> Result<Batch, LinkError> {
         let next = match self.messages.take() {
             Some(messages) => Ok(messages),
@@ -116,7 +117,7 @@ impl Collection {
                         batch.messages.push(received);
                         batch.taken.push(message);
                     }
-                    // On a subject that no machine may publish on: nobody's, and never to come again.
+                    // A subject on which no machine may publish: never redeliver it.
                     None => {
                         let _ = message.ack_with(AckKind::Term).await;
                     }
@@ -125,14 +126,14 @@ impl Collection {
             }
         }
         match failure {
-            // What came before the failure is whole. Whatever was under way comes again.
+            // Messages received before the failure are complete. Anything in flight will be redelivered.
             Some(error) if batch.messages.is_empty() => {
                 tokio::time::sleep(PAUSE).await;
                 Err(error)
             }
             Some(_) => Ok(batch),
             None => {
-                // A stream of messages that has ended begins anew.
+                // An ended message stream is reopened.
                 if !batch.messages.is_empty() {
                     self.messages = Some(messages);
                 }
@@ -190,7 +191,6 @@ fn received(message: &Message) -> Option<Received> {
     })
 }
 
-/// Seconds since 1970.
 fn since_1970_s(at: SystemTime) -> f64 {
     at.duration_since(SystemTime::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64())

@@ -1,4 +1,4 @@
-//! The centre's side of the connection: what machines shall run goes out, and a value that somebody else put is seen.
+//! The centre's side of the connection: publishes the desired state of machines, and detects values put by other clients.
 
 use std::sync::Arc;
 
@@ -17,42 +17,42 @@ use crate::{
     subjects::{desired_subject, latest_desired_subject, streams_of},
 };
 
-/// The connection of a centre. Copies share it.
+/// A centre's connection. Clones share it.
 #[derive(Clone)]
 pub struct Hub {
     client: Client,
     context: Context,
-    /// Tells that the connection is there (again).
+    /// Notified on every (re)connection.
     again: Arc<Notify>,
 }
 
-/// A value that stands under the key of a machine.
+/// The value under the key of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Found {
     pub machine: MachineId,
-    /// The value; empty: it was deleted.
+    /// The value; empty if it was deleted.
     pub value: Bytes,
 }
 
-/// What is heard of the keys of the machines.
+/// Events on the keys of the machines.
 pub enum Heard {
-    /// A value was put, by this centre or by anybody else.
+    /// A value was put, by this centre or by another client.
     Put(Found),
-    /// The connection is there, for the first time or again: what was put meanwhile has not been heard.
+    /// The connection was established or restored; values put while disconnected were not received.
     Connected,
 }
 
-/// Listens to what is put under the keys of the machines.
+/// Watches the values under the keys of the machines.
 pub struct DesiredWatch {
     puts: async_nats::Subscriber,
     again: Arc<Notify>,
 }
 
 impl Hub {
-    /// Connects with the nkey of a centre. Where the server is not there it goes on trying in the background.
+    /// Connects with the nkey of a centre. If the server cannot be reached it keeps retrying in the background.
     ///
     /// # Errors
-    /// A seed or an address that is none.
+    /// An invalid seed or address.
     pub async fn connect(settings: &LinkSettings) -> Result<Self, LinkError> {
         let again = Arc::new(Notify::new());
         let client = settings
@@ -70,20 +70,20 @@ impl Hub {
         })
     }
 
-    /// The JetStream context, for what this crate has no function for.
+    /// The JetStream context, for operations that this crate does not provide.
     pub fn context(&self) -> &Context {
         &self.context
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }
 
-    /// Makes the bucket and the streams of these sites; see [`prepare`].
+    /// Creates the bucket and the streams of these sites; see [`prepare`].
     ///
     /// # Errors
-    /// The server does not answer or does not allow it.
+    /// The server does not respond or denies permission.
     pub async fn prepare(&self, sites: &[SiteId], keeping: Keeping) -> Result<(), LinkError> {
         prepare(&self.context, sites, keeping).await
     }
@@ -91,17 +91,17 @@ impl Hub {
     /// Puts a value under the key of a machine, and waits until it is stored.
     ///
     /// # Errors
-    /// It is not known whether it was stored: put it again.
+    /// The value may or may not have been stored: put it again.
     pub async fn put_desired(&self, machine: &MachineId, value: Bytes) -> Result<(), LinkError> {
         let subject = desired_subject(machine.as_str());
         let what = "putting a manifest";
         stored(what, &self.context, subject, HeaderMap::new(), value).await
     }
 
-    /// The value under the key of a machine now; `None`: there is none.
+    /// The current value under the key of a machine; `None` if there is none.
     ///
     /// # Errors
-    /// The server does not answer.
+    /// The server does not respond.
     pub async fn desired(&self, machine: &MachineId) -> Result<Option<Bytes>, LinkError> {
         let subject = latest_desired_subject(machine);
         let answer = timeout(ANSWER_WITHIN, self.client.request(subject, Bytes::new()));
@@ -112,14 +112,14 @@ impl Hub {
                 within: ANSWER_WITHIN,
             })?
             .map_err(failed("asking for a manifest"))?;
-        // A status stands for "no such message"; a deletion is a value without bytes.
+        // A status means "no such message"; a deletion is a value without bytes.
         Ok((message.status.is_none() && !message.payload.is_empty()).then_some(message.payload))
     }
 
     /// Puts a model that is too large for its manifest; see [`put_model`].
     ///
     /// # Errors
-    /// The server does not answer or does not allow it.
+    /// The server does not respond or denies permission.
     pub async fn put_model(
         &self,
         machine: &MachineId,
@@ -130,7 +130,7 @@ impl Hub {
         put_model(&self.context, machine, sha256, model, replicas).await
     }
 
-    /// Listens to the keys of all machines. One listener is told of connections; with several, each of some.
+    /// Watches the keys of all machines. A single watch receives every connection event; several watches share them.
     ///
     /// # Errors
     /// The connection is closed.
@@ -146,21 +146,21 @@ impl Hub {
         })
     }
 
-    /// Collects what the machines of a site say: conditions and telemetry, and audit records and acknowledgements.
+    /// The collections of a site's machines: conditions and telemetry, and audit records and acknowledgements.
     pub fn collections(&self, site: &SiteId) -> [Collection; 2] {
         streams_of(site).map(|(stream, _)| Collection::new(self.context.clone(), stream))
     }
 }
 
 impl DesiredWatch {
-    /// What is heard next; `None`: the connection was closed for good. Giving up waiting loses nothing.
+    /// The next event; `None` if the connection was closed permanently. Cancel safe.
     pub async fn next(&mut self) -> Option<Heard> {
         loop {
             tokio::select! {
                 message = self.puts.next() => {
                     let message = message?;
                     let machine = message.subject.as_str().rsplit('.').next().map(str::parse);
-                    // A key that is no name of a machine is nobody's.
+                    // Ignore keys that are not machine names.
                     if let Some(Ok(machine)) = machine {
                         return Some(Heard::Put(Found { machine, value: message.payload }));
                     }

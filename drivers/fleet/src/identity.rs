@@ -1,13 +1,13 @@
-//! Who a machine is in the fleet: its site and its own name, as they stand in subjects, keys and manifests.
+//! Identity of a machine in the fleet: its site and its name, as used in subjects, keys and manifests.
 
 use std::{fmt, str::FromStr};
 
 use serde::{Deserialize, Serialize};
 
-/// The longest name, bytes.
+/// Maximum length of a name, bytes.
 const LONGEST: usize = 64;
 
-/// A name that cannot stand in a subject.
+/// A name that is invalid in a subject.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found {found:?}, expected 1 to 64 lower-case letters, digits and hyphens, a letter or a digit first"
@@ -40,7 +40,7 @@ macro_rules! id {
         pub struct $name(String);
 
         impl $name {
-            /// The name as it stands in subjects.
+            /// The name as used in subjects.
             pub fn as_str(&self) -> &str {
                 &self.0
             }
@@ -85,7 +85,7 @@ id!(
     "The name of a site: 1 to 64 lower-case letters, digits and hyphens."
 );
 
-/// A machine and the site where it stands.
+/// A machine and its site.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Identity {
     pub site: SiteId,

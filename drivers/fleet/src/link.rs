@@ -1,7 +1,6 @@
 //! The machine's side of the connection.
 //!
-//! A machine asks for one value of one key and hears it when it changes: no consumer, no watch, nothing at the server that
-//! has to be kept for it.
+//! A machine requests the value of one key and receives its changes: no consumer and no watch, so the server keeps no state for it.
 
 use std::{fmt, sync::Arc, time::Duration};
 
@@ -20,24 +19,24 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// The value is asked for so often, even where nothing was heard of a change.
+/// Interval at which the value is requested even without a notification of a change.
 const ASK_EVERY: Duration = Duration::from_secs(60);
-/// A question is answered after so long, or not at all.
+/// Request timeout.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(5);
-/// The largest model that is fetched, bytes.
+/// Maximum size of a fetched model, bytes.
 const LARGEST_MODEL: u64 = 4 << 20;
-/// The longest pause between two tries to connect.
+/// Maximum delay between two connection attempts.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
-/// So many values wait to be looked at; where more come the latest is asked for later.
+/// Maximum number of queued values; beyond it, the latest value is requested later.
 const VALUES_WAITING: usize = 8;
 
-/// Why something did not get through. Trying again later is right in each case but for `Seed`.
+/// Errors of the connection. A later retry is useful for all except `Seed`.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The seed of the user's nkey is none.
+    /// The seed of the user's nkey is invalid.
     #[error("the nkey: expected the seed of a user, SU and 56 letters and digits")]
     Seed,
-    /// The server is not reached, refuses, or does not answer in time.
+    /// The server cannot be reached, rejects the request, or does not respond in time.
     #[error("{what}: {source}")]
     Nats {
         what: &'static str,
@@ -48,7 +47,7 @@ pub enum LinkError {
         what: &'static str,
         within: Duration,
     },
-    /// The object store holds no such model, or another one under its name.
+    /// The object store has no such model, or a different one under its name.
     #[error("the model {sha256} in the object store: {found}")]
     Model { sha256: String, found: String },
 }
@@ -62,14 +61,14 @@ pub(crate) fn failed<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     }
 }
 
-/// How to reach the server.
+/// Connection settings of the server.
 #[derive(Clone)]
 pub struct LinkSettings {
-    /// The addresses of the servers, `nats://HOST:PORT` or `tls://HOST:PORT`, separated by commas.
+    /// Server addresses, `nats://HOST:PORT` or `tls://HOST:PORT`, separated by commas.
     pub url: String,
-    /// The seed of the nkey of the user, which no message and no `Debug` shows.
+    /// Seed of the user's nkey. Messages and `Debug` never show it.
     pub seed: String,
-    /// A file with certificates that are trusted besides those of the system, PEM.
+    /// File of additional trusted certificates, PEM; those of the system are trusted too.
     pub roots: Option<std::path::PathBuf>,
 }
 
@@ -83,10 +82,10 @@ impl fmt::Debug for LinkSettings {
 }
 
 impl LinkSettings {
-    /// Whether the seed is one, without connecting; and the public key that belongs to it, by which the server knows the user.
+    /// Validates the seed without connecting, and returns its public key, by which the server identifies the user.
     ///
     /// # Errors
-    /// It is none.
+    /// The seed is invalid.
     pub fn public_key(&self) -> Result<String, LinkError> {
         let user = nkeys::KeyPair::from_seed(&self.seed).map_err(|_| LinkError::Seed)?;
         let key = user.public_key();
@@ -97,7 +96,7 @@ impl LinkSettings {
         }
     }
 
-    /// Options of a connection that is tried again for ever.
+    /// Connection options with unlimited reconnection attempts.
     pub(crate) fn options(&self, again: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
         self.public_key()?;
         let again = Arc::clone(again);
@@ -129,15 +128,15 @@ impl LinkSettings {
     }
 }
 
-/// What a machine sends and fetches over its connection. Copies share the connection.
+/// Publishes and fetches over a machine's connection. Clones share the connection.
 #[derive(Clone)]
 pub struct MachineSender {
     client: Client,
     context: Context,
     subjects: Subjects,
-    /// The subject of the question for the latest value of the machine's key.
+    /// Subject to request the latest value of the machine's key.
     latest_desired: String,
-    /// The object store of the machine.
+    /// Name of the machine's object store.
     models: String,
 }
 
@@ -145,21 +144,21 @@ pub struct MachineSender {
 pub struct MachineLink {
     sender: MachineSender,
     desired: Subscriber,
-    /// Tells that the connection is there (again): what was said meanwhile has not been heard.
+    /// Notified on every (re)connection: values published while disconnected were not received.
     again: Arc<Notify>,
-    /// Tells that the value is to be asked for without any other cause.
+    /// Timer of the periodic request of the value.
     ask_every: tokio::time::Interval,
-    /// The value is to be asked for, and no answer has come yet.
+    /// The value must be requested, or no response has arrived yet.
     due: bool,
-    /// The checksum of the value that was given last.
+    /// SHA-256 of the last value returned.
     last: Option<[u8; 32]>,
 }
 
 impl MachineLink {
-    /// Connects. Where the server is not there it goes on trying in the background.
+    /// Connects. If the server cannot be reached it keeps retrying in the background.
     ///
     /// # Errors
-    /// A seed or an address that is none.
+    /// An invalid seed or address.
     pub async fn connect(settings: &LinkSettings, identity: &Identity) -> Result<Self, LinkError> {
         let again = Arc::new(Notify::new());
         let subjects = Subjects::of(identity);
@@ -195,17 +194,16 @@ impl MachineLink {
         })
     }
 
-    /// What sends and fetches over this connection, beside whoever waits for values.
+    /// A handle to publish and fetch over this connection while another task waits for values.
     pub fn sender(&self) -> MachineSender {
         self.sender.clone()
     }
 
-    /// The next value of the key of this machine, once for each change and once after the start. Waits for it; giving up
-    /// waiting loses nothing and asks the server nothing.
+    /// The next value of this machine's key, once for each change and once after the start. Cancel safe; cancelling sends no request to the server.
     pub async fn next_desired(&mut self) -> Bytes {
         loop {
-            // A change that is heard while the answer is under way is given next time. Should an older value come after a
-            // newer one, its version tells.
+            // A change received while the response is pending is returned by the next call. If an older value arrives after a newer one, its
+            // version shows it.
             let value = if self.due {
                 let answer = self.sender.ask().await;
                 self.due = false;
@@ -240,19 +238,19 @@ impl MachineLink {
     /// As [`MachineSender::publish`].
     ///
     /// # Errors
-    /// It is not known whether it was stored: send it again later with the same `id`.
+    /// The message may or may not have been stored: send it again later with the same `id`.
     pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
         self.sender.publish(kind, id, bytes).await
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.sender.is_connected()
     }
 }
 
 impl MachineSender {
-    /// The value now; `None` where there is none or nobody answers, which is asked again later.
+    /// The current value; `None` if there is none or the request timed out, in which case it is repeated later.
     async fn ask(&self) -> Option<Bytes> {
         let asked = self
             .client
@@ -262,10 +260,10 @@ impl MachineSender {
         message.status.is_none().then_some(message.payload)
     }
 
-    /// Fetches a model that is too large for its manifest. Its checksum is compared here.
+    /// Fetches a model that is too large for its manifest, and verifies its checksum.
     ///
     /// # Errors
-    /// The server does not answer, or has no such model.
+    /// The server does not respond, or has no such model.
     pub async fn fetch_model(&self, model: &ModelRef) -> Result<String, LinkError> {
         let wrong = |found: &str| LinkError::Model {
             sha256: model.sha256.clone(),
@@ -274,7 +272,7 @@ impl MachineSender {
         if model.bytes > LARGEST_MODEL {
             return Err(wrong("larger than 4 MiB"));
         }
-        // By direct questions: consumers of its own would let a machine have messages sent to any subject.
+        // Direct requests, because permission to create consumers would let a machine have messages sent to any subject.
         let stream = self
             .context
             .get_stream_no_info(format!("OBJ_{}", self.models))
@@ -307,10 +305,10 @@ impl MachineSender {
         String::from_utf8(bytes).map_err(|_| wrong("it is no text"))
     }
 
-    /// Sends a message and waits until the stream has stored it. The same `id` twice is stored once.
+    /// Publishes a message and waits until the stream has stored it. Messages with the same `id` are stored once.
     ///
     /// # Errors
-    /// It is not known whether it was stored: send it again later with the same `id`.
+    /// The message may or may not have been stored: send it again later with the same `id`.
     pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
         let mut headers = HeaderMap::new();
         headers.insert("Nats-Msg-Id", id);
@@ -318,18 +316,18 @@ impl MachineSender {
         stored("publishing", &self.context, subject, headers, bytes).await
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         is_connected(&self.client)
     }
 }
 
-/// Whether a client is connected now.
+/// True if the client is connected.
 pub(crate) fn is_connected(client: &Client) -> bool {
     client.connection_state() == async_nats::connection::State::Connected
 }
 
-/// Publishes, and waits until the stream has stored it, but no longer than [`ANSWER_WITHIN`]. `what` is tried, for messages.
+/// Publishes and waits until the stream has stored the message, at most [`ANSWER_WITHIN`]. `what` describes the operation in messages.
 pub(crate) async fn stored(
     what: &'static str,
     context: &Context,
@@ -349,14 +347,14 @@ pub(crate) async fn stored(
     timeout(ANSWER_WITHIN, stored).await.unwrap_or(Err(late))
 }
 
-/// What the object store tells of an object, as far as it is needed here.
+/// Metadata of an object in the object store, as far as needed here.
 #[derive(Deserialize)]
 struct ObjectMeta {
     nuid: String,
     chunks: u32,
 }
 
-/// The name of an object as it stands in a subject.
+/// Encodes an object name for use in a subject.
 fn encoded(name: &str) -> String {
     use base64::Engine;
     base64::engine::general_purpose::URL_SAFE.encode(name)

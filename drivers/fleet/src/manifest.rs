@@ -1,8 +1,8 @@
-//! What a machine shall run: the manifest, its signature, and the document in which both travel.
+//! The desired state of a machine: the manifest, its signature, and the document that contains both.
 //!
-//! The manifest is signed as the bytes that travel, so that no two programs can disagree about how it is written. A machine
-//! accepts one that a trusted key signed, for this machine, with a version above every one before. No clock decides: a machine
-//! whose clock is wrong accepts the same manifests as every other.
+//! The signature covers the transmitted bytes, so the serialization cannot be ambiguous. A machine accepts a manifest that is signed by a trusted
+//! key, addressed to this machine, and has a version above every earlier one. Clocks play no role: a machine with a wrong clock accepts the same
+//! manifests as any other.
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use ed25519_dalek::Signer;
@@ -13,23 +13,23 @@ use volcomp_vocabulary::AxisName;
 
 use crate::MachineId;
 
-/// The largest model that travels inside of its manifest's document, bytes; a larger one is taken from the object store.
+/// Maximum size of a model that is embedded in its manifest's document, bytes; larger models are in the object store.
 pub const INLINE_LIMIT: usize = 1024 * 1024;
 
-/// What stands before the manifest in the bytes that are signed, so that a signature for another purpose fits nowhere.
+/// Prefix of the signed bytes, so that a signature for another purpose is not valid here.
 const PURPOSE: &[u8] = b"volcomp desired 1\0";
 
-/// The text of a machine file, by its checksum.
+/// Reference to a machine file by its checksum.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelRef {
-    /// SHA-256 of the bytes of the machine file, 64 hexadecimal digits in lower case.
+    /// SHA-256 of the machine file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     pub bytes: u64,
 }
 
 impl ModelRef {
-    /// The reference to a machine file.
+    /// Creates the reference to a machine file.
     pub fn of(text: &[u8]) -> Self {
         Self {
             sha256: hex(&Sha256::digest(text)),
@@ -37,73 +37,72 @@ impl ModelRef {
         }
     }
 
-    /// Whether these bytes are the machine file that is meant.
+    /// True if this is the referenced machine file.
     pub fn is(&self, text: &[u8]) -> bool {
         *self == Self::of(text)
     }
 }
 
-/// What a machine shall run.
+/// Desired state of a machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     pub machine: MachineId,
-    /// The serial number of the machine tool, so that a computer which was moved to another machine refuses it.
+    /// Serial number of the machine tool, so that a gateway computer moved to another machine rejects the manifest.
     pub serial: String,
-    /// The version, larger than that of every manifest before.
+    /// Version, higher than that of every earlier manifest.
     pub version: u64,
     pub axes: Vec<AxisName>,
     pub model: ModelRef,
-    /// Whether the machine may be corrected; `false` ramps the correction out and forbids arming.
+    /// Permits correction; `false` ramps the correction out and prevents arming.
     pub enable: bool,
-    /// The hash by which a person has confirmed a change that moves the axes far (rule 13 of the guard).
+    /// Hash by which the operator has confirmed a change that moves the axes far (rule 13 of the guard).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
-    /// The seconds between two conditions; `None`: 1.
+    /// Interval of conditions, s; `None`: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub condition_s: Option<u32>,
-    /// The seconds between two whole states; `None`: 10.
+    /// Interval of full telemetry, s; `None`: 10.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub telemetry_s: Option<u32>,
-    /// When it was issued and by whom, for people; nothing is decided by it.
+    /// Issue time and author, for display only.
     #[serde(default)]
     pub issued: String,
 }
 
-/// A signed manifest with the model that belongs to it: the value of the key of a machine.
+/// A signed manifest with its model: the value under the key of a machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Desired {
-    /// The manifest as JSON: exactly the bytes that were signed.
+    /// The manifest as JSON, exactly as signed.
     pub manifest: String,
     /// The public key that verifies the signature, base64.
     pub key: String,
     pub signature: String,
-    /// The machine file where it is not larger than [`INLINE_LIMIT`]; `None`: it is in the object store of the machine under
-    /// its checksum.
+    /// The machine file if it is not larger than [`INLINE_LIMIT`]; `None`: it is in the machine's object store under its checksum.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
 }
 
-/// A value of a key that is none of ours.
+/// A malformed value of a key.
 #[derive(Debug, thiserror::Error)]
 pub enum NotADesired {
-    /// No JSON, or other keys.
+    /// Invalid JSON, or unexpected keys.
     #[error("the document of the manifest: {0}")]
     Json(#[from] serde_json::Error),
-    /// The key or the signature is no base64 of the right length.
+    /// The key or the signature is not base64 of the right length.
     #[error("{what}: expected base64 of {bytes} bytes")]
     Base64 { what: &'static str, bytes: usize },
-    /// A public key that is no point of the curve, or one for which everybody can sign.
+    /// The public key is not a point of the curve, or is weak: anybody can forge its signatures.
     #[error("key: expected a public key of Ed25519 that only its owner can sign for")]
     WeakKey,
 }
 
 impl Desired {
-    /// Signs a manifest, with its machine file inside where that is small enough.
+    /// Signs a manifest and embeds its machine file if that is small enough.
     ///
     /// # Errors
-    /// None in practice: the manifest is plain data that JSON can hold.
+    /// None in practice: the manifest is plain data that JSON can represent.
     pub fn sign(manifest: &Manifest, model: &str, key: &SigningKey) -> Result<Self, NotADesired> {
         let manifest = serde_json::to_string(manifest)?;
         let signature = key.sign(&signed_bytes(&manifest));
@@ -115,27 +114,26 @@ impl Desired {
         })
     }
 
-    /// Takes the bytes of a value. Nothing of it is trusted yet: see [`Trust::accept`](crate::Trust::accept).
+    /// Parses the bytes of a value. The result is not yet trusted: see [`Trust::accept`](crate::Trust::accept).
     ///
     /// # Errors
-    /// They are no such document.
+    /// The bytes are not such a document.
     pub fn parse(bytes: &[u8]) -> Result<Self, NotADesired> {
         Ok(serde_json::from_slice(bytes)?)
     }
 
-    /// The bytes of the value.
+    /// Serializes the value.
     ///
     /// # Errors
-    /// None in practice: it is plain data that JSON can hold.
+    /// None in practice: it is plain data that JSON can represent.
     pub fn bytes(&self) -> Result<Vec<u8>, NotADesired> {
         Ok(serde_json::to_vec(self)?)
     }
 
-    /// The key that has signed the manifest; `None`: the signature does not fit. Whether the key is trusted is another
-    /// question.
+    /// The key that signed the manifest; `None` if the signature is invalid. It does not check whether the key is trusted.
     ///
     /// # Errors
-    /// The key or the signature is no base64 of its length.
+    /// The key or the signature is not base64 of its length.
     pub fn signer(&self) -> Result<Option<VerifyingKey>, NotADesired> {
         let key: [u8; 32] = decode(&self.key, "key", 32)?;
         let signature: [u8; 64] = decode(&self.signature, "signature", 64)?;
@@ -148,45 +146,45 @@ impl Desired {
     }
 }
 
-/// A public key whose signatures are to be trusted, as `trusted_keys` of a machine and [`Desired::key`] have it.
+/// Parses a public key to trust, in the form of a machine's `trusted_keys` and of [`Desired::key`].
 ///
 /// # Errors
-/// No base64 of 32 bytes, or no key that only its owner can sign for.
+/// Not base64 of 32 bytes, or a weak key whose signatures can be forged.
 pub fn trusted_key(text: &str) -> Result<VerifyingKey, NotADesired> {
     let bytes: [u8; 32] = decode(text, "key", 32)?;
     let key = VerifyingKey::from_bytes(&bytes).ok();
     key.filter(|key| !key.is_weak()).ok_or(NotADesired::WeakKey)
 }
 
-/// What a machine trusts and is.
+/// Identity and trusted keys of a machine.
 #[derive(Clone, Debug)]
 pub struct Trust {
-    /// The keys whose signatures count.
+    /// Keys whose signatures are accepted.
     pub keys: Vec<VerifyingKey>,
     pub machine: MachineId,
     pub serial: String,
     pub axes: Vec<AxisName>,
-    /// The version of the highest manifest that was ever accepted, from disk; 0 where there was none.
+    /// Highest version ever accepted, stored on disk; 0 if none.
     pub highest: u64,
 }
 
-/// A manifest that was accepted, with what is left to be fetched.
+/// An accepted manifest, with its model if that was embedded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accepted {
     pub manifest: Manifest,
-    /// The machine file, checked against its checksum; `None`: it is in the object store.
+    /// The machine file, verified against its checksum; `None`: it is in the object store.
     pub model: Option<String>,
 }
 
-/// Why a manifest is not accepted. Nothing has been changed by it.
+/// Why a manifest is rejected. A rejected manifest changes nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum NotAccepted {
-    /// It is no such document.
+    /// The value is malformed.
     #[error(transparent)]
     Document(#[from] NotADesired),
     #[error("the signature does not fit the manifest")]
     Signature,
-    /// The key that signed it is none of the trusted ones.
+    /// The signing key is not trusted.
     #[error("it was signed by a key that is not trusted here: {key}")]
     Key { key: String },
     #[error("it is meant for the machine {found}, this is {expected}")]
@@ -201,7 +199,7 @@ pub enum NotAccepted {
         found: Vec<AxisName>,
         expected: Vec<AxisName>,
     },
-    /// A manifest of this version or a higher one has been accepted before.
+    /// A manifest of this version or a higher one was accepted before.
     #[error("its version is {found}, and {highest} has been accepted before")]
     Version { found: u64, highest: u64 },
     /// The machine file is not the one that the manifest names.
@@ -210,10 +208,10 @@ pub enum NotAccepted {
 }
 
 impl Trust {
-    /// Takes a manifest, or says why not. The signature is judged first: what nobody trusted has signed tells nothing.
+    /// Verifies a manifest. The signature is checked first, so that untrusted data never determine the error.
     ///
     /// # Errors
-    /// Why it is not accepted.
+    /// Why it is rejected.
     pub fn accept(&self, desired: &Desired) -> Result<Accepted, NotAccepted> {
         let signer = desired.signer()?.ok_or(NotAccepted::Signature)?;
         if !self.keys.contains(&signer) {

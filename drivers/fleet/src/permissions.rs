@@ -1,7 +1,7 @@
-//! Who may do what at the NATS server: one place for the permissions, and the text of the server's configuration.
+//! Permissions of all users at the NATS server, and the text of the server's configuration.
 //!
-//! A machine publishes on its own four subjects and reads its own key and its own object store. It cannot list, watch or
-//! delete anything, and hears nothing of another machine: the inboxes on which it is answered carry its name.
+//! A machine publishes on its own four subjects and reads its own key and its own object store. It cannot list, watch or delete anything, and
+//! receives nothing of other machines: its inboxes carry its name.
 
 use std::{
     collections::BTreeSet,
@@ -17,10 +17,10 @@ use crate::{
     subjects::{latest_desired_subject, models_bucket},
 };
 
-/// The largest message, bytes: a model of one MiB with its manifest, as JSON.
+/// Maximum message size, bytes: a model of 1 MiB with its manifest, as JSON.
 const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
 
-/// The subjects on which a user may publish, and to which it may subscribe.
+/// Subjects that a user may publish on and subscribe to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Permissions {
     pub publish: Vec<String>,
@@ -39,7 +39,7 @@ impl Permissions {
                 subjects.ack,
                 // The latest value of its own key, and nothing else of that stream.
                 latest_desired_subject(&identity.machine),
-                // Its own object store, message by message. No consumer: it would have messages sent to any subject.
+                // Its own object store, message by message. No consumer, because a consumer could send messages to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
             ],
@@ -47,7 +47,7 @@ impl Permissions {
         }
     }
 
-    /// What a centre may: everything of the fleet.
+    /// Permissions of a centre: everything in the fleet.
     pub fn of_centre() -> Self {
         let everything = || vec![">".to_owned()];
         Self {
@@ -57,63 +57,63 @@ impl Permissions {
     }
 }
 
-/// A machine with the key of its user.
+/// A machine with the nkey of its user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MachineUser {
     pub identity: Identity,
-    /// The public nkey of its user, `U…`.
+    /// Public nkey of its user, `U…`.
     pub nkey: String,
 }
 
-/// The server's files for TLS.
+/// TLS files of the server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerTls {
     pub certificate: PathBuf,
     pub key: PathBuf,
 }
 
-/// The settings of a NATS server.
+/// Settings of a NATS server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerSettings {
-    /// The name of the server, one in its cluster.
+    /// Name of the server, unique in its cluster.
     pub name: String,
-    /// The address on which clients reach it.
+    /// Address for clients.
     pub listen: String,
     pub store: PathBuf,
-    /// TLS towards clients; `None`: in the clear, which is for a computer alone.
+    /// TLS for clients; `None`: unencrypted, acceptable only on a single computer.
     pub tls: Option<ServerTls>,
     pub cluster: Option<Cluster>,
     pub centres: Vec<String>,
     pub machines: Vec<MachineUser>,
 }
 
-/// Why settings make no configuration.
+/// Why a configuration cannot be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoConfiguration {
-    /// A text would break out of its quotation marks.
+    /// The text cannot be quoted safely.
     #[error(
         "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
     )]
     Text { what: &'static str, found: String },
-    /// An address of a server of the cluster that is none, or that has a password of its own.
+    /// The address of a cluster server is invalid or contains a password.
     #[error("routes: found {found}, expected nats://HOST:PORT without a user")]
     Route { found: String },
-    /// A key that is no public nkey of a user.
+    /// The key is not the public nkey of a user.
     #[error(
         "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
     )]
     Nkey { found: String },
-    /// One key for two users: the server could not tell them apart.
+    /// Two users have the same key, so the server could not distinguish them.
     #[error("the key {found} stands for two users, expected one of its own for each")]
     Twice { found: String },
 }
 
 impl ServerSettings {
-    /// The text of the configuration file of the server. **Of a server in a cluster it holds the password of the cluster**, and
-    /// belongs into a file that only its owner reads.
+    /// The text of the server's configuration file. **For a server in a cluster it contains the cluster password**, so only the file's owner may
+    /// read it.
     ///
     /// # Errors
-    /// A text or a key that cannot stand in it.
+    /// A text or a key that the configuration cannot represent.
     pub fn text(&self) -> Result<String, NoConfiguration> {
         let store = self.store.display().to_string();
         let mut text = String::new();
@@ -168,7 +168,7 @@ fn user(text: &mut String, nkey: &str, permissions: &Permissions) {
     );
 }
 
-/// Whether a text has the form of the public nkey of a user: U and 55 letters and digits of base 32.
+/// True if a text has the form of a user's public nkey: U and 55 letters and digits of base 32.
 pub fn is_public_nkey(text: &str) -> bool {
     text.len() == 56
         && text.starts_with('U')
@@ -198,12 +198,12 @@ fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
     Ok(format!("\"{text}\""))
 }
 
-/// What stands before the seed in the bytes whose hash is the password, so that it is the hash of nothing else.
+/// Prefix of the hashed seed, so that the password equals the hash of nothing else.
 const PURPOSE: &[u8] = b"volcomp route 1\0";
-/// The user as which a server joins.
+/// User name with which a server joins.
 const USER: &str = "route";
 
-/// The password by which the servers of a cluster know one another. No `Debug` shows it.
+/// Password that the servers of a cluster share. `Debug` does not show it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct RoutePassword(String);
 
@@ -214,30 +214,30 @@ impl fmt::Debug for RoutePassword {
 }
 
 impl RoutePassword {
-    /// The password that belongs to the seed of a centre's nkey: the same for every server whose configuration that centre
-    /// writes. The seed cannot be found from it.
+    /// Derives the password from the seed of a centre's nkey: it is the same for every server whose configuration that centre writes. The seed
+    /// cannot be recovered from it.
     pub fn of_seed(seed: &str) -> Self {
         let bytes = [PURPOSE, seed.trim().as_bytes()].concat();
         Self(hex(&Sha256::digest(bytes)))
     }
 }
 
-/// A server among the others of its cluster. Whoever joins there reads and writes everything, so it asks for a password, and for
-/// certificates where the servers have them.
+/// Membership of a server in a cluster. A server that joins can read and write everything, so joining requires a password, and certificates if the
+/// servers have them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cluster {
     pub name: String,
-    /// The address on which the other servers reach this one.
+    /// Address for the other servers.
     pub listen: String,
-    /// The addresses of the servers of the cluster, `nats://HOST:PORT`.
+    /// Addresses of the cluster servers, `nats://HOST:PORT`.
     pub routes: Vec<String>,
     pub password: RoutePassword,
-    /// Certificates by which they know one another's, PEM; `None`: those of the system. Used where the server has TLS.
+    /// Certificates that the cluster servers trust, PEM; `None`: those of the system. Used if the server has TLS.
     pub roots: Option<PathBuf>,
 }
 
 impl Cluster {
-    /// The table of the server's configuration, with a line end.
+    /// The table `cluster` of the server's configuration, with a line end.
     fn text(&self, tls: Option<&ServerTls>) -> Result<String, NoConfiguration> {
         let password = &self.password.0;
         let routes: Result<Vec<String>, NoConfiguration> = (self.routes.iter())
@@ -269,13 +269,13 @@ impl Cluster {
         Ok(text)
     }
 
-    /// The address of a server with the password by which it lets another join.
+    /// Inserts the cluster password into a server's address.
     fn with_password(&self, route: &str) -> Result<String, NoConfiguration> {
         match route.strip_prefix("nats://") {
             Some(address) if !address.is_empty() && !address.contains(['@', '/']) => {
                 Ok(format!("nats://{USER}:{}@{address}", self.password.0))
             }
-            // One with a password of somebody else's is not repeated in a message.
+            // The address contains a foreign password, which messages must not repeat.
             Some(address) if address.contains('@') => Err(NoConfiguration::Route {
                 found: "an address with a user".to_owned(),
             }),

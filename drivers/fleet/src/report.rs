@@ -1,84 +1,83 @@
-//! What a machine tells: conditions, whole states, audit records and acknowledgements, each in an envelope.
+//! Messages of a machine: conditions, full telemetry, audit records and acknowledgements, each in an envelope.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use volcomp_vocabulary::AxisName;
 
-/// What every message of a machine carries. `instance` and `number` name a message, so that one sent twice counts once, and
-/// two programs with the identity of one machine are seen.
+/// Common fields of every machine message. `instance` and `number` identify a message, so that duplicates count once, and two programs with the
+/// identity of one machine are detected.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope<T> {
-    /// Drawn at every start of the gateway.
+    /// Random identifier generated at every start of the gateway.
     pub instance: String,
-    /// The number of the message since the start, counted over all kinds.
+    /// Message number since the start, over all kinds.
     pub number: u64,
-    /// Seconds since the start of the gateway when it was made.
+    /// Seconds since the start of the gateway when the message was created.
     pub uptime_s: f64,
-    /// Seconds since 1970 by the clock of the gateway, for people; nothing is decided by it.
+    /// Seconds since 1970 by the gateway's clock, for display only.
     pub wall_s: f64,
-    /// The version of the manifest that is in force; 0: none.
+    /// Version of the active manifest; 0: none.
     pub version: u64,
-    /// The checksum of the machine file that corrects, as `/api/state` tells it.
+    /// Checksum of the active machine file, as in `/api/state`.
     pub model: String,
     pub body: T,
 }
 
-/// The condition of a machine in short, once a second.
+/// Short condition of a machine, sent once a second by default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Condition {
-    /// The state of the guard, as `/api/state` tells it.
+    /// State of the guard, as in `/api/state`.
     pub state: String,
-    /// Why the state is what it is, and what else is to be known.
+    /// Reasons of the state, and further notes.
     pub reasons: Vec<String>,
-    /// Whether it corrects, or will again by itself.
+    /// True if it corrects, or will resume automatically.
     pub armed: bool,
-    /// The correction that is confirmed, µm by linear axis.
+    /// Confirmed correction by linear axis, µm.
     pub correction_um: BTreeMap<AxisName, f64>,
-    /// The correction that is confirmed, µrad by rotary axis.
+    /// Confirmed correction by rotary axis, µrad.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction_urad: BTreeMap<AxisName, f64>,
-    /// The position error that the model leaves, µm; `None` while it is not known.
+    /// Residual position error by the model, µm; `None` if unknown.
     pub residual_um: Option<f64>,
-    /// Temperatures by name, °C; `None` where one is broken.
+    /// Temperatures by name, °C; `None` if the sensor is broken.
     pub temperatures_degc: BTreeMap<String, Option<f64>>,
-    /// The 99th percentile of the time of a cycle, µs.
+    /// p99 of the cycle time, µs.
     pub cycle_p99_us: f64,
-    /// Cycles that took too long since the start.
+    /// Number of cycles since the start that exceeded their time.
     pub overruns: u64,
-    /// Exchanges with controllers that failed since the start.
+    /// Number of failed exchanges with controllers since the start.
     pub faults: u64,
 }
 
-/// A record of the audit log, as it stands in the log of the machine. Each names the checksum of the one before, so that one
-/// that is missing or was changed is seen.
+/// A record as it is in the machine's audit log. Each contains the checksum of its predecessor, so that missing or changed records are detected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AuditLine {
-    /// SHA-256 over the checksum of the record before, a line feed, and `record`; 64 hexadecimal digits.
+    /// SHA-256 over the checksum of the previous record, a line feed, and `record`; 64 hexadecimal digits.
     pub checksum: String,
-    /// The record, JSON of the schema `gateway-audit-record.json` of the gateway, byte by byte as it was written.
+    /// The record exactly as written: JSON of the gateway's schema `gateway-audit-record.json`.
     pub record: String,
 }
 
-/// What became of a manifest.
+/// Outcome of a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum Outcome {
-    /// It is in force: the correction has ramped, or ramps, over to it.
+    /// Active: the correction has ramped, or is ramping, over to it.
     Activated,
-    /// It is on disk, and moves the axes so far that a person must confirm it (rule 13): a new manifest with `confirm`.
+    /// Stored, but it moves the axes so far that the operator must confirm it (rule 13) by a new manifest with `confirm`.
     NeedsConfirmation {
         hash: String,
-        /// The largest move of a linear axis, µm, as text; empty where it is not finite.
+        /// Largest change of a linear axis, µm, as text; empty if not finite.
         worst_um: String,
-        /// The largest move of a rotary axis, µrad, as text; empty where there is none or it is not finite.
+        /// Largest change of a rotary axis, µrad, as text; empty if there is none or it is not finite.
         worst_urad: String,
     },
-    /// It was not accepted, or its machine file cannot be used; what ran before runs on.
+    /// Rejected, or its machine file is unusable; the previous state stays active.
     Refused { why: String },
 }
 
-/// How far a change moves the axes, in words, from the largest moves that [`Outcome::NeedsConfirmation`] tells.
+/// Describes the largest moves reported in [`Outcome::NeedsConfirmation`] in words.
 pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
     match (worst_um, worst_urad) {
         ("", "") => "a distance that is not finite".to_owned(),
@@ -88,12 +87,12 @@ pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
     }
 }
 
-/// The answer to a manifest.
+/// Response to a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
-    /// The version of the manifest that is answered; 0 where it could not be read.
+    /// Version of the manifest; 0 if it could not be read.
     pub version: u64,
-    /// SHA-256 of the bytes of the whole value that is answered, so that a foreign one is seen.
+    /// SHA-256 of the whole value, so that foreign values are detected.
     pub value_sha256: String,
     #[serde(flatten)]
     pub outcome: Outcome,

@@ -1,4 +1,4 @@
-//! A `nats-server` as a child process: for tests, and for a centre that brings its own.
+//! A `nats-server` child process, for tests and for a centre that runs its own server.
 
 use std::{
     ffi::OsStr,
@@ -12,28 +12,28 @@ use std::{
 
 use crate::{NoConfiguration, ServerSettings};
 
-/// Where Debian puts the server, which is not in the path of every user.
+/// Path of the server on Debian, which is not in every user's `PATH`.
 const ON_DEBIAN: &str = "/usr/sbin/nats-server";
-/// A server that is not ready after so long is told as one that does not start.
+/// Start timeout.
 const READY_WITHIN: Duration = Duration::from_secs(30);
 
 /// Why a server does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The settings make no configuration.
+    /// The settings do not make a valid configuration.
     #[error(transparent)]
     Configuration(#[from] NoConfiguration),
     #[error("nats-server is not installed: on Debian `apt install nats-server`")]
     NotInstalled,
-    /// A file or a process.
+    /// A file or process operation failed.
     #[error("nats-server: {0}")]
     Io(#[from] io::Error),
-    /// It ended, or does not listen.
+    /// The server exited or does not listen.
     #[error("nats-server does not listen on {listen}; what it says stands in {log}")]
     NotReady { listen: String, log: String },
 }
 
-/// A running server. It ends when this is dropped.
+/// A running server, terminated when dropped.
 #[derive(Debug)]
 pub struct Server {
     child: Child,
@@ -41,7 +41,7 @@ pub struct Server {
     configuration: PathBuf,
 }
 
-/// The program, where it is installed.
+/// Path of the program if it is installed.
 pub fn program() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::env::split_paths(&path).map(|folder| folder.join("nats-server"));
@@ -50,11 +50,11 @@ pub fn program() -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
-/// Writes a configuration, which may hold the password of a cluster, in the place of the one before: only its owner can read
-/// it. One that another user owns (the one as which the server runs) stays that user's.
+/// Replaces a configuration file, which may contain a cluster password, so that only its owner can read it. A file owned by another user (the one
+/// that the server runs as) keeps its owner.
 ///
 /// # Errors
-/// It cannot be written.
+/// The file cannot be written.
 pub fn write_private(file: &Path, text: &str) -> io::Result<()> {
     let mut beside = file.as_os_str().to_owned();
     beside.push(".new");
@@ -86,7 +86,7 @@ impl Server {
         server.ready(folder)
     }
 
-    /// Starts a server of a cluster, which is ready only when the others run too.
+    /// Starts a server of a cluster, which becomes ready only when the other servers run too.
     ///
     /// # Errors
     /// Why it does not run.
@@ -122,7 +122,7 @@ impl Server {
         Ok(self)
     }
 
-    /// The address of the server as clients have it.
+    /// Address of the server for clients.
     pub fn url(&self) -> String {
         format!("nats://{}", self.listen)
     }
@@ -131,10 +131,10 @@ impl Server {
         self.child.id()
     }
 
-    /// Writes other settings (users, that is) and has the server take them over.
+    /// Writes changed settings (such as users) and reloads the server.
     ///
     /// # Errors
-    /// The settings make no configuration, or the server does not take them.
+    /// The settings do not make a valid configuration, or the server rejects them.
     pub fn reload(&self, settings: &ServerSettings) -> Result<(), ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         write_private(&self.configuration, &settings.text()?)?;
@@ -154,7 +154,7 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // It ended by itself, or it ends now: nothing else can be done here.
+        // It may have exited already; errors cannot be handled in `drop`.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,7 +1,7 @@
-//! Messages that wait for the server: in memory while it is there, on disk while it is not, bounded in both.
+//! Queue of outgoing messages: in memory while the server is reachable, on disk while it is not, bounded in both.
 //!
-//! State: the messages that wait. What is on disk outlives the program. A message is given out until it is told to be
-//! stored, so after a crash some are given out again: their id tells them apart.
+//! State: the waiting messages. Those on disk outlive the program. A message is repeated until it is acknowledged as stored, so after a crash some
+//! are sent again; their ids identify duplicates.
 
 use std::{
     collections::VecDeque,
@@ -13,17 +13,17 @@ use sha2::{Digest, Sha256};
 
 use crate::Kind;
 
-/// So many messages of a lane wait in memory before they go to disk: a server that is there costs no write.
+/// Maximum number of messages of a lane in memory before they are written to disk: a reachable server causes no disk writes.
 const IN_MEMORY: usize = 64;
-/// Where the disk takes nothing, so many messages of a lane are kept in memory; then the oldest are dropped.
+/// Maximum number of messages of a lane in memory while the disk rejects writes; beyond it the oldest are dropped.
 const WITHOUT_DISK: usize = 1024;
-/// A file on disk holds so much at the most, bytes (but for a single message that is larger).
+/// Maximum size of a file on disk, bytes (except for a single larger message).
 const FILE: usize = 256 * 1024;
 
-/// Which messages are given out first and dropped last, by their [`Kind`].
+/// Priority of a message, by its [`Kind`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// Acknowledgements and audit records: given out first, and never dropped for telemetry.
+    /// Acknowledgements and audit records: sent first, and never dropped in favour of telemetry.
     Kept,
     /// Conditions and telemetry.
     Passing,
@@ -39,7 +39,7 @@ impl Lane {
     }
 }
 
-/// How much waits at the most.
+/// Size limits of the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SpoolLimits {
     /// Acknowledgements and audit records on disk, bytes.
@@ -58,29 +58,29 @@ impl Default for SpoolLimits {
     }
 }
 
-/// A message that waits.
+/// A waiting message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
     pub kind: Kind,
-    /// Its id, by which the server and the centre know one that comes twice.
+    /// Id by which the server and the centre recognize duplicates.
     pub id: String,
     pub bytes: Vec<u8>,
 }
 
-/// The messages that wait for the server.
+/// The messages waiting for the server.
 #[derive(Debug)]
 pub struct Spool {
     kept: Queue,
     passing: Queue,
-    /// The lane of the message that was given out last.
+    /// Lane of the message returned last.
     given: Option<Lane>,
 }
 
 impl Spool {
-    /// Opens the folder and finds what was left there. A file that was torn by a crash gives its whole messages.
+    /// Opens the folder and loads its file list. From a file torn by a crash, the complete messages are recovered.
     ///
     /// # Errors
-    /// The folder cannot be made or read.
+    /// The folder cannot be created or read.
     pub fn open(folder: &Path, limits: SpoolLimits) -> io::Result<Self> {
         Ok(Self {
             kept: Queue::open(folder.join("kept"), limits.kept_bytes)?,
@@ -89,13 +89,12 @@ impl Spool {
         })
     }
 
-    /// Takes a message. It never fails: where there is no room the oldest of its lane is dropped, which
-    /// [`dropped`](Self::dropped) counts.
+    /// Adds a message. Never fails: if there is no room the oldest message of its lane is dropped, which [`dropped`](Self::dropped) counts.
     pub fn push(&mut self, message: Waiting) {
         self.lane(Lane::of(message.kind)).push(message);
     }
 
-    /// The message that is to be sent next, the same until [`done`](Self::done).
+    /// The next message to send; unchanged until [`done`](Self::done).
     pub fn first(&mut self) -> Option<&Waiting> {
         let lane = match self.given {
             Some(lane) => lane,
@@ -110,19 +109,19 @@ impl Spool {
         first
     }
 
-    /// The message that [`first`](Self::first) gave is stored at the server.
+    /// Removes the message that [`first`](Self::first) returned, after the server has stored it.
     pub fn done(&mut self) {
         if let Some(lane) = self.given.take() {
             self.lane(lane).done();
         }
     }
 
-    /// How many messages were dropped since the start, for want of room.
+    /// Number of messages dropped since the start for lack of room.
     pub fn dropped(&self) -> u64 {
         self.kept.dropped + self.passing.dropped
     }
 
-    /// Why the disk takes nothing now; `None`: it does, or was not needed.
+    /// Current disk error; `None` if the disk works or was not needed.
     pub fn trouble(&self) -> Option<&str> {
         self.kept
             .trouble
@@ -130,7 +129,7 @@ impl Spool {
             .or(self.passing.trouble.as_deref())
     }
 
-    /// Writes to disk what waits in memory, for the end of the program.
+    /// Writes the messages in memory to disk, before the program ends.
     pub fn flush(&mut self) {
         self.given = None;
         for queue in [&mut self.kept, &mut self.passing] {
@@ -147,8 +146,8 @@ impl Spool {
     }
 }
 
-/// A file on disk. Its name tells its number, by which the files are in order, and how many messages were written, so that
-/// those lost with a damaged file are counted.
+/// A file on disk. Its name contains its number, which orders the files, and the number of its messages, so that those lost with a damaged file are
+/// counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Stored {
     number: u64,
@@ -157,7 +156,7 @@ struct Stored {
 }
 
 impl Stored {
-    /// The file of this name; `None`: it is none of ours.
+    /// Parses a file name; `None` if it is not a file of this queue.
     fn named(name: &str, bytes: u64) -> Option<Self> {
         let (number, messages) = name.strip_suffix(".spool")?.split_once('-')?;
         Some(Self {
@@ -172,23 +171,23 @@ impl Stored {
     }
 }
 
-/// One lane: files, the oldest first; of the oldest file what it holds; then what is in memory.
+/// One lane: files, the oldest first; the messages of the oldest file; then those in memory.
 #[derive(Debug)]
 struct Queue {
     folder: PathBuf,
     limit: u64,
-    /// The files that have not been read yet, the oldest first.
+    /// Files that have not been read yet, the oldest first.
     files: VecDeque<Stored>,
-    /// The file that is being given out, until all of it is done.
+    /// The file whose messages are being sent, until all are done.
     open: Option<Stored>,
-    /// What is left of it.
+    /// Its remaining messages.
     front: VecDeque<Waiting>,
-    /// The message that is given out, and whether it came from the open file. It has left its place, so that nothing which is
-    /// dropped meanwhile can be mistaken for it.
+    /// The message returned last, and whether it came from the open file. It is removed from the queue, so that messages dropped meanwhile cannot
+    /// be confused with it.
     given: Option<(Waiting, bool)>,
-    /// What came last.
+    /// The newest messages.
     memory: VecDeque<Waiting>,
-    /// The number of the next file.
+    /// Number of the next file.
     next_file: u64,
     dropped: u64,
     trouble: Option<String>,
@@ -225,7 +224,7 @@ impl Queue {
 
     fn push(&mut self, message: Waiting) {
         self.memory.push_back(message);
-        // Where the disk failed it is tried again with every message that does not fit.
+        // After a disk failure, every message that does not fit triggers a retry.
         if self.memory.len() > IN_MEMORY {
             self.spill();
         }
@@ -235,7 +234,7 @@ impl Queue {
         }
     }
 
-    /// From memory to files; the oldest files go where there is no room.
+    /// Moves messages from memory to files; the oldest files are removed if there is no room.
     fn spill(&mut self) {
         while !self.memory.is_empty() {
             let mut bytes = Vec::new();
@@ -263,7 +262,7 @@ impl Queue {
             };
             let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
-                // A part of it may be there: it would be given out besides what is still in memory.
+                // A partial file may remain; its messages would be sent in addition to those still in memory.
                 let _ = std::fs::remove_file(&path);
                 self.trouble = Some(format!("{}: {e}", path.display()));
                 return;
@@ -301,7 +300,7 @@ impl Queue {
             };
             let path = self.path(file);
             match std::fs::read(&path) {
-                // It is still there perhaps: it is tried again, and what came later goes first.
+                // The file may still exist: it is retried, and newer messages go first.
                 Err(e) if e.kind() != io::ErrorKind::NotFound || !self.folder.is_dir() => {
                     self.trouble = Some(format!("{}: {e}", path.display()));
                     self.files.push_front(file);
@@ -314,8 +313,7 @@ impl Queue {
         self.front.pop_front().map(|message| (message, true))
     }
 
-    /// Takes the messages of a file. What is damaged of it is dropped, and what another version of this program has
-    /// written, which has no subject here.
+    /// Loads the messages of a file. Damaged messages are dropped, and so are those of another program version that have no subject here.
     fn give_out(&mut self, file: Stored, bytes: &[u8]) {
         self.open = Some(file);
         self.trouble = None;
@@ -338,7 +336,7 @@ impl Queue {
         }
     }
 
-    /// Back to its place: what is in the open file is on disk anyway.
+    /// Returns the message to its place; those of the open file are on disk anyway.
     fn take_back(&mut self) {
         match self.given.take() {
             Some((message, true)) => self.front.push_front(message),
@@ -347,7 +345,7 @@ impl Queue {
         }
     }
 
-    /// The file that was given out is no longer needed.
+    /// Removes the completed file.
     fn close(&mut self) {
         if let Some(file) = self.open.take() {
             let _ = std::fs::remove_file(self.path(file));
@@ -355,8 +353,8 @@ impl Queue {
     }
 }
 
-/// A file holds records with lengths and a checksum, so that a torn end is seen. The header: lengths of the kind, of the id and
-/// of the bytes, then eight bytes of the checksum.
+/// A file holds records with lengths and a checksum, so that a torn end is detected. Header: lengths of the kind, the id and the bytes, then eight
+/// bytes of the checksum.
 const HEADER: usize = 1 + 2 + 4 + 8;
 
 /// One message in a file.
@@ -367,7 +365,7 @@ struct Record<'a> {
     bytes: &'a [u8],
 }
 
-/// Adds a record. One whose kind, id or bytes are longer than their length can say is left out.
+/// Appends a record. It is omitted if its kind, id or bytes exceed what their length fields can represent.
 fn append(file: &mut Vec<u8>, record: Record<'_>) {
     let lengths = (
         u8::try_from(record.kind.len()),

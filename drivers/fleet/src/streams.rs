@@ -1,7 +1,7 @@
-//! The buckets and streams at the server, made by the centre.
+//! Buckets and streams at the server, created by the centre.
 //!
-//! A bucket is a stream by another name. It is made as one here, since the client's own way asks for facts that a server of
-//! version 2.9 does not tell.
+//! A key-value bucket is a stream by another name. It is created as a stream here, because the client's own function requires information that
+//! servers of version 2.9 do not return.
 
 use std::time::Duration;
 
@@ -13,26 +13,26 @@ use crate::{
     subjects::{AUDIT_PREFIX, DESIRED_BUCKET, desired_subject, models_bucket, streams_of},
 };
 
-/// How many values of a key are kept.
+/// Number of values kept for each key.
 const HISTORY: i64 = 8;
-/// A message that comes twice within this time is stored once.
+/// Deduplication window: messages with the same id within it are stored once.
 const TWICE_WITHIN: Duration = Duration::from_secs(120);
 
-/// How long and how much the streams keep.
+/// Retention limits of the streams, by age and size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Keeping {
     /// How many servers of the cluster hold each stream: 1, 3 or 5.
     pub replicas: usize,
-    /// Conditions and telemetry are kept so long at the server.
+    /// Retention time of conditions and telemetry.
     pub telemetry: Duration,
-    /// Conditions and telemetry of a site are kept so far, bytes; the oldest go first.
+    /// Maximum size of a site's conditions and telemetry, bytes; the oldest are removed first.
     pub telemetry_bytes: i64,
-    /// Audit records and acknowledgements are kept so long at the server.
+    /// Retention time of audit records and acknowledgements.
     pub audit: Duration,
 }
 
 impl Default for Keeping {
-    /// One server, a week of telemetry up to 4 GiB a site, a year of audit records.
+    /// One server; telemetry for a week up to 4 GiB for each site; audit records for a year.
     fn default() -> Self {
         const DAY: Duration = Duration::from_secs(86_400);
         Self {
@@ -44,10 +44,10 @@ impl Default for Keeping {
     }
 }
 
-/// Makes the bucket of what machines shall run, and the streams of these sites; what is there already is set as said here.
+/// Creates the bucket of desired states and the streams of these sites; existing ones are updated to these settings.
 ///
 /// # Errors
-/// The server does not answer or does not allow it.
+/// The server does not respond or denies permission.
 pub async fn prepare(
     context: &Context,
     sites: &[SiteId],
@@ -103,10 +103,10 @@ async fn create(context: &Context, config: stream::Config) -> Result<(), LinkErr
     made.map(|_| ()).map_err(failed("making a stream"))
 }
 
-/// Puts a model that is too large for its manifest into the object store of a machine, under its checksum.
+/// Puts a model that is too large for its manifest into a machine's object store under its checksum.
 ///
 /// # Errors
-/// The server does not answer or does not allow it.
+/// The server does not respond or denies permission.
 pub async fn put_model(
     context: &Context,
     machine: &MachineId,

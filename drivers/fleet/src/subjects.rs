@@ -1,18 +1,17 @@
-//! The subjects, buckets and streams of the fleet: one place for their names.
+//! The names of the fleet's subjects, buckets and streams.
 //!
-//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads the key of its own name, nothing
-//! else.
+//! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key of its own name.
 
 use crate::{Identity, MachineId, SiteId};
 
-/// The key-value bucket that holds what each machine shall run: the key is the name of the machine.
+/// Key-value bucket of the desired states; the key is the machine's name.
 pub(crate) const DESIRED_BUCKET: &str = "desired";
-/// The stream of conditions and telemetry of a site is this and the name of the site.
+/// Prefix of the name of a site's stream of conditions and telemetry.
 const TELEMETRY_PREFIX: &str = "telemetry-";
-/// The stream of audit records and acknowledgements of a site is this and the name of the site.
+/// Prefix of the name of a site's stream of audit records and acknowledgements.
 pub(crate) const AUDIT_PREFIX: &str = "audit-";
 
-/// The kind of a message of a machine.
+/// Kind of a machine message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Ack,
@@ -24,7 +23,7 @@ pub enum Kind {
 impl Kind {
     pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
 
-    /// The last part of its subject.
+    /// Last token of its subject.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ack => "ack",
@@ -34,29 +33,29 @@ impl Kind {
         }
     }
 
-    /// The kind with this last part of its subject.
+    /// The kind with this last token of its subject.
     pub fn with_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// The subject on which the values of the key of a machine appear; with a wildcard in its place those of every machine.
+/// Subject of the values under a machine's key; a wildcard selects every machine.
 pub(crate) fn desired_subject(machine: &str) -> String {
     format!("$KV.{DESIRED_BUCKET}.{machine}")
 }
 
-/// The subject of the direct question for the latest value of the key of a machine.
+/// Subject of the direct request for the latest value of a machine's key.
 pub(crate) fn latest_desired_subject(machine: &MachineId) -> String {
     let desired = desired_subject(machine.as_str());
     format!("$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{desired}")
 }
 
-/// The object store that holds models of a machine which are too large for a manifest.
+/// Object store of a machine's models that are too large for a manifest.
 pub(crate) fn models_bucket(machine: &MachineId) -> String {
     format!("models-{machine}")
 }
 
-/// The two streams of a site with the subjects that they hold: telemetry, then audit.
+/// The two streams of a site with their subjects: telemetry, then audit.
 pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     let of = |kinds: [Kind; 2]| {
         kinds
@@ -75,18 +74,18 @@ pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     ]
 }
 
-/// The subjects of one machine.
+/// Subjects of one machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subjects {
-    /// The short condition, once a second unless the manifest says otherwise.
+    /// Short condition, once a second by default.
     pub condition: String,
-    /// The whole state, every ten seconds unless the manifest says otherwise.
+    /// Full telemetry, every ten seconds by default.
     pub telemetry: String,
     pub audit: String,
     pub ack: String,
-    /// The subject on which a new manifest of this machine appears.
+    /// Subject of new manifests for this machine.
     pub desired: String,
-    /// The prefix of the inboxes on which this machine is answered.
+    /// Prefix of the machine's reply inboxes.
     pub inbox: String,
 }
 

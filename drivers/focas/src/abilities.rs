@@ -1,4 +1,4 @@
-//! Finding out in which form a control accepts the requests of a cycle. Nothing is written.
+//! Determines in which form a control accepts the requests of a cycle. Nothing is written.
 
 use std::time::Instant;
 
@@ -13,8 +13,8 @@ use crate::{
     session::Session,
 };
 
-/// Asks in the form with the fewest exchanges first; where the control refuses it, what it accepts is found out piece by
-/// piece. What is refused in every form is told with the control's return code.
+/// Tries the form with the fewest exchanges first; if the control rejects it, determines each ability separately. A request that is rejected in
+/// every form is reported with the control's return code.
 pub(crate) fn find(
     session: &mut Session,
     config: &FocasConfig,
@@ -63,7 +63,7 @@ struct Asker<'a> {
 }
 
 impl Asker<'_> {
-    /// Whether every frame of a read is answered whole.
+    /// True if every frame of a read is answered completely.
     fn accepts_all(&mut self, abilities: Abilities) -> Result<bool, FocasError> {
         let exchanges = plan::reads(self.config, self.axes, abilities)?;
         let asked = "reading all that a cycle needs";
@@ -71,12 +71,12 @@ impl Asker<'_> {
             .map(|refused| refused.is_none())
     }
 
-    /// Whether one command is answered.
+    /// True if a command is answered.
     fn accepts(&mut self, ask: Ask) -> Result<bool, FocasError> {
         self.refusal_of(ask).map(|refused| refused.is_none())
     }
 
-    /// One command that must be answered.
+    /// Sends a command that must be answered.
     fn must(&mut self, ask: Ask) -> Result<(), FocasError> {
         self.refusal_of(ask)?.map_or(Ok(()), Err)
     }
@@ -90,8 +90,8 @@ impl Asker<'_> {
         self.refusal(&[exchange], &ask.words(self.config))
     }
 
-    /// Why the control does not answer as it should: it refuses, or answers less than was asked for. Everything else
-    /// is an error, a control that is busy among it.
+    /// Why the control does not answer as required: it rejects the request, or returns less than requested. Everything else is an error, including
+    /// a busy control.
     fn refusal(
         &mut self,
         exchanges: &[Exchange<Ask>],

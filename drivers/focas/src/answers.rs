@@ -1,8 +1,8 @@
-//! The answers of the control about itself, and how they are read from bytes.
+//! Responses of the control about itself, and their decoding.
 
 use crate::frame::{Broken, number};
 
-/// The codes of the control's functions.
+/// Function codes of the control.
 pub(crate) mod function {
     pub(crate) const SYSTEM: u16 = 0x18;
     pub(crate) const STATUS: u16 = 0x19;
@@ -18,7 +18,7 @@ pub(crate) mod function {
     pub(crate) const WRITE_PMC: u16 = 0x8002;
 }
 
-/// In which coordinates positions are told.
+/// Coordinate system of positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PositionKind {
@@ -42,7 +42,7 @@ impl PositionKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SystemInfo {
-    /// The number of slots in answers about all axes.
+    /// Number of slots in responses about all axes.
     pub max_axes: u16,
     /// The type of control, such as ` 0` or `31`.
     pub cnc_type: String,
@@ -50,22 +50,22 @@ pub struct SystemInfo {
     pub machine_type: String,
     pub series: String,
     pub version: String,
-    /// The number of axes of the path, two digits.
+    /// Number of axes of the path, two digits.
     pub axes: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StatusInfo {
-    /// The mode: 0 MDI, 1 memory, 3 edit, 4 handle, 5 jog, 9 reference, 10 remote.
+    /// Mode: 0 MDI, 1 memory, 3 edit, 4 handle, 5 jog, 9 reference, 10 remote.
     pub mode: u16,
-    /// The state of the program: 0 reset, 1 stop, 2 hold, 3 running.
+    /// Program state: 0 reset, 1 stop, 2 hold, 3 running.
     pub run: u16,
-    /// Not 0 while axes move.
+    /// Nonzero while axes move.
     pub motion: u16,
-    /// Not 0 while the emergency stop is pressed.
+    /// Nonzero while the emergency stop is pressed.
     pub emergency: u16,
-    /// Not 0 while an alarm is on.
+    /// Nonzero while an alarm is active.
     pub alarm: u16,
 }
 
@@ -73,14 +73,14 @@ pub struct StatusInfo {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Alarm {
     pub number: i32,
-    /// The type of the alarm, as a number of the maker.
+    /// Alarm type, a number defined by the manufacturer.
     pub kind: i32,
-    /// The axis that it belongs to, from 1; 0 for none.
+    /// Axis of the alarm, from 1; 0 for none.
     pub axis: i32,
     pub text: String,
 }
 
-/// The number in a slot of eight bytes, mm or deg as the control counts.
+/// Decodes the number in a slot of eight bytes, mm or deg.
 pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, Broken> {
     let bytes = data
         .get(8 * index..)
@@ -89,7 +89,7 @@ pub(crate) fn slot(data: &[u8], index: usize) -> Result<f64, Broken> {
     number(*bytes).ok_or(Broken("a position that is no number"))
 }
 
-/// The state of the control from its fourteen bytes.
+/// Decodes the state of the control from its fourteen bytes.
 pub(crate) fn status(data: &[u8]) -> Result<StatusInfo, Broken> {
     let data = data
         .first_chunk::<14>()

@@ -1,4 +1,4 @@
-//! Single questions and orders, for set-up and tools; a cycle uses [`FocasController`](crate::FocasController).
+//! Single read and write requests, for set-up and tools; a real-time cycle uses [`FocasController`](crate::FocasController).
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use crate::{
     shift_source::{self, ShiftSource},
 };
 
-/// A control that is asked one thing at a time.
+/// A client that sends one request at a time.
 #[derive(Debug)]
 pub struct Client {
     session: Session,
@@ -23,7 +23,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Opens a session; every later call takes `at_most` too.
+    /// Opens a session; `at_most` is also the timeout of every later call.
     ///
     /// # Errors
     /// See [`Session::open`].
@@ -35,23 +35,23 @@ impl Client {
         })
     }
 
-    /// Gives the session away, for requests of one's own.
+    /// Releases the session for other requests.
     pub fn into_session(self) -> Session {
         self.session
     }
 
-    /// The same client, asking about another path of the control than the first.
+    /// Selects another path of the control than the first.
     #[must_use]
     pub fn with_path(self, path: u16) -> Self {
         Self { path, ..self }
     }
 
-    /// The version that the control answers with: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
     pub fn version(&self) -> u16 {
         self.session.version()
     }
 
-    /// Asks one thing: the data of the answer.
+    /// Sends one command and returns the data of its response.
     fn ask(
         &mut self,
         function: u16,
@@ -74,7 +74,7 @@ impl Client {
         let deadline = Instant::now() + self.at_most;
         let failed = |fault| FocasError::asking(what, fault);
         let mut blocks = self.session.exchange(&request, deadline).map_err(failed)?;
-        // The session has seen as many blocks as commands.
+        // The session has checked that there are as many blocks as commands.
         let block = blocks.next().unwrap_or(Err(Broken("no answer")));
         let block = block.map_err(|e| failed(e.into()))?;
         if block.error != 0 {
@@ -86,7 +86,7 @@ impl Client {
         Ok(block.data.to_vec())
     }
 
-    /// The type, software and number of axes of the control.
+    /// Type, software and number of axes of the control.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -106,7 +106,7 @@ impl Client {
         })
     }
 
-    /// The state of the control.
+    /// State of the control.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -115,7 +115,7 @@ impl Client {
         status(&data).map_err(|e| broken("reading the status", e))
     }
 
-    /// The letters of the axes, as far as they have one.
+    /// Axis letters; axes without one are omitted.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -136,7 +136,7 @@ impl Client {
         (0..axes).map(position).collect()
     }
 
-    /// Memory of the PMC, as many bytes as asked for.
+    /// Reads bytes of PMC memory.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -156,7 +156,7 @@ impl Client {
         Ok(data)
     }
 
-    /// Writes bytes into the memory of the PMC.
+    /// Writes bytes to PMC memory.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -174,7 +174,7 @@ impl Client {
         Ok(())
     }
 
-    /// A custom macro variable; `None` where it is vacant.
+    /// Reads a custom macro variable; `None` if it is vacant.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -203,7 +203,7 @@ impl Client {
         Ok(())
     }
 
-    /// A work offset of an axis (`number` 0: external, 1 to 6: G54 to G59), mm or deg.
+    /// Reads a work offset of an axis (`number` 0: external, 1 to 6: G54 to G59), mm or deg.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -215,9 +215,9 @@ impl Client {
 
     /// Sets a work offset of an axis, counted from 0, with three decimals: mm or deg.
     ///
-    /// No substitute for a zero point shift: a work offset is said to take effect only when blocks are read ahead. A public
-    /// description of the protocol proves this order for G54 of the X axis alone, with a read-back that lags behind; for the
-    /// external offset and other axes it is not shown there. This client has been tried against its own simulator only.
+    /// It does not replace a zero point shift: a work offset is reported to take effect only when blocks are read ahead. A public description of
+    /// the protocol documents this request only for G54 of the X axis, with a delayed read-back, and not for the external offset or other axes.
+    /// This client has been tested only against its own simulator.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -230,16 +230,16 @@ impl Client {
         let axis = i32::try_from(axis + 1).unwrap_or(i32::MAX);
         let args = [number, number, axis, 0, 8];
         let [a, b, c, d, ..] = number_bytes(value, 3);
-        // As that description has it: the mantissa alone, exponent ffff.
+        // As in that description: the mantissa alone, exponent ffff.
         let data = [a, b, c, d, 0, 0, 0xff, 0xff];
         self.ask(function::WRITE_OFFSET, args, &data, "writing a work offset")?;
         Ok(())
     }
 
-    /// A parameter of the control that holds whole numbers, by axis from 0 or as it is.
+    /// Reads an integer parameter of the control, for an axis (from 0) or without one.
     ///
     /// # Errors
-    /// See [`FocasError`]; a number that does not exist refuses the request.
+    /// See [`FocasError`]; an unknown number makes the control reject the request.
     pub fn read_parameter(
         &mut self,
         number_of: i32,
@@ -252,10 +252,10 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
-    /// A whole number that a parameter of the control holds, or in words why the control does not tell it.
+    /// Reads an integer parameter of the control; the inner error states why the control does not report it.
     ///
     /// # Errors
-    /// See [`FocasError`]: no answer.
+    /// See [`FocasError`]: no response.
     pub(crate) fn told_parameter(
         &mut self,
         number: i32,
@@ -277,12 +277,12 @@ impl Client {
         }))
     }
 
-    /// From which words of the PMC the control takes the machine zero point shift of its axes: parameters 1203#0 and 1280,
-    /// whose meaning is from memory of manuals. A control that refuses the question, or answers with something that is
-    /// no address, does not tell it: that is no error.
+    /// The PMC words from which the control takes the machine zero point shift of its axes, by parameters 1203#0 and 1280, whose meaning is from
+    /// memory of manuals. If the control rejects the request, or returns something that is not an address, the source is unknown, which is not an
+    /// error.
     ///
     /// # Errors
-    /// See [`FocasError`]: no answer.
+    /// See [`FocasError`]: no response.
     pub fn shift_source(&mut self) -> Result<ShiftSource, FocasError> {
         let mut values = [0; 2];
         for (value, number) in values
@@ -302,7 +302,7 @@ impl Client {
         })
     }
 
-    /// The alarms that are on, ten at the most.
+    /// Active alarms, at most ten.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -327,7 +327,7 @@ impl Client {
     }
 }
 
-/// A number that is whole and not negative.
+/// Parses a non-negative integer.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -338,7 +338,7 @@ fn whole(value: f64) -> Option<u32> {
     is_whole.then_some(value as u32)
 }
 
-/// An answer that cannot be read.
+/// Error for an unreadable response.
 fn broken(asked: &str, broken: Broken) -> FocasError {
     FocasError::asking(asked, Fault::from(broken))
 }

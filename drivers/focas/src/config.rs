@@ -1,4 +1,4 @@
-//! How a control is reached and corrected.
+//! Configuration of a control: connection and correction.
 
 use std::time::Duration;
 
@@ -11,25 +11,25 @@ use crate::{
     pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width},
 };
 
-/// Positions have so many mm or deg in their last digit at least.
+/// Smallest step of the positions that a control reports, mm or deg.
 const THIRD_DECIMAL: f64 = 0.001;
 
-/// Where the machine zero point shift of each axis is written.
+/// Words in which the machine zero point shifts of the axes are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shift {
-    /// Where the number of the control's first axis stands; those of its other axes follow.
+    /// Word of the control's first axis; the words of its other axes follow.
     pub first: PmcAddress,
-    /// The number of bytes of each number.
+    /// Size of each word.
     pub width: Width,
-    /// How far one count moves a linear axis.
+    /// Displacement of a linear axis by one count.
     pub count_linear: Mm,
-    /// How far one count moves a rotary axis.
+    /// Displacement of a rotary axis by one count.
     pub count_rotary: Rad,
 }
 
 impl Shift {
-    /// How far one count moves an axis of this kind.
+    /// Displacement by one count for this kind of axis.
     pub fn count(&self, kind: AxisKind) -> Displacement {
         match kind {
             AxisKind::Linear => Displacement::Length(self.count_linear),
@@ -37,7 +37,7 @@ impl Shift {
         }
     }
 
-    /// The same shifts in words of two bytes, as frames to a barrier have them.
+    /// The same shifts in two-byte words, as frames to a barrier contain them.
     pub(crate) fn in_words(self) -> Self {
         Self {
             width: Width::Word,
@@ -45,60 +45,58 @@ impl Shift {
         }
     }
 
-    /// The largest shift of an axis of this kind, in either direction, that the width can hold.
+    /// Maximum magnitude of a shift for this kind of axis that the width can represent.
     pub fn largest(&self, kind: AxisKind) -> Displacement {
         let count = self.count(kind).mm_or_rad();
         Displacement::new(kind, count * f64::from(self.width.largest()))
     }
 }
 
-/// How a control is reached and corrected.
+/// Configuration of a control: connection and correction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FocasConfig {
-    /// The name or address of the control.
+    /// Host name or address of the control.
     pub host: String,
-    /// The port of the control, 8193 as delivered.
+    /// TCP port of the control, 8193 by default.
     pub port: u16,
-    /// The path of the control whose axes are corrected, from 1.
+    /// Path of the control whose axes are corrected, from 1.
     pub path: u16,
-    /// The name of the channel by which corrections get in.
+    /// Name of the channel that carries the corrections.
     pub channel: String,
     /// The axes to correct, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes of which only the positions are read. Without `axes` nothing of the PMC is used but `referenced`.
+    /// Axes whose positions are only read. If `axes` is empty, `referenced` is the only PMC memory used.
     pub reads: Vec<AxisName>,
     /// Where corrections are written.
     pub shift: Shift,
-    /// The byte that every correction moves on, for the ladder to watch; `None` where nobody watches.
+    /// Byte that every correction increments, for monitoring by the ladder; `None` without monitoring.
     pub heartbeat: Option<PmcAddress>,
-    /// The byte that is written last in every correction and counts up: where a ladder copies the shifts on, it
-    /// does so when this byte has changed, and so takes all axes together.
+    /// Byte that is written last in every correction and counts up. A ladder that copies the shifts does so when this byte has changed, and thus
+    /// takes all axes together.
     pub sequence: Option<PmcAddress>,
-    /// Where frames go to a barrier in the ladder and its reports come from. Corrections are then handed over by
-    /// `post` and not by `apply`; heartbeat and sequence byte are not used, and the words of `shift` belong to the
-    /// ladder: the driver never writes them.
+    /// Memory of a barrier in the ladder: frames to it and reports from it. Corrections are then passed by `post` and not by `apply`; heartbeat and
+    /// sequence byte are unused, and the words of `shift` belong to the ladder: the driver never writes them.
     pub barrier: Option<BarrierArea>,
-    /// Whether a ladder copies the words of `shift` on to others, from which the control takes the shift; otherwise the
-    /// control takes it from those words themselves, and its parameters must say so.
+    /// True if a ladder copies the words of `shift` to those from which the control takes the shift. Otherwise the control takes it from the words
+    /// of `shift` directly, and its parameters must agree.
     pub copied: bool,
-    /// In which coordinates positions are read.
+    /// Coordinate system in which positions are read.
     pub positions: PositionKind,
-    /// Whether the positions that the control tells contain the shift.
+    /// True if the positions that the control reports include the shift.
     pub includes_correction: bool,
-    /// The byte whose bits say which axes are referenced, the control's first axis lowest; `None` where
-    /// they are taken to be referenced.
+    /// Byte whose bits state which axes are referenced, the control's first axis lowest; `None`: all are assumed to be referenced.
     pub referenced: Option<PmcAddress>,
-    /// The longest time for making a connection, and for each question before the first cycle.
+    /// Timeout for connecting, and for each request before the first cycle.
     pub at_most: Duration,
-    /// The time between two tries to connect.
+    /// Delay between two connection attempts.
     pub backoff: Backoff,
 }
 
 impl FocasConfig {
-    /// Shifts in words of 1 µm and 0.001 deg from R100 on, a heartbeat at R120, referenced axes in F120.
+    /// Shifts in words of 1 µm and 0.001 deg from R100, a heartbeat at R120, referenced axes in F120.
     ///
-    /// The addresses are examples; that a shift from R memory is enabled (parameters 1203#0 and 1280) and
-    /// that F120 tells the referenced axes is not proven: read the control's manual.
+    /// The addresses are examples. That a shift from R memory is enabled (parameters 1203#0 and 1280) and that F120 reports the referenced axes is
+    /// unverified: see the control's manual.
     pub fn new(host: impl Into<String>, axes: &[AxisName]) -> Self {
         let address = |area, at| PmcAddress { area, at };
         Self {
@@ -126,8 +124,8 @@ impl FocasConfig {
         }
     }
 
-    /// The smallest step of the positions that the control tells of an axis: the third decimal of mm and deg, or the count
-    /// of its corrections, where that is coarser.
+    /// Resolution of an axis's position as reported by the control: the third decimal of mm and deg, or the count of its corrections if that is
+    /// coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => THIRD_DECIMAL,
@@ -137,16 +135,15 @@ impl FocasConfig {
         Displacement::new(name.kind(), decimal.max(count))
     }
 
-    /// The device as messages name it.
+    /// Name of the device in messages.
     pub fn device(&self) -> String {
         format!("focas://{}:{}", self.host, self.port)
     }
 
-    /// The description of the controller that this configuration makes, without connecting.
+    /// Description of the controller for this configuration, without connecting.
     ///
     /// # Errors
-    /// No axis, an axis that stands twice, a count that moves an axis by no positive distance; bytes that cannot be
-    /// written, lie beyond the end of the PMC's memory, or within one another.
+    /// No axis, a duplicate axis, a count without positive displacement; bytes that are not writable, exceed the PMC's memory, or overlap.
     pub fn describe(&self) -> Result<Description, FocasError> {
         let axis = |&name: &AxisName| Axis {
             name,
@@ -185,14 +182,13 @@ impl FocasConfig {
         Ok(description)
     }
 
-    /// Two blocks of the control's memory that this configuration uses and that share a byte; `None` where all lie apart, or
-    /// the configuration is wrong otherwise.
+    /// Two memory blocks of this configuration that overlap; `None` if there are none, or the configuration is invalid otherwise.
     pub fn overlap(&self) -> Option<[Block; 2]> {
         overlap_within(self)
     }
 
-    /// A block of this configuration and one of another for the same control that share a byte which one of them writes;
-    /// `None` where they leave each other's bytes alone, or are of different controls.
+    /// A block of this configuration and one of another for the same control that overlap and of which at least one is written; `None` if there are
+    /// none, or the controls differ.
     pub fn overlap_with(&self, other: &Self) -> Option<[Block; 2]> {
         let is_same = self.host.eq_ignore_ascii_case(&other.host) && self.port == other.port;
         is_same.then(|| overlap_between(self, other)).flatten()
@@ -202,7 +198,7 @@ impl FocasConfig {
 #[derive(Clone, Copy)]
 struct Used {
     block: Block,
-    /// Whether this driver writes it.
+    /// True if this driver writes it.
     written: bool,
 }
 
@@ -211,8 +207,8 @@ const FRAME: &str = "the words of the frame";
 const REPORT: &str = "the words of the report";
 const REFERENCED: &str = "the byte of the referenced axes";
 
-/// The blocks of a configuration whose shift words belong to so many axes of the control. Where frames go to a
-/// barrier, the words of the shifts belong to the ladder, and there is neither a heartbeat nor a sequence byte.
+/// Memory blocks of a configuration; its shift words cover `slots` axes of the control. With a barrier, the shift words belong to the ladder, and
+/// there is no heartbeat or sequence byte.
 fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
     let axes = config.axes.len();
     let plain = config.barrier.is_none();
@@ -229,7 +225,7 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
     let shifts = (axes > 0).then_some(first);
     let (byte, word) = (Width::Byte, Width::Word);
     let mut found = Vec::new();
-    // Key, what it is, first byte, words and their width, whether this driver writes them.
+    // Key, description, first byte, words and their width, written by this driver.
     for (key, what, at, points, width, written) in [
         ("barrier.frame", FRAME, frame, frame_words, word, true),
         ("barrier.report", REPORT, report, report_words, word, false),
@@ -264,8 +260,8 @@ fn used(config: &FocasConfig, slots: usize) -> Result<Vec<Used>, FocasError> {
     Ok(found)
 }
 
-/// Checks the words of a control's first `slots` axes, frame and report, and the bytes with a meaning of their own: what
-/// is written may be written and exists, and none lies within another.
+/// Checks the words of a control's first `slots` axes, frame, report and special bytes: written bytes must exist and be writable, and no blocks may
+/// overlap.
 pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError> {
     match overlap(&used(config, slots)?) {
         Some([one, other]) => Err(FocasError::Overlap { one, other }),
@@ -273,7 +269,7 @@ pub(crate) fn check(config: &FocasConfig, slots: usize) -> Result<(), FocasError
     }
 }
 
-/// The first two blocks of a configuration that share a byte.
+/// The first two blocks of a configuration that overlap.
 fn overlap_within(config: &FocasConfig) -> Option<[Block; 2]> {
     overlap(&used(config, config.axes.len()).ok()?)
 }
@@ -285,7 +281,7 @@ fn overlap(blocks: &[Used]) -> Option<[Block; 2]> {
     pairs.find(|[one, other]| one.shared(other).is_some())
 }
 
-/// Refuses two blocks that share a byte.
+/// Fails if two blocks overlap.
 pub(crate) fn apart(one: &Block, other: &Block) -> Result<(), FocasError> {
     one.shared(other).map_or(Ok(()), |_| {
         Err(FocasError::Overlap {
@@ -295,8 +291,8 @@ pub(crate) fn apart(one: &Block, other: &Block) -> Result<(), FocasError> {
     })
 }
 
-/// The blocks of a configuration that the control must not take for shifts of its axes: where a ladder stands between
-/// them, all but those words of a barrier's ladder that are only known from the control.
+/// Blocks of a configuration, for `slots` axes, from which the control must not take shifts if a ladder copies them. With a barrier, the words of
+/// `shift` are excluded, because they are known only from the control.
 pub(crate) fn without_axis_words(
     config: &FocasConfig,
     slots: usize,
@@ -306,8 +302,7 @@ pub(crate) fn without_axis_words(
     Ok(blocks.filter(|block| !of_ladder(block)).collect())
 }
 
-/// The first block of each of two configurations that share a byte which one of them writes; `None` where they leave each
-/// other alone.
+/// The first pair of overlapping blocks of two configurations of which one is written; `None` if there are none.
 fn overlap_between(one: &FocasConfig, other: &FocasConfig) -> Option<[Block; 2]> {
     let blocks = |config: &FocasConfig| used(config, config.axes.len()).unwrap_or_default();
     let (ours, theirs) = (blocks(one), blocks(other));

@@ -1,4 +1,4 @@
-//! The controller of a correction in real time: one read and one write a cycle.
+//! Real-time controller: one read and one write in each cycle.
 
 use std::time::{Duration, Instant};
 
@@ -11,24 +11,23 @@ use crate::{
     plan::Abilities,
 };
 
-/// A control that is corrected. The connection is made, and made again, on a thread of its own.
+/// A corrected control. A separate thread connects and reconnects.
 pub struct FocasController {
     description: Description,
     supply: Supply<Link>,
 }
 
 impl FocasController {
-    /// Begins to connect. Why there is no connection is logged as a warning (`tracing`), too, on the thread that
-    /// connects.
+    /// Starts connecting. Connection errors are also logged as warnings (`tracing`) on the connecting thread.
     ///
     /// # Errors
-    /// The axes of the configuration make no sense, or there is no thread for the connection.
+    /// The axes of the configuration are invalid, or no thread can be started for the connection.
     pub fn new(config: FocasConfig) -> Result<Self, DeviceError> {
         let device = config.device();
         let backoff = config.backoff;
         let description = config.describe().map_err(|error| error.of(&*device))?;
         let of_device = device.clone();
-        // Every trouble is logged once, not at every try.
+        // Log each error once, not at every attempt.
         let mut logged = String::new();
         let open = move || {
             let opened = Link::open(&config).map_err(|error| error.of(&*of_device));
@@ -52,27 +51,28 @@ impl FocasController {
     /// Waits for the first connection.
     ///
     /// # Errors
-    /// Why there is none: where the control refuses, with its return code in words.
+    /// Why there is none; if the control rejects it, with its return code and meaning.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         self.supply.wait(at_most).map(|_| ())
     }
 
-    /// How often a connection was made.
+    /// Number of connections made so far.
     pub fn connections(&self) -> u64 {
         self.supply.opened()
     }
 
-    /// Why there is no connection. Takes a lock: not for a cycle.
+    /// The reason why there is no connection. It takes a lock, so do not call it in a cycle.
     pub fn last_error(&self) -> Option<DeviceError> {
         self.supply.last_error()
     }
 
-    /// What the control told when the present connection was made; `None` where there is none. Allocates: not for a cycle.
+    /// Properties that the control reported at the start of the present connection; `None` without a connection. It allocates, so do not call it in
+    /// a cycle.
     pub fn inspection(&mut self) -> Option<Inspection> {
         self.supply.current().ok().map(|link| link.found().clone())
     }
 
-    /// In which form the control accepts requests; `None` where there is no connection.
+    /// Request forms that the control accepts; `None` without a connection.
     pub fn abilities(&mut self) -> Option<Abilities> {
         self.supply.current().ok().map(|link| link.abilities())
     }

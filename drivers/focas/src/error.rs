@@ -1,4 +1,4 @@
-//! Why a control cannot be used, or refuses.
+//! Errors of configuration and communication.
 
 use std::{io, net::SocketAddr};
 
@@ -11,11 +11,11 @@ use crate::{
     return_code::ReturnCode,
 };
 
-/// Why a control cannot be reached, refuses a question, or is configured wrongly.
+/// Errors of configuration and communication with a control.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FocasError {
-    /// The name of the host cannot be resolved.
+    /// The host name cannot be resolved.
     #[error("the name {host} cannot be resolved: {source}")]
     Resolve { host: String, source: io::Error },
     #[error("the name {0} has no address")]
@@ -25,19 +25,19 @@ pub enum FocasError {
         address: SocketAddr,
         source: io::Error,
     },
-    /// The control serves no more sessions.
+    /// The control's maximum number of sessions is reached.
     #[error("the session was refused")]
     SessionRefused,
-    /// The connection was made, but no session could be opened on it.
+    /// The TCP connection was made, but no session could be opened on it.
     #[error("no session: {0}")]
     NoSession(#[source] Fault),
-    /// The control refused a question or an order.
+    /// The control rejected a request.
     #[error("{asked} was refused with {code}")]
     Refused { asked: String, code: ReturnCode },
-    /// A question or an order got no answer, or one that cannot be read.
+    /// A request timed out, or its response is unreadable.
     #[error("{asked}: {source}")]
     Failed { asked: String, source: Fault },
-    /// The control is to take the words of the shifts itself, and they do not have two bytes for each axis.
+    /// The control takes the shift words directly, so they must have two bytes for each axis.
     #[error(
         "area.width: found {}, expected 2: the control takes two bytes for each axis; or area.copied = true, where a ladder copies the words on",
         .0.bytes()
@@ -51,21 +51,20 @@ pub enum FocasError {
         "axis {name}: found several axes of the control whose names begin with this letter, {found}, expected one"
     )]
     SameLetter { name: AxisName, found: String },
-    /// Two blocks of bytes with a meaning of their own have bytes in common: what is written into one would change the
-    /// other.
+    /// Two memory blocks overlap: writing one would change the other.
     #[error(
         "{one} {} {other}",
         if one.first == one.last { "lies within" } else { "overlap" }
     )]
     Overlap {
-        /// The block that lies within the other, or overlaps it.
+        /// The block that overlaps the other.
         one: Block,
         other: Block,
     },
-    /// Something is to be written into an area of the PMC that is not the ladder's own memory.
+    /// A written block is in a PMC area that does not belong to the ladder.
     #[error("{key}: found {at}, expected a place in R or D: {}", at.area.holds())]
     NotWritable {
-        /// The key of the configuration: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
+        /// Configuration key: `area.first`, `heartbeat`, `sequence`, `barrier.frame` or `barrier.report`.
         key: &'static str,
         at: PmcAddress,
     },
@@ -74,22 +73,22 @@ pub enum FocasError {
         "{key}: found {first} for {points} words of {bytes} bytes each, expected words that end at byte 65535 at the latest"
     )]
     BeyondEnd {
-        /// The key of the configuration: `area.first`, `barrier.frame` or `barrier.report`.
+        /// Configuration key: `area.first`, `barrier.frame` or `barrier.report`.
         key: &'static str,
         first: PmcAddress,
         points: usize,
         bytes: u16,
     },
-    /// The control does not take shifts from the words that the configuration names.
+    /// A parameter shows that the control does not take shifts from the configured words.
     #[error("parameter {parameter} of the control ({meaning}): found {found}, expected {expected}")]
     Parameter {
         parameter: &'static str,
         meaning: &'static str,
         found: String,
-        /// The value that fits the configuration, in words.
+        /// The value that matches the configuration, in words.
         expected: String,
     },
-    /// The axes of the configuration, or what one count moves them, make no sense.
+    /// The axes of the configuration, or their counts, are invalid.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
     /// The requests of a cycle do not fit into a frame.
@@ -98,7 +97,7 @@ pub enum FocasError {
 }
 
 impl FocasError {
-    /// A fault of an exchange in which something was asked for.
+    /// Adds the request to a fault of an exchange.
     pub(crate) fn asking(asked: impl Into<String>, fault: Fault) -> Self {
         let asked = asked.into();
         match fault {
@@ -141,7 +140,7 @@ impl FocasError {
         }
     }
 
-    /// The error as drivers tell it: which device, what, what to do, and of which kind. This error is its source.
+    /// Converts to a driver error with device, cause, remedy and kind; this error becomes its source.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let kind = match &self {
             Self::NoAxis { .. }

@@ -1,35 +1,35 @@
-//! The frames of the protocol in both directions, big-endian, as public captures and descriptions show them. Only
-//! the building of requests and answers allocates.
+//! Frames of the protocol in both directions, big-endian, according to public captures and descriptions. Only the construction of requests and
+//! responses allocates.
 
-/// The number of bytes of a frame's head.
+/// Length of a frame's header, bytes.
 pub const HEAD: usize = 10;
-/// The four bytes with which every frame begins.
+/// The four bytes at the start of every frame.
 const SYNC: [u8; 4] = [0xa0; 4];
-/// The version that every request states.
+/// Protocol version in every request.
 const REQUEST_VERSION: u16 = 1;
-/// The number of bytes of a command without data.
+/// Length of a command without data, bytes.
 const COMMAND: usize = 0x1c;
-/// The number of bytes of a block without data, as a refusal has it.
+/// Length of a block without data, as in a rejection, bytes.
 const BLOCK: usize = 16;
 
-/// The purpose of a frame.
+/// Type of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A request to open a session.
+    /// Request to open a session.
     Open,
-    /// The answer that the session is open.
+    /// Response: the session is open.
     Opened,
-    /// The answer that the session is refused, because there are too many.
+    /// Response: the session is rejected because there are too many.
     Refused,
-    /// A request to close the session.
+    /// Request to close the session.
     Close,
-    /// The answer that the session is closed.
+    /// Response: the session is closed.
     Closed,
-    /// A request of one or more commands.
+    /// Request with one or more commands.
     Command,
-    /// The answers to the commands of a request.
+    /// Response to the commands of a request.
     Answer,
-    /// The answer that a request is refused as a whole.
+    /// Response: the whole request is rejected.
     Negative,
 }
 
@@ -51,7 +51,7 @@ impl Kind {
     }
 }
 
-/// A frame that the protocol does not allow, and what is wrong with it.
+/// A protocol violation, with its description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Broken(pub &'static str);
@@ -64,18 +64,18 @@ impl From<Broken> for volcomp_port::Fault {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// 1 in requests; 2, 3 or 4 in answers, by the generation of the controller.
+    /// 1 in requests; 2, 3 or 4 in responses, by the generation of the control.
     pub version: u16,
     pub kind: Kind,
-    /// The number of bytes that follow the head.
+    /// Number of bytes after the header.
     pub length: usize,
 }
 
 impl Head {
-    /// Reads the head of a frame.
+    /// Parses the header of a frame.
     ///
     /// # Errors
-    /// Other bytes at the start, an unknown kind.
+    /// Wrong start bytes, or an unknown kind.
     pub fn parse(bytes: &[u8; HEAD]) -> Result<Self, Broken> {
         let [a, b, c, d, v, w, func, dir, l, m] = *bytes;
         if [a, b, c, d] != SYNC {
@@ -90,10 +90,10 @@ impl Head {
     }
 }
 
-/// A whole frame from its payload.
+/// Builds a frame from its payload.
 ///
 /// # Errors
-/// A payload that is longer than a frame can be.
+/// The payload exceeds the maximum length of a frame.
 pub fn frame(version: u16, kind: Kind, payload: &[u8]) -> Result<Vec<u8>, Broken> {
     let length = u16::try_from(payload.len()).map_err(|_| Broken("a frame that is too long"))?;
     let mut bytes = Vec::with_capacity(HEAD + payload.len());
@@ -115,51 +115,51 @@ pub fn close_frame() -> [u8; HEAD] {
     [0xa0, 0xa0, 0xa0, 0xa0, 0, 1, 2, 1, 0, 0]
 }
 
-/// Which part of the controller a command is for.
+/// The part of the control that a command addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Target {
     /// The numerical control itself.
     Cnc = 1,
-    /// Its programmable machine controller, where the ladder runs.
+    /// The programmable machine controller (PMC), which runs the ladder.
     Pmc = 2,
 }
 
 /// One command of a request. The fifth argument is the length of `data` on a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command<'a> {
-    /// The part of the controller that it is for.
+    /// The addressed part of the control.
     pub target: Target,
-    /// The path of the control, from 1.
+    /// Path of the control, from 1.
     pub path: u16,
     pub function: u16,
     pub args: [i32; 5],
-    /// The data that are written; empty on a read.
+    /// Data to write; empty for a read.
     pub data: &'a [u8],
 }
 
-/// A request of one or more commands, built once and sent often.
+/// A request of one or more commands, built once and sent repeatedly.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     bytes: Vec<u8>,
     commands: Vec<Sent>,
 }
 
-/// The fields of a command that an answer must repeat.
+/// Fields of a command that a response must repeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Sent {
     target: u16,
     path: u16,
     function: u16,
-    /// Where its data stand in the frame.
+    /// Offset of its data in the frame.
     data: usize,
 }
 
 impl Request {
-    /// Builds a request of these commands.
+    /// Builds a request from commands.
     ///
     /// # Errors
-    /// More than a frame can hold.
+    /// The commands exceed the maximum length of a frame.
     pub fn new(commands: &[Command<'_>]) -> Result<Self, Broken> {
         let too_long = |_| Broken("a request that is too long");
         let count = u16::try_from(commands.len()).map_err(too_long)?;
@@ -188,12 +188,12 @@ impl Request {
         })
     }
 
-    /// The frame as it is sent.
+    /// The bytes to send.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The data of a command, to be changed in place before the next sending.
+    /// Data of a command, for in-place changes before the next transmission.
     pub fn data_mut(&mut self, command: usize) -> &mut [u8] {
         let Some(sent) = self.commands.get(command) else {
             return &mut [];
@@ -203,10 +203,10 @@ impl Request {
         self.bytes.get_mut(sent.data..end).unwrap_or_default()
     }
 
-    /// The blocks of an answer to this request, checked against it.
+    /// Blocks of a response to this request, checked against it.
     ///
     /// # Errors
-    /// An answer to something else, or a broken one.
+    /// A malformed response, or one to a different request.
     pub fn answers<'a>(&self, payload: &'a [u8]) -> Result<Blocks<'a>, Broken> {
         let blocks = Blocks::parse(payload)?;
         let mut count = 0;
@@ -225,18 +225,18 @@ impl Request {
     }
 }
 
-/// The answer to one command.
+/// Response to one command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block<'a> {
     pub target: u16,
     pub path: u16,
     pub function: u16,
-    /// 0, or the return code with which the command was refused.
+    /// 0, or the return code of a rejected command.
     pub error: i16,
     pub data: &'a [u8],
 }
 
-/// The answers of a frame, one after the other.
+/// Iterator over the blocks of a response.
 #[derive(Clone, Debug)]
 pub struct Blocks<'a> {
     rest: &'a [u8],
@@ -245,10 +245,10 @@ pub struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    /// Takes the payload of an answer apart.
+    /// Parses the payload of a response.
     ///
     /// # Errors
-    /// A payload without a count.
+    /// The payload lacks the count.
     pub fn parse(payload: &'a [u8]) -> Result<Self, Broken> {
         let (count, rest) = payload
             .split_first_chunk::<2>()
@@ -271,7 +271,7 @@ impl<'a> Blocks<'a> {
         let error = i16::from_be_bytes([head[8], head[9]]);
         let length = usize::from(number(14));
         let data = block.get(BLOCK..).ok_or(CUT)?;
-        // An error may state a length without data.
+        // A rejection may state a length without data.
         let data = match data.get(..length) {
             Some(data) => data,
             None if error != 0 => &[],
@@ -300,10 +300,10 @@ impl<'a> Iterator for Blocks<'a> {
     }
 }
 
-/// The commands of a request's payload: what a simulator reads.
+/// Parses the commands of a request's payload, for the simulator.
 ///
 /// # Errors
-/// A broken request.
+/// A malformed request.
 pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
     const CUT: Broken = Broken("a request that is cut off");
     let (count, mut rest) = payload.split_first_chunk::<2>().ok_or(CUT)?;
@@ -333,10 +333,10 @@ pub fn parse_commands(payload: &[u8]) -> Result<Vec<Command<'_>>, Broken> {
     Ok(commands)
 }
 
-/// Appends the block that answers a command.
+/// Appends the response block of a command.
 ///
 /// # Errors
-/// More data than a block can hold.
+/// The data exceed the maximum length of a block.
 pub fn push_block(
     payload: &mut Vec<u8>,
     command: &Command<'_>,
@@ -356,7 +356,7 @@ pub fn push_block(
     Ok(())
 }
 
-/// A number of eight bytes: mantissa, base, exponent. `None` where it is vacant or no number.
+/// Decodes a number of eight bytes: mantissa, base, exponent. `None` if it is vacant or invalid.
 pub fn number(bytes: [u8; 8]) -> Option<f64> {
     let [a, b, c, d, e, f, g, h] = bytes;
     let mantissa = f64::from(i32::from_be_bytes([a, b, c, d]));
@@ -372,7 +372,7 @@ pub fn number(bytes: [u8; 8]) -> Option<f64> {
         .then(|| mantissa / base.powi(i32::from(exponent)))
 }
 
-/// A number with so many decimals in eight bytes, as far as its mantissa reaches.
+/// Encodes a number with `decimals` decimals in eight bytes, saturating at the range of the mantissa.
 #[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
 pub fn number_bytes(value: f64, decimals: i16) -> [u8; 8] {
     let mantissa = (value * 10_f64.powi(i32::from(decimals))).round() as i32;

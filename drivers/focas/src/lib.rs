@@ -20,7 +20,7 @@ mod shift_source;
 pub mod simulator;
 mod units;
 
-/// The TCP port on which controls answer unless they are set to another one.
+/// Default TCP port of controls.
 pub const PORT: u16 = 8193;
 
 pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};

@@ -21,26 +21,25 @@ use crate::{
     units,
 };
 
-/// The longest time for which something that was sent in a cycle may wait to be acknowledged: longer than the deadline of
-/// any cycle, short against the time after which an old correction would do harm. It holds even while the program stands.
+/// Maximum time that data sent in a cycle may stay unacknowledged: longer than the deadline of any cycle, but short compared with the time after
+/// which an outdated correction would do harm. It applies even while the program is stopped.
 const UNACKNOWLEDGED: Duration = Duration::from_millis(250);
 
-/// What a control tells about itself when it is connected as a configuration says.
+/// Properties that a control reports when it is connected with a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Inspection {
-    /// The version that the control answers with: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
     pub version: u16,
-    /// The letters of the control's axes.
+    /// Axis letters of the control.
     pub axes: Vec<char>,
-    /// From which words the control takes the shifts of the axes.
+    /// The words from which the control takes the shifts of the axes.
     pub shift_source: ShiftSource,
-    /// In which form the control accepts the requests of a cycle.
+    /// Request forms that the control accepts in a cycle.
     pub abilities: Abilities,
-    /// What deserves to be known and is no error, in words.
+    /// Notes that are not errors, in words.
     pub notes: Vec<String>,
-    /// Reports of the control's barrier with the times of their readings, two that are a second apart: how far the tick
-    /// moved on between them tells how long a scan takes. Empty where the configuration has no barrier, or the control did
-    /// not tell.
+    /// Reports of the control's barrier with their reading times, two that are one second apart: the scan time follows from the difference of their
+    /// ticks. Empty without a barrier in the configuration, or if the control did not report it.
     pub reports: Vec<(Instant, Words)>,
 }
 
@@ -49,22 +48,21 @@ pub(crate) struct Link {
     session: Session,
     found: Inspection,
     axes: Vec<PlannedAxis>,
-    /// How many of the axes are corrected: the first ones.
+    /// Number of corrected axes, which come first.
     corrected: usize,
     width: Width,
     applied: Applied,
     has_barrier: bool,
     reads: Vec<Exchange<Ask>>,
     writes: Vec<Exchange<Part>>,
-    /// The heartbeat that is on the control: what was written or, before that, read.
+    /// The heartbeat at the control: last written, or before that last read.
     heartbeat: Option<u8>,
-    /// The last number of the sequence: what was written or, before that, read.
+    /// The last sequence number: last written, or before that last read.
     sequence: u8,
 }
 
 impl Link {
-    /// Opens a session, finds the axes on the control and the form in which it accepts requests, and compares its
-    /// parameters with the configuration.
+    /// Opens a session, finds the axes of the control and the request forms it accepts, and compares its parameters with the configuration.
     pub(crate) fn open(config: &FocasConfig) -> Result<Self, FocasError> {
         let client = Client::open(&config.host, config.port, config.at_most)?;
         let mut client = client.with_path(config.path);
@@ -83,7 +81,7 @@ impl Link {
             client.told_parameter(program)?,
         ])?);
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
-            // Goes on where it stands, so that the ladder sees the first correction, too.
+            // Continue from the present value, so that the ladder detects the first correction too.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,
             None => Vec::new(),
         };
@@ -113,7 +111,7 @@ impl Link {
         })
     }
 
-    /// What the control told when the session was opened.
+    /// Properties that the control reported when the session was opened.
     pub(crate) fn found(&self) -> &Inspection {
         &self.found
     }
@@ -122,7 +120,7 @@ impl Link {
         self.found.abilities
     }
 
-    /// Whether a new session is needed.
+    /// True if a new session is needed.
     pub(crate) fn is_dead(&self) -> bool {
         self.session.is_dead()
     }
@@ -130,7 +128,7 @@ impl Link {
     pub(crate) fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (session, applied) = (&mut self.session, self.applied);
         let reading = reading::read(session, &self.reads, &self.axes, applied, deadline)?;
-        // Nobody else may move the heartbeat.
+        // No other client may change the heartbeat.
         let before = self.heartbeat;
         self.heartbeat = reading.heartbeat.or(before);
         match (before, reading.heartbeat) {
@@ -139,7 +137,7 @@ impl Link {
         }
     }
 
-    /// Writes the words of a frame for the barrier, in one command where the control accepts ranges.
+    /// Writes the words of a frame for the barrier, in one command if the control accepts ranges.
     pub(crate) fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
         let words = frame.as_slice();
         if !self.has_barrier {
@@ -164,7 +162,7 @@ impl Link {
         Ok(())
     }
 
-    /// Writes the words of the shifts, and moves heartbeat and sequence on.
+    /// Writes the shift words, and increments heartbeat and sequence.
     pub(crate) fn apply(
         &mut self,
         corrections: &PerChannel<f64>,
@@ -206,7 +204,7 @@ impl Link {
             let has_heartbeat =
                 (self.writes[index].parts.iter()).any(|part| matches!(part, Part::Heartbeat(_)));
             if has_heartbeat {
-                // Until it is known whether the control took it: then nobody else has moved it.
+                // Unknown until the exchange succeeds, so that a failed one is not mistaken for a change by another client.
                 self.heartbeat = None;
             }
             self.send(index, deadline)?;
@@ -217,8 +215,8 @@ impl Link {
         Ok(())
     }
 
-    /// Sends one exchange of a write. Where an earlier one of the same write has been sent and this one can no longer be
-    /// in time, the session is aborted: half a write is no state in which to go on.
+    /// Sends one exchange of a write. If an earlier exchange of the same write was sent and this one would miss the deadline, the session is
+    /// aborted, because the control must not continue with half a write.
     fn send(&mut self, index: usize, deadline: Instant) -> Result<(), Fault> {
         match self.session.exchange(&self.writes[index].request, deadline) {
             Ok(blocks) => {
@@ -237,17 +235,16 @@ impl Link {
     }
 }
 
-/// How long the reading may take.
+/// Timeout of the reading.
 const READ_WITHIN: Duration = Duration::from_secs(2);
 
-/// The time between two reports of a barrier.
+/// Time between two reports of a barrier.
 const APART: Duration = Duration::from_secs(1);
 
-/// Connects, makes every check that a correction makes before its first cycle, reads once, and ends. Nothing is written.
+/// Connects, makes every check that a correction makes before its first cycle, reads once, and disconnects. Nothing is written.
 ///
 /// # Errors
-/// The first check that fails: no connection, an axis that the control lacks, a parameter that says otherwise, a question
-/// that it refuses.
+/// The first failed check: no connection, a missing axis, a parameter that disagrees, a rejected request.
 pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     config.describe()?;
     let mut link = Link::open(config)?;
@@ -264,7 +261,7 @@ pub fn inspect(config: &FocasConfig) -> Result<Inspection, FocasError> {
     Ok(found)
 }
 
-/// The axes of the configuration among those of the control.
+/// Finds the axes of the configuration among those of the control.
 fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, FocasError> {
     let planned = |name: &volcomp_vocabulary::AxisName| {
         let mut slots = (0..names.len()).filter(|slot| names[*slot] == name.letter());
@@ -290,7 +287,7 @@ fn find_axes(config: &FocasConfig, names: &[char]) -> Result<Vec<PlannedAxis>, F
         .chain(&config.reads)
         .map(planned)
         .collect::<Result<_, FocasError>>()?;
-    // The control has a word for each of its axes, corrected or not: the words reach further than the description knew.
+    // The control has a word for each of its axes, corrected or not, so the words extend further than the description assumed.
     config::check(config, names.len())?;
     Ok(axes)
 }

@@ -1,46 +1,46 @@
-//! The words of a map of corrections in the PMC, over a session of their own.
+//! The words of a correction map in the PMC, over a separate session.
 
 use std::time::Duration;
 
 use crate::{Client, FocasError, PmcAddress};
 
-/// So many bytes are read by one command.
+/// Maximum number of bytes read by one command.
 const AT_ONCE: usize = 128;
 
-/// Where the words of a control that looks up in a map lie in the memory of its PMC, two bytes each, the low byte first.
+/// PMC addresses of a control that looks up corrections in a map. All words have two bytes, low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapPlaces {
-    /// The first byte of the mailbox for frames.
+    /// First byte of the mailbox for frames.
     pub mailbox: PmcAddress,
-    /// The first byte of the report.
+    /// First byte of the report.
     pub report: PmcAddress,
-    /// The first byte of the first buffer; the second one lies behind it.
+    /// First byte of the first buffer; the second one follows it.
     pub buffers: PmcAddress,
-    /// The words of one buffer.
+    /// Number of words in one buffer.
     pub capacity: usize,
 }
 
 impl MapPlaces {
-    /// The last byte of a buffer, 0 or 1.
+    /// Number of the byte after the end of buffer 0 or 1.
     fn end(&self, buffer: u16) -> usize {
         usize::from(self.buffers.at) + 2 * self.capacity * (usize::from(buffer) + 1)
     }
 
-    /// Whether both buffers lie within the addresses that a request can name.
+    /// True if both buffers are within the addresses that a request can represent.
     pub fn fits(&self) -> bool {
         self.end(1) <= usize::from(u16::MAX) + 1
     }
 }
 
-/// An open session through which a map is brought into the PMC. Every exchange ends within its time; after a failed one
-/// nothing is known of the session, and it should be dropped.
+/// An open session that transfers a map to the PMC. Every exchange has a timeout; after a failed one the state of the session is undefined, so drop
+/// it.
 pub struct MapWords {
     client: Client,
     places: MapPlaces,
 }
 
 impl MapWords {
-    /// Connects to a control; every exchange takes `at_most` too.
+    /// Connects to a control; `at_most` is also the timeout of every exchange.
     ///
     /// # Errors
     /// See [`Client::open`].
@@ -54,7 +54,7 @@ impl MapWords {
         Ok(Self { client, places })
     }
 
-    /// So many words of the report.
+    /// Reads the first `words` words of the report.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -62,7 +62,7 @@ impl MapWords {
         self.read(self.places.report, 0, words)
     }
 
-    /// Writes the words of the mailbox by one command.
+    /// Writes the words of the mailbox in one command.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -72,7 +72,7 @@ impl MapWords {
         self.client.write_pmc(to.area, to.at, &bytes)
     }
 
-    /// The first `count` words of a buffer, 0 or 1, `capacity` of them at the most.
+    /// Reads the first `count` words of buffer 0 or 1, at most `capacity`.
     ///
     /// # Errors
     /// See [`FocasError`].
@@ -82,7 +82,7 @@ impl MapWords {
         self.read(self.places.buffers, skip, count)
     }
 
-    /// Words from so many bytes behind an address on.
+    /// Reads words from an offset in bytes after an address.
     fn read(
         &mut self,
         from: PmcAddress,
@@ -96,7 +96,7 @@ impl MapWords {
         );
         while at < end {
             let count = (end - at).min(AT_ONCE);
-            // Beyond what a request can name the control refuses the largest address.
+            // The control rejects the largest address if it is beyond what a request can represent.
             let first = u16::try_from(at).unwrap_or(u16::MAX);
             let length = u16::try_from(count).unwrap_or(u16::MAX);
             let bytes = self.client.read_pmc(from.area, first, length)?;

@@ -1,4 +1,4 @@
-//! The exchanges of a cycle: what is asked and what is written, packed into frames as the control accepts them.
+//! Exchanges of a cycle: its reads and writes, packed into frames as the control accepts them.
 
 use volcomp_vocabulary::AxisKind;
 
@@ -14,20 +14,20 @@ use crate::{
 pub enum Packing {
     /// All commands of a read in one frame.
     OneFrame,
-    /// Commands for the control and commands for the PMC in frames of their own.
+    /// Commands for the control and commands for the PMC in separate frames.
     ByTarget,
-    /// Every command in a frame of its own.
+    /// Every command in a separate frame.
     OneByOne,
 }
 
-/// In which form a control accepts the requests of a cycle. Found out at every connection.
+/// Request forms that a control accepts in a cycle; determined at every connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
     /// How commands may be packed into frames.
     pub packing: Packing,
-    /// Whether a command may name a range of PMC memory, not only one point.
+    /// True if a command may address a range of PMC memory, not only one point.
     pub ranges: bool,
-    /// Whether the positions of all axes can be asked for at once, not only axis by axis.
+    /// True if one command can read the positions of all axes, not only of one.
     pub all_axes: bool,
 }
 
@@ -40,17 +40,17 @@ impl Abilities {
     };
 }
 
-/// An axis that is corrected or only read, as the control has it. In every list those that are corrected come first.
+/// A corrected or read-only axis with its place in the control. In every list the corrected axes come first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlannedAxis {
-    /// The place among the control's axes, from 0.
+    /// Index among the control's axes, from 0.
     pub(crate) slot: usize,
     pub(crate) kind: AxisKind,
-    /// How far one count moves it, mm or rad.
+    /// Displacement by one count, mm or rad.
     pub(crate) count: f64,
 }
 
-/// Neighbouring words that are asked for and written together: the shifts of slots, or words of a frame or a report.
+/// Consecutive words that are read and written together: shifts of slots, or words of a frame or a report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) first: usize,
@@ -58,7 +58,7 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// Where the shift of a slot stands in the bytes of the run; `None` outside it.
+    /// Byte range of a slot's shift within the run; `None` outside it.
     pub(crate) fn bytes_of(self, slot: usize, width: Width) -> Option<std::ops::Range<usize>> {
         let index = slot.checked_sub(self.first).filter(|i| *i < self.count)?;
         let bytes = usize::from(width.bytes());
@@ -66,12 +66,12 @@ impl Run {
     }
 }
 
-/// The value that a command of a read asks for.
+/// The value that a read command requests.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Ask {
-    /// The positions of all axes.
+    /// Positions of all axes.
     Positions,
-    /// The position of the axis in this slot.
+    /// Position of the axis in this slot.
     PositionOf(usize),
     Status,
     Shifts(Run),
@@ -81,7 +81,7 @@ pub(crate) enum Ask {
     Report(Run),
 }
 
-/// The content of a command of a write.
+/// The content of a write command.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Part {
     Shifts(Run),
@@ -91,7 +91,7 @@ pub(crate) enum Part {
     Frame(Run),
 }
 
-/// A frame of a cycle, and what its commands are for, in their order.
+/// A frame of a cycle, with the purposes of its commands in order.
 #[derive(Debug)]
 pub(crate) struct Exchange<T> {
     pub(crate) request: Request,
@@ -112,7 +112,7 @@ impl Ask {
         }
     }
 
-    /// The question in words, for messages.
+    /// Description of the request, for messages.
     pub(crate) fn words(self, config: &FocasConfig) -> String {
         match self {
             Self::Positions => "reading the positions of all axes".to_owned(),
@@ -162,7 +162,7 @@ impl Ask {
     }
 }
 
-/// The slots of the axes that are corrected in runs: neighbours together where ranges are accepted.
+/// Runs of the corrected axes' slots; neighbours are joined if ranges are accepted.
 pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Run> {
     let corrected = axes.iter().take(config.axes.len());
     let mut slots: Vec<usize> = corrected.map(|axis| axis.slot).collect();
@@ -180,7 +180,7 @@ pub(crate) fn runs(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> 
     runs
 }
 
-/// The commands that read the positions of the axes: one for all axes, or one for each.
+/// Commands that read the positions of the axes: one for all axes, or one for each.
 pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
     if all_axes {
         vec![Ask::Positions]
@@ -190,7 +190,7 @@ pub(crate) fn positions(axes: &[PlannedAxis], all_axes: bool) -> Vec<Ask> {
     }
 }
 
-/// The words with what is applied: the shifts, or the report of the barrier, together where ranges are accepted.
+/// Words with the applied correction: the shifts, or the report of the barrier; joined if ranges are accepted.
 pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) -> Vec<Ask> {
     if config.barrier.is_none() {
         let runs = runs(config, axes, ranges).into_iter();
@@ -200,7 +200,7 @@ pub(crate) fn words(config: &FocasConfig, axes: &[PlannedAxis], ranges: bool) ->
     words.into_iter().map(Ask::Report).collect()
 }
 
-/// So many words from the first on: in one run where ranges are accepted.
+/// Runs over `words` words from the first; a single one if ranges are accepted.
 fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     let run = |first, count| Run { first, count };
     if ranges {
@@ -210,16 +210,16 @@ fn in_runs(words: usize, ranges: bool) -> Vec<Run> {
     }
 }
 
-/// The bytes of PMC memory that are read besides.
+/// Further bytes of PMC memory to read.
 pub(crate) fn bytes(config: &FocasConfig) -> Vec<Ask> {
-    // Who only reads does not mind who writes.
+    // The heartbeat matters only if this driver writes it.
     let writes = config.barrier.is_none() && !config.axes.is_empty();
     let heartbeat = config.heartbeat.filter(|_| writes).map(Ask::Heartbeat);
     let referenced = config.referenced.map(Ask::Referenced);
     heartbeat.into_iter().chain(referenced).collect()
 }
 
-/// The frames of a read. Positions are asked for first, so that their time is known best.
+/// Frames of a read. Positions come first, so that their time is known best.
 pub(crate) fn reads(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -238,7 +238,7 @@ pub(crate) fn reads(
     frames.into_iter().map(|asks| read(config, asks)).collect()
 }
 
-/// One frame that asks for these things.
+/// Builds one frame that requests these values.
 pub(crate) fn read(config: &FocasConfig, asks: &[Ask]) -> Result<Exchange<Ask>, Broken> {
     let commands: Vec<Command<'_>> = asks.iter().map(|ask| ask.command(config)).collect();
     Ok(Exchange {
@@ -247,8 +247,7 @@ pub(crate) fn read(config: &FocasConfig, asks: &[Ask]) -> Result<Exchange<Ask>, 
     })
 }
 
-/// The frames of a write: shifts, then the heartbeat, then the sequence; or the frame for the barrier, whose checksum
-/// is last.
+/// Frames of a write: shifts, then heartbeat, then sequence; or the frame for the barrier, whose checksum is last.
 pub(crate) fn writes(
     config: &FocasConfig,
     axes: &[PlannedAxis],
@@ -315,7 +314,7 @@ fn word_args(first: PmcAddress, run: Run, written: usize) -> [i32; 5] {
     run_args(first, Width::Word, run, written)
 }
 
-/// First and last byte, area, width, and the length of what is written.
+/// First and last byte, area, width, and the length of the written data.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
@@ -328,7 +327,7 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// Where the report lies; the words of the shifts where there is no barrier, which nobody asks for then.
+/// First byte of the report; without a barrier that of the shift words, which is not requested then.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config
         .barrier

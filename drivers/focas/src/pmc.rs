@@ -1,4 +1,4 @@
-//! Places in the memory of the PMC, the programmable machine controller, and shifts as whole numbers of counts there.
+//! Addresses in the memory of the PMC, the programmable machine controller, and shifts as integer counts.
 
 use std::fmt;
 
@@ -44,13 +44,13 @@ impl PmcArea {
         Self::D,
     ];
 
-    /// Whether the area is memory of the ladder's own, which has no meaning to the control or the machine until the ladder
-    /// gives it one. Only there a program outside may write, and a barrier report.
+    /// True if the area is the ladder's own memory, which has no meaning to the control or the machine until the ladder assigns one. Only there may
+    /// an external program write, and may a barrier report be.
     pub fn is_of_ladder(self) -> bool {
         matches!(self, Self::R | Self::D)
     }
 
-    /// What an area holds that is not the ladder's own memory.
+    /// Description of an area that is not the ladder's own memory.
     pub(crate) fn holds(self) -> &'static str {
         match self {
             Self::G => {
@@ -67,7 +67,7 @@ impl PmcArea {
         }
     }
 
-    /// The area of a letter; `None` where there is none.
+    /// The area with this letter; `None` if there is none.
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -75,16 +75,16 @@ impl PmcArea {
     }
 }
 
-/// The number of bytes of one point of PMC memory.
+/// Size of one point of PMC memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Width {
-    /// One byte, a signed number.
+    /// One byte, signed.
     Byte,
-    /// Two bytes, a signed number.
+    /// Two bytes, signed.
     #[default]
     Word,
-    /// Four bytes, a signed number.
+    /// Four bytes, signed.
     Long,
 }
 
@@ -97,7 +97,7 @@ impl Width {
         }
     }
 
-    /// The largest number, in either direction, that a point can hold.
+    /// Maximum magnitude that a point can represent.
     pub fn largest(self) -> i32 {
         match self {
             Self::Byte => i32::from(i8::MAX),
@@ -115,59 +115,58 @@ impl Width {
     }
 }
 
-/// A place in the memory of the PMC.
+/// An address in PMC memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PmcAddress {
     pub area: PmcArea,
-    /// The number of the byte in the area.
+    /// Byte number in the area.
     pub at: u16,
 }
 
 impl fmt::Display for PmcAddress {
-    /// As ladders name it: `R100`.
+    /// Formats it as in ladders: `R100`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}{}", self.area, self.at)
     }
 }
 
-/// Where frames and reports of a barrier lie in the memory of the PMC. Both are words of two bytes, one after the other,
-/// the low byte first, as the PMC keeps numbers.
+/// Addresses of a barrier's frames and reports in PMC memory. Both are consecutive two-byte words, low byte first, as the PMC stores numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BarrierArea {
-    /// The first byte of the frame, which the driver writes and the ladder reads.
+    /// First byte of the frame, which the driver writes and the ladder reads.
     pub frame: PmcAddress,
-    /// The first byte of the report, which the ladder writes and the driver reads.
+    /// First byte of the report, which the ladder writes and the driver reads.
     pub report: PmcAddress,
 }
 
 impl BarrierArea {
-    /// The number of words of a frame for so many axes: epoch, tick, sequence, owner, a value for each axis, two of a checksum.
+    /// Number of words in a frame for `axes` axes: epoch, tick, sequence, owner, a value for each axis, two of a checksum.
     pub const fn frame_words(axes: usize) -> usize {
         4 + axes + 2
     }
 
-    /// The number of words of a report for so many axes: a head of eight, three for each axis, two of a checksum.
+    /// Number of words in a report for `axes` axes: a header of eight, three for each axis, two of a checksum.
     pub const fn report_words(axes: usize) -> usize {
         8 + 3 * axes + 2
     }
 }
 
-/// Bytes of the PMC's memory that belong together, and what they are for.
+/// A block of PMC memory with its purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// The key of a configuration that says where they are: `area.first`, `heartbeat`, `sequence`, `referenced`,
-    /// `barrier.frame` or `barrier.report`. Empty where the control says it.
+    /// Configuration key that defines its address: `area.first`, `heartbeat`, `sequence`, `referenced`, `barrier.frame` or `barrier.report`. Empty
+    /// if the control defines it.
     pub key: &'static str,
-    /// What the bytes are for, in words.
+    /// Purpose of the bytes, in words.
     pub what: &'static str,
     pub first: PmcAddress,
     pub last: PmcAddress,
 }
 
 impl Block {
-    /// The first byte that both have; `None` where they lie apart.
+    /// The first byte that both share; `None` if they do not overlap.
     pub fn shared(&self, other: &Self) -> Option<PmcAddress> {
         let at = self.first.at.max(other.first.at);
         let is_in_both =
@@ -177,7 +176,7 @@ impl Block {
 }
 
 impl fmt::Display for Block {
-    /// What it is and where it lies: `the words of the shifts R100 to R105`, `the heartbeat R120`.
+    /// Formats purpose and address: `the words of the shifts R100 to R105`, `the heartbeat R120`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.what, self.first)?;
         if self.last != self.first {
@@ -187,7 +186,7 @@ impl fmt::Display for Block {
     }
 }
 
-/// The count at the start of `bytes`; `None` where they are too few.
+/// Decodes the count at the start of `bytes`; `None` if they are too few.
 pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     match width {
         Width::Byte => bytes.first().map(|b| f64::from(b.cast_signed())),
@@ -200,7 +199,7 @@ pub(crate) fn count(bytes: &[u8], width: Width) -> Option<f64> {
     }
 }
 
-/// Writes the nearest count that the width can hold at the start of `into`; what is no number becomes 0.
+/// Encodes the nearest representable count at the start of `into`; NaN becomes 0.
 #[expect(clippy::cast_possible_truncation, reason = "a cast of f64 saturates")]
 pub(crate) fn put(into: &mut [u8], width: Width, count: f64) {
     let count = count.round();

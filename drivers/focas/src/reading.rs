@@ -1,4 +1,4 @@
-//! A read of a cycle: the exchanges, and what their answers say. No allocation.
+//! A read of a cycle: its exchanges and the decoding of their responses. It does not allocate.
 
 use std::time::{Duration, Instant};
 
@@ -18,21 +18,20 @@ use crate::{
 /// The values of one read of the control.
 pub(crate) struct Reading {
     pub(crate) snapshot: Snapshot,
-    /// The heartbeat that stands on the control, where it is read.
+    /// The heartbeat at the control, if it is read.
     pub(crate) heartbeat: Option<u8>,
 }
 
-/// In which words the control tells what is applied.
+/// The words in which the control reports the applied correction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Applied {
-    /// The shifts themselves, in numbers of this width.
+    /// The shifts themselves, as words of this width.
     Shifts(Width),
-    /// The report of a barrier, of so many words.
+    /// The report of a barrier, with this number of words.
     Report(usize),
 }
 
 impl Applied {
-    /// As the configuration has it.
     pub(crate) fn of(config: &FocasConfig) -> Self {
         match config.barrier {
             None => Self::Shifts(config.shift.width),
@@ -95,7 +94,7 @@ pub(crate) fn read(
     Ok(reading)
 }
 
-/// The data of an answer that is no refusal.
+/// The data of a block, or the fault of a rejection.
 pub(crate) fn data(block: Result<Block<'_>, Broken>) -> Result<&[u8], Fault> {
     let block = block?;
     match block.error {
@@ -148,7 +147,7 @@ fn take(
         }
         Ask::Referenced(_) => {
             let bits = *data.first().ok_or(Broken("no byte of referenced axes"))?;
-            // A byte tells of eight axes; what it does not tell counts in the sense that forbids.
+            // A byte covers eight axes; axes beyond it count as not referenced, which is the safe side.
             let referenced = |axis: &PlannedAxis| axis.slot < 8 && bits >> axis.slot & 1 == 1;
             snapshot.state.referenced = axes.iter().all(referenced);
         }
@@ -156,7 +155,7 @@ fn take(
     Ok(())
 }
 
-/// Words of a report from the bytes of an answer.
+/// Decodes report words from a response.
 fn take_words(data: &[u8], words: &mut [u16]) -> Result<(), Broken> {
     if data.len() != 2 * words.len() {
         return Err(Broken(
@@ -169,7 +168,7 @@ fn take_words(data: &[u8], words: &mut [u16]) -> Result<(), Broken> {
     Ok(())
 }
 
-/// The shifts of the axes in a run, mm and rad, from the counts in `data`.
+/// Decodes the shifts of the axes in a run, mm and rad, from the counts in `data`.
 fn shifts(
     data: &[u8],
     width: Width,

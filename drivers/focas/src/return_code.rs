@@ -1,12 +1,12 @@
-//! The return codes of the FOCAS library, in words.
+//! Return codes of the FOCAS library with their meanings.
 
 use std::fmt;
 
-/// A return code of the control: 0 for success, else why it refused. Names and numbers are those of the maker's library.
+/// A return code of the control: 0 for success, otherwise the reason for the rejection. Names and numbers are those of the manufacturer's library.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReturnCode(pub i16);
 
-/// Number, name and meaning. The meanings are those of public descriptions of the library.
+/// Number, name and meaning. The meanings are from public descriptions of the library.
 const CODES: [(i16, &str); 31] = [
     (
         -17,
@@ -62,7 +62,7 @@ impl ReturnCode {
             .map_or("a code that is not known", |(_, words)| words)
     }
 
-    /// The name in the maker's library, such as `EW_NOOPT`; `None` for a code that is not known.
+    /// Name in the manufacturer's library, such as `EW_NOOPT`; `None` for an unknown code.
     pub fn name(self) -> Option<&'static str> {
         let name = self.words().split(',').next()?;
         name.starts_with("EW_").then_some(name)
@@ -70,7 +70,7 @@ impl ReturnCode {
 }
 
 impl From<ReturnCode> for volcomp_port::Fault {
-    /// A refusal in a real-time cycle, with the name and the meaning of the code.
+    /// A rejection in a real-time cycle, with the name and the meaning of the code.
     fn from(code: ReturnCode) -> Self {
         Self::Refused {
             code: i32::from(code.0),
@@ -80,7 +80,7 @@ impl From<ReturnCode> for volcomp_port::Fault {
 }
 
 impl fmt::Display for ReturnCode {
-    /// Number, name and meaning: `code 6: EW_NOOPT, the control lacks the option for it`.
+    /// Formats number, name and meaning: `code 6: EW_NOOPT, the control lacks the option for it`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "code {}: {}", self.0, self.words())
     }

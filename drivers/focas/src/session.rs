@@ -1,4 +1,4 @@
-//! One open session: a request out, its answer in, before a deadline.
+//! An open session: sends a request and receives its response before a deadline.
 
 use std::{
     io::{Error, ErrorKind, Read, Write},
@@ -19,16 +19,14 @@ use crate::{
     return_code::ReturnCode,
 };
 
-/// The length of the longest answer that there can be, bytes.
+/// Maximum length of a response, bytes.
 const LONGEST: usize = 65_536;
 
-/// An open session. After a fault other than a refusal it is dead: what is still on its way would be taken
-/// for the next answer.
+/// An open session. After any fault except a rejection it is dead, because a delayed response would be taken for the next one.
 ///
-/// A dead session is aborted at once, in the cycle: the connection is reset, and what the kernel has not delivered yet is
-/// thrown away. Otherwise a request that was written before a cable was pulled would reach the control when the cable is
-/// back, and shift an axis by a correction that is long out of date. The same happens when the process ends in any way
-/// before it has closed the session itself.
+/// A dead session is aborted immediately, within the cycle: the connection is reset, and data that the kernel has not delivered yet are discarded.
+/// Otherwise a request written before a cable was unplugged would reach the control when the cable is plugged in again, and shift an axis by an
+/// outdated correction. The same happens if the process ends in any way before it has closed the session.
 #[derive(Debug)]
 pub struct Session {
     stream: TcpStream,
@@ -41,7 +39,7 @@ impl Session {
     /// Connects to `host`:`port` and opens a session.
     ///
     /// # Errors
-    /// No such host, no answer within `at_most`, a refused session.
+    /// An unknown host, a timeout after `at_most`, a rejected session.
     pub fn open(host: &str, port: u16, at_most: Duration) -> Result<Self, FocasError> {
         let deadline = Instant::now() + at_most;
         let addresses = (host, port)
@@ -61,12 +59,11 @@ impl Session {
         Err(last)
     }
 
-    /// Opens a session on a connection.
     fn on(stream: TcpStream, deadline: Instant) -> Result<Self, FocasError> {
         let lost = |_| FocasError::NoSession(Fault::Disconnected);
         stream.set_nodelay(true).map_err(lost)?;
         stream.set_nonblocking(true).map_err(lost)?;
-        // However the socket is closed, even by the end of the process: nothing is delivered afterwards.
+        // However the socket is closed, even by the end of the process, nothing is delivered afterwards.
         let set = set_socket_linger(&stream, Some(Duration::ZERO));
         set.map_err(|e| lost(e.into()))?;
         let mut session = Self {
@@ -94,8 +91,8 @@ impl Session {
         }
     }
 
-    /// Lets the kernel give the connection up when something that was sent stays unacknowledged for this time, whether
-    /// this program runs or is stopped. Where the kernel cannot do it, the deadlines remain.
+    /// Makes the kernel drop the connection if sent data stay unacknowledged for this time, whether this program is running or stopped. If the
+    /// kernel does not support it, the deadlines still apply.
     pub(crate) fn bound_unacknowledged(&self, time: Duration) {
         #[cfg(target_os = "linux")]
         {
@@ -106,39 +103,37 @@ impl Session {
         let _ = time;
     }
 
-    /// Ends the session without a word: the connection is reset, and nothing that was not delivered will be. No
-    /// allocation and no wait.
+    /// Ends the session without a closing frame: the connection is reset, and undelivered data are discarded. It does not allocate or block.
     pub(crate) fn abort(&mut self) {
         self.dead = true;
-        // Where this fails the connection is gone already, or is reset when the socket is closed.
+        // If this fails, the connection is already closed, or will be reset when the socket is closed.
         let _ = connect_unspec(&self.stream);
     }
 
-    /// The version that the control answers with: 2, 3 or 4 by its generation.
+    /// Protocol version of the control's responses: 2, 3 or 4 by its generation.
     pub fn version(&self) -> u16 {
         self.version
     }
 
-    /// Whether the session must be opened anew.
+    /// True if a new session must be opened.
     pub fn is_dead(&self) -> bool {
         self.dead
     }
 
-    /// Sends a request and waits for its answers. No allocation. A request whose deadline has passed is not sent.
+    /// Sends a request and waits for its response. It does not allocate. A request whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// [`Fault::TimedOut`] before anything was sent, and [`Fault::Refused`] when the controller refuses the request as
-    /// a whole: the session lives on. After every other fault it is dead; an answer that came after the deadline is
-    /// such a fault, too.
+    /// [`Fault::TimedOut`] before anything was sent, and [`Fault::Refused`] if the control rejects the whole request: the session stays usable.
+    /// After every other fault it is dead; this includes a response after the deadline.
     pub fn exchange(&mut self, request: &Request, deadline: Instant) -> Result<Blocks<'_>, Fault> {
         if self.dead {
             return Err(Fault::NotConnected);
         }
         if Instant::now() >= deadline {
-            // Nothing is on its way yet.
+            // Nothing is in flight yet.
             return Err(Fault::TimedOut);
         }
-        // Dead unless everything goes well.
+        // Dead unless the whole exchange succeeds.
         self.dead = true;
         let received = self
             .send(request.bytes(), deadline)
@@ -178,7 +173,7 @@ impl Session {
 
     fn send(&mut self, mut bytes: &[u8], deadline: Instant) -> Result<(), Fault> {
         while !bytes.is_empty() {
-            // Right before the bytes go out: this thread may have stood since the caller looked.
+            // Check immediately before sending: this thread may have been suspended since the caller's check.
             if Instant::now() >= deadline {
                 return Err(Fault::TimedOut);
             }
@@ -190,8 +185,7 @@ impl Session {
         Ok(())
     }
 
-    /// Waits where the socket is not ready, to the microsecond: time-outs of a socket are as coarse as the
-    /// kernel's ticks.
+    /// Waits with microsecond resolution until the socket is ready: socket timeouts are as coarse as the kernel's ticks.
     fn wait_for(&self, error: &Error, what: PollFlags, deadline: Instant) -> Result<(), Fault> {
         match error.kind() {
             ErrorKind::Interrupted => return Ok(()),
@@ -207,7 +201,7 @@ impl Session {
         }
     }
 
-    /// Reads one frame whole into `answer`.
+    /// Reads one complete frame into `answer`.
     fn receive(&mut self, deadline: Instant) -> Result<Head, Fault> {
         let mut have = 0;
         let mut head: Option<Head> = None;
@@ -216,7 +210,7 @@ impl Session {
             if have >= wanted {
                 match head {
                     None => {
-                        // `have` says that they are there.
+                        // `have` guarantees that they are present.
                         let bytes = self.answer.first_chunk().unwrap_or(&[0; HEAD]);
                         head = Some(Head::parse(bytes)?);
                         continue;
@@ -230,7 +224,7 @@ impl Session {
                     }
                 }
             }
-            // One read for the whole answer where it comes in one piece.
+            // A single read returns the whole response if it arrives in one piece.
             match self.stream.read(&mut self.answer[have..]) {
                 Ok(0) => return Err(Fault::Disconnected),
                 Ok(count) => have += count,
@@ -245,8 +239,8 @@ impl Drop for Session {
         if self.dead {
             return self.abort();
         }
-        // Everything that was sent has been answered, so only the closing frame can still be delivered. The other side
-        // may be gone; there is nothing to be done about it.
+        // All sent requests have been answered, so only the closing frame can still be delivered. The peer may be gone; errors cannot be handled
+        // here.
         let _ = set_socket_linger(&self.stream, None);
         let _ = self.stream.write(&close_frame());
     }

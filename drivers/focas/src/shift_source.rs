@@ -1,8 +1,8 @@
-//! From which words of the PMC the control takes the machine zero point shift, by its own parameters.
+//! The PMC words from which the control takes the machine zero point shift, according to its parameters.
 //!
-//! Parameter 1203#0 says whether the extended external machine zero point shift is in use, parameter 1280 where in R its
-//! words begin, two bytes for each axis of the control. Both are from memory of manuals and were not seen on a real
-//! control; so a control that does not tell them is not refused.
+//! Parameter 1203#0 states whether the extended external machine zero point shift is in use, parameter 1280 where its words begin in R, two bytes
+//! for each axis of the control. Both are from memory of manuals and were not verified on a real control, so a control that does not report them is
+//! accepted.
 
 use crate::{
     config::{FocasConfig, apart, without_axis_words},
@@ -10,35 +10,35 @@ use crate::{
     pmc::{Block, PmcAddress, PmcArea},
 };
 
-/// The parameter whose lowest bit says whether the extended external machine zero point shift is in use.
+/// Parameter whose lowest bit states whether the extended external machine zero point shift is in use.
 pub(crate) const IN_USE: i32 = 1203;
-/// The parameter with the first R address of the shift words.
+/// Parameter with the first R address of the shift words.
 pub(crate) const FIRST: i32 = 1280;
 
-/// From which words the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
+/// The words from which the control takes the machine zero point shift. See [`Client::shift_source`](crate::Client::shift_source).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ShiftSource {
-    /// The control tells it.
+    /// Reported by the control.
     Told {
-        /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
+        /// True if the extended external machine zero point shift is in use (parameter 1203#0).
         in_use: bool,
-        /// The first byte in R of the words, two bytes for each axis (parameter 1280).
+        /// First byte of the words in R, two bytes for each axis (parameter 1280).
         first: u32,
     },
-    /// The control does not tell it: it is too old for the question, or lacks the option.
+    /// Not reported by the control: it is too old for the request, or lacks the option.
     Untold {
-        /// Why, in words.
+        /// The reason, in words.
         why: String,
     },
 }
 
 impl ShiftSource {
-    /// Compares what the control told with a configuration: notes in words where nothing is wrong.
+    /// Compares the reported source with a configuration; returns notes if there is no conflict.
     ///
     /// # Errors
-    /// The parameter by which the control takes the shift from other words than the configuration says; words that lie
-    /// within those of the configuration although a ladder is to copy them.
+    /// The parameter by which the control takes the shift from other words than configured; or words that overlap those of the configuration
+    /// although a ladder is to copy them.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,

@@ -1,15 +1,15 @@
-//! Whether a control tells positions in mm, by its own parameters.
+//! Checks by its parameters that a control reports positions in mm.
 //!
-//! Parameter 1001#0 (INM) says whether the machine system counts in inches, 3104#0 (MCN) whether positions are told in the unit
-//! of the program, and 0#2 (INI) which one that is now. All three are from memory of manuals and were not seen on a real
-//! control; so a control that does not tell them is not refused.
+//! Parameter 1001#0 (INM) states whether the machine system counts in inches, 3104#0 (MCN) whether positions are reported in the unit of the
+//! program, and 0#2 (INI) which unit that is at present. All three are from memory of manuals and were not verified on a real control, so a control
+//! that does not report them is accepted.
 
 use crate::error::FocasError;
 
-/// Parameters of which one bit says in which unit positions are told.
+/// Parameters of which one bit determines the unit of reported positions.
 pub(crate) const NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Compares what the control told of [`NUMBERS`] with the mm of a configuration: notes in words where nothing is wrong.
+/// Checks the reported values of [`NUMBERS`] against mm, the unit of the configuration; returns notes if there is no conflict.
 ///
 /// # Errors
 /// The parameter by which positions are, or may become, inches.

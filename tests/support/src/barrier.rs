@@ -1,4 +1,4 @@
-//! The barrier of the simulated controls that drivers and gateway are tried on.
+//! Barrier of the simulated controls for tests of drivers and gateway.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use volcomp_guard::barrier::{Protection, Settings, SettingsError};
 use volcomp_port::Axis;
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Rad};
 
-/// Machine 4711: 150 counts of 1 µm, 2 counts in a scan of 2 ms, frames at most 200 ms old, zero after 450 ms without one.
+/// Machine 4711: maximum 150 counts of 1 µm, 2 counts per 2 ms scan, maximum frame age 200 ms, zero after 450 ms without a frame.
 pub fn protection() -> Protection {
     Protection {
         machine: 4711,
@@ -20,15 +20,15 @@ pub fn protection() -> Protection {
     }
 }
 
-/// The settings of that barrier for linear axes of 1 µm a count.
+/// Settings of that barrier for linear axes of 1 µm per count.
 ///
 /// # Errors
-/// No axes, too many, or one of them twice.
+/// No axes, too many, or a duplicate.
 pub fn settings(axes: &[AxisName]) -> Result<Settings, SettingsError> {
     protection().settings(&self::axes(axes))
 }
 
-/// Linear axes of 1 µm a count.
+/// Linear axes of 1 µm per count.
 pub fn axes(names: &[AxisName]) -> Vec<Axis> {
     let axis = |name: &AxisName| Axis {
         name: *name,

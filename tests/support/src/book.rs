@@ -1,4 +1,4 @@
-//! Reads the book and the README files for the tests that hold them to the code.
+//! Reads the book and the README files for tests that compare them with the code.
 
 use std::{
     collections::BTreeSet,
@@ -8,33 +8,33 @@ use std::{
 
 use crate::root;
 
-/// The key that no decoder knows.
+/// A key that is unknown to every decoder.
 const UNKNOWN: &str = "zzz_unknown";
 
 /// A fenced block of a page.
 pub struct Block {
     /// `docs/src/gateway.md:12`, the line of the opening fence.
     pub place: String,
-    /// What stands behind the opening fence: `toml`, `console,ignore`.
+    /// Info string of the opening fence: `toml`, `console,ignore`.
     pub info: String,
-    /// The lines between the fences, included files read.
+    /// Content between the fences, with included files inserted.
     pub text: String,
 }
 
 impl Block {
-    /// The first line without its `#`, which says what a TOML block is: `machine file`.
+    /// First line without its `#`, which states the kind of a TOML block: `machine file`.
     pub fn label(&self) -> &str {
         let first = self.text.lines().next().unwrap_or("");
         first.trim_start_matches('#').trim()
     }
 
-    /// Whether the block says that it is a `kind`; more words may follow.
+    /// True if the block states this kind; more words may follow.
     pub fn is(&self, kind: &str) -> bool {
         self.info == "toml" && self.label().starts_with(kind)
     }
 }
 
-/// A chapter of the book.
+/// Path of a chapter of the book.
 pub fn chapter(name: &str) -> PathBuf {
     root().join("docs/src").join(name)
 }
@@ -104,7 +104,7 @@ pub fn blocks(page: &Path) -> Vec<Block> {
     blocks
 }
 
-/// The line, or the file that it includes.
+/// The line, or the content of the file that it includes.
 fn included(line: &str, page: &Path, place: &str) -> String {
     let named = line.trim().strip_prefix("{{#include ");
     let Some(named) = named.and_then(|rest| rest.strip_suffix("}}")) else {
@@ -115,12 +115,12 @@ fn included(line: &str, page: &Path, place: &str) -> String {
     text.trim_end().to_owned()
 }
 
-/// The keys in the first column of every table of the page that is headed `key`.
+/// Keys in the first column of every table of the page with the heading `key`.
 pub fn documented_keys(page: &Path) -> BTreeSet<String> {
     first_column(page, "key")
 }
 
-/// What stands between back quotes in the first column of every table of the page with this head.
+/// Texts in back quotes in the first column of every table of the page with this heading.
 pub fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(page).expect("a page");
     let mut keys = BTreeSet::new();
@@ -134,15 +134,15 @@ pub fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
         if cell == head {
             is_meant = true;
         } else if is_meant {
-            // Every second piece stands between back quotes.
+            // Every second piece is in back quotes.
             keys.extend(cell.split('`').skip(1).step_by(2).map(str::to_owned));
         }
     }
     keys
 }
 
-/// Every key that a decoder expects in any table of a text: into one table after another an unknown key is
-/// put, and the message names those that are known. The tables in `free` have names of the user's for keys.
+/// Every key that a decoder expects in any table of a text. An unknown key is inserted into each table in turn, and the error message lists the
+/// known ones. Tables in `free` have user-defined keys.
 pub fn decoded_keys(
     block: &Block,
     free: &[&str],
@@ -200,7 +200,7 @@ pub fn used_keys(text: &str) -> BTreeSet<String> {
     keys
 }
 
-/// The table once for each table in it, that one with an unknown key, and its path without numbers.
+/// For each table in it, a copy with an unknown key in that table, and its path without numbers.
 fn with_unknown_keys(table: &toml::Table) -> Vec<(String, toml::Table)> {
     let mut all = Vec::new();
     let mut changed = table.clone();
@@ -238,7 +238,7 @@ fn values_with_unknown_keys(value: &toml::Value) -> Vec<(String, toml::Value)> {
     }
 }
 
-/// `part` put into `whole`: tables are joined, everything else of the part takes the place of the whole's.
+/// Merges `part` into `whole`: tables are merged, any other value of `part` replaces that of `whole`.
 pub fn joined(whole: &str, part: &str) -> String {
     fn join(whole: &mut toml::Table, part: toml::Table) {
         for (key, value) in part {
@@ -258,8 +258,8 @@ pub fn joined(whole: &str, part: &str) -> String {
     table.to_string()
 }
 
-/// Runs the console blocks of every page with the programs given; those of `elsewhere` are left to other tests.
-/// Each page in a folder of its own, with links to the repository's folders.
+/// Runs the console blocks of every page with the given programs; pages in `elsewhere` are covered by other tests. Each page has a separate working
+/// directory with links to the repository's folders.
 pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut copies = Vec::new();
@@ -289,7 +289,7 @@ pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
     for program in elsewhere {
         cases.register_bin(*program, trycmd::schema::Bin::Ignore);
     }
-    // The width of tables and help texts does not depend on who runs this.
+    // Fix the width of tables and help texts, independent of the environment.
     cases.env("COLUMNS", "80").env("NO_COLOR", "1");
     for (copy, _) in &copies {
         cases.case(copy);
@@ -306,14 +306,14 @@ pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
     }
 }
 
-/// With the empty line that trycmd wants after all that a command prints.
+/// Adds the empty line that trycmd requires after the output of a command.
 fn with_ends(page: &str) -> String {
     let (mut text, mut last, mut in_console) = (String::new(), "", false);
     for line in page.lines() {
         let ends = line.starts_with("```") || line.starts_with("$ ");
         let printed =
             !(last.starts_with("$ ") || last.starts_with("? ") || last.starts_with("```"));
-        // An empty line between two commands is that line already.
+        // An empty line between two commands already serves as that line.
         if in_console && ends && printed && (!last.is_empty() || line.starts_with("```")) {
             text.push('\n');
         }
@@ -325,7 +325,7 @@ fn with_ends(page: &str) -> String {
     text
 }
 
-/// Without the empty line before the end of a block.
+/// Removes the empty line before the end of a block.
 fn without_ends(page: &str) -> String {
     let (mut lines, mut in_console) = (Vec::new(), false);
     for line in page.lines() {
@@ -338,7 +338,7 @@ fn without_ends(page: &str) -> String {
     lines.join("\n") + "\n"
 }
 
-/// The documented keys must be the decoded ones, and each must be shown in a block.
+/// Checks that the documented keys equal the decoded ones, and that each appears in a block.
 pub fn compare_keys(page: &Path, decoded: &BTreeSet<String>, used: &BTreeSet<String>) {
     let documented = documented_keys(page);
     let only = |a: &BTreeSet<String>, b: &BTreeSet<String>| -> Vec<String> {

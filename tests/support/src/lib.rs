@@ -1,6 +1,6 @@
-//! What the tests of several crates share. A development dependency only; it is not published.
+//! Helpers shared by the tests of several crates. A development dependency only; it is not published.
 //!
-//! Everything here fails a test by a panic that says what was expected.
+//! All functions panic with a message about the expectation if it is not met.
 
 #![allow(
     clippy::missing_panics_doc,
@@ -37,8 +37,8 @@ pub fn root() -> PathBuf {
     root.canonicalize().expect("the repository is there")
 }
 
-/// The rows of a table of cases, one in each line, whose cells stand between bars. In a cell `\n` and `\r` are ends of lines,
-/// and blanks at its ends do not count.
+/// Parses a table of test cases, one row per line, with cells between bars. In a cell `\n` and `\r` denote line ends, and surrounding blanks are
+/// ignored.
 pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
     let cell = |cell: &str| cell.trim().replace("\\n", "\n").replace("\\r", "\r");
     let rows = table.lines().filter(|row| !row.is_empty());
@@ -51,7 +51,7 @@ pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
     .collect()
 }
 
-/// Waits until `holds` is true, and fails with `what` if it is not within the time.
+/// Waits until `holds` returns true; panics with `what` after the timeout `within`.
 pub fn until(what: &str, within: Duration, mut holds: impl FnMut() -> bool) {
     let end = Instant::now() + within;
     while !holds() {

@@ -1,10 +1,9 @@
 //! Small machine files.
 
-/// A machine file of five axes with every kind of error curve.
+/// A five-axis machine file with every kind of error curve.
 pub const EVERY_CURVE: &str = include_str!("../data/every-curve.toml");
 
-/// The beginning of a machine file: a gantry `w X' b Y Z t` with the travels of X, Y and Z in mm. What follows may be
-/// any table, such as `[errors]`.
+/// Start of a machine file: a gantry `w X' b Y Z t` with the travels of X, Y and Z in mm. Any table may follow, such as `[errors]`.
 pub fn gantry(travel_mm: [[f64; 2]; 3]) -> String {
     let [x, y, z] = travel_mm;
     format!(

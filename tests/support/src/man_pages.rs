@@ -1,14 +1,14 @@
-//! The man pages of the programs, made from their help into `target/man`.
+//! Generates the man pages of the programs from their help into `target/man`.
 
 use std::fs;
 
 use clap::Command;
 use clap_mangen::Man;
 
-/// Makes one page for the program and one for each command that its help lists. `end` stands in the program's own page
-/// only, in roff: what a man page says and a help text does not, such as files and signals.
+/// One page for the program and one for each command in its help. `end` is appended only to the program's page, in roff: information that is not in
+/// help texts, such as files and signals.
 fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
-    // The pages of the commands say what `help COMMAND` says.
+    // The pages of the commands replace `help COMMAND`.
     let mut command = command.disable_help_subcommand(true);
     command.build();
     let listed = command.get_subcommands().filter(|c| !c.is_hide_set());
@@ -26,7 +26,7 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
     pages
 }
 
-/// Writes the pages of a program to `man` in cargo's target folder, from which `docs/build` and packages take them.
+/// Writes the man pages of a program to `man` in cargo's target folder, where `docs/build` and packages find them.
 ///
 /// # Panics
 /// A command or an option has no help.

@@ -1,15 +1,15 @@
-//! Compares the chapter on commands with what the programs say of their options.
+//! Compares the chapter on commands with the options of the programs.
 
 use std::{collections::BTreeSet, fs, process::Command};
 
-/// Sections whose options several commands share.
+/// Sections with options shared by several commands.
 const SHARED: [&str; 2] = [
     "For all commands of `volcomp`",
     "Machine, tool, temperatures and positions",
 ];
 
-/// Every command of a program has a section `## PROGRAM COMMAND` whose tables headed `option` name its options.
-/// Exactly these: those of shared sections may be left out.
+/// Checks that every command of a program has a section `## PROGRAM COMMAND` whose tables headed `option` list exactly its options; those of shared
+/// sections may be omitted.
 pub fn compare_options(program: &str, path: &str) {
     let page = crate::root().join("docs/src/commands.md");
     let page = fs::read_to_string(page).expect("the chapter");
@@ -19,7 +19,7 @@ pub fn compare_options(program: &str, path: &str) {
     }
     for (title, call) in &titles {
         let text = help(path, call);
-        // A program that does nothing without a command has no section of its own.
+        // A program that requires a command has no section for itself.
         let Some(section) = section(&page, title) else {
             assert!(
                 call.is_empty() && titles.len() > 1,
@@ -49,11 +49,11 @@ fn help(path: &str, call: &[String]) -> String {
     String::from_utf8(output.expect("the program was built for this test").stdout).expect("UTF-8")
 }
 
-/// The commands of a help text.
+/// Commands listed in a help text.
 fn commands(help: &str) -> Vec<String> {
     let list = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     list.take_while(|line| !line.is_empty())
-        // Deeper lines go on with the text of the command before.
+        // Lines with deeper indentation continue the previous command.
         .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
         .filter_map(|line| line.split_whitespace().next())
         .filter(|name| *name != "help")
@@ -61,7 +61,7 @@ fn commands(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// The options of a help text.
+/// Options listed in a help text.
 fn known(help: &str) -> BTreeSet<String> {
     let lines = help.lines().map(str::trim_start);
     lines
@@ -71,7 +71,7 @@ fn known(help: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// The lines below a heading of the second level.
+/// The text below a second-level heading.
 fn section<'a>(page: &'a str, title: &str) -> Option<&'a str> {
     let heading = format!("\n## {title}\n");
     let (_, rest) = page.split_once(&heading)?;
@@ -82,7 +82,7 @@ fn documented(section: &str) -> BTreeSet<String> {
     documented_of(section).collect()
 }
 
-/// The options in the first column of the tables headed `option`.
+/// Options in the first column of the tables headed `option`.
 fn documented_of(section: &str) -> impl Iterator<Item = String> {
     let mut of_options = false;
     let mut options = Vec::new();

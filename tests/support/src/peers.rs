@@ -1,9 +1,8 @@
-//! Programs of others that ours are compared with; `./test` installs them.
+//! Third-party programs for comparison tests; `./test` installs them.
 
 use std::path::PathBuf;
 
-/// Says that a program is missing, so that its test does not run. Where the environment variable `CI` is set nothing
-/// may be missing, and the test fails.
+/// Reports that a program is missing and its test is skipped. If the environment variable `CI` is set, the test fails instead.
 pub fn not_run(what: &str) {
     assert!(
         std::env::var_os("CI").is_none(),
@@ -12,7 +11,7 @@ pub fn not_run(what: &str) {
     eprintln!("not run: {what} is missing, ./test installs it");
 }
 
-/// The Python with the packages of `tests/peers.txt`; where it is missing, `None` after [`not_run`] said so.
+/// Path of the Python with the packages of `tests/peers.txt`; `None`, after calling [`not_run`], if it is missing.
 pub fn python() -> Option<PathBuf> {
     let python = crate::root().join("target/test-venv/bin/python");
     if !python.is_file() {

@@ -1,19 +1,19 @@
-//! Ports at which nobody listens.
+//! Free TCP ports.
 
 use std::{
     net::TcpListener,
     sync::atomic::{AtomicU32, Ordering},
 };
 
-/// The kernel gives connections and listeners without a port of their own one from 32768 on: these here it gives to nobody.
+/// First port of the search. The kernel's ephemeral ports start at 32768, so it does not assign ports of this range.
 const FIRST: u32 = 20_000;
 const COUNT: u32 = 12_000;
 
-/// A port of this computer at which nobody listens, and that nobody is given by chance, for a program that is started later.
+/// A free port of this computer, for a program that is started later. The kernel does not assign it to other sockets.
 pub fn free_port() -> u16 {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     for _ in 0..COUNT {
-        // Test programs that run at once begin at different places.
+        // Concurrent test programs start at different ports.
         let drawn = std::process::id()
             .wrapping_mul(97)
             .wrapping_add(NEXT.fetch_add(1, Ordering::Relaxed));
@@ -25,7 +25,7 @@ pub fn free_port() -> u16 {
     panic!("no port from {FIRST} on is free");
 }
 
-/// The same as an address of this computer.
+/// A free loopback address, `127.0.0.1:PORT`.
 pub fn free_address() -> String {
     format!("127.0.0.1:{}", free_port())
 }

@@ -1,4 +1,4 @@
-//! A program that ends with the test that started it.
+//! A child process that ends with the test that started it.
 
 use std::{
     io::{BufRead, BufReader},
@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// A running program, killed when it is dropped so that a failing test leaves none behind.
+/// A running program, killed when dropped, so that a failing test does not leave it behind.
 pub struct Running(Child);
 
 impl Running {
@@ -19,8 +19,8 @@ impl Running {
         }
     }
 
-    /// Starts a program and waits for the first line on its standard output: the program, that line without its end,
-    /// and the rest of the output.
+    /// Starts a program and waits for its first line on standard output. Returns the program, that line without its end, and the rest of the
+    /// output.
     pub fn start_and_hear(command: &mut Command) -> (Self, String, BufReader<ChildStdout>) {
         let mut running = Self::start(command.stdout(Stdio::piped()));
         let stdout = running.0.stdout.take().expect("piped just above");
@@ -29,14 +29,14 @@ impl Running {
         (running, line.trim_end().to_owned(), output)
     }
 
-    /// Starts a program that prints `ready` once it is.
+    /// Starts a program that prints `ready` when it is.
     pub fn start_ready(command: &mut Command) -> Self {
         let (running, line, _) = Self::start_and_hear(command);
         assert_eq!(line, "ready", "{command:?}");
         running
     }
 
-    /// Sends a signal by its name without `SIG`.
+    /// Sends a signal, named without `SIG`.
     pub fn signal(&self, name: &str) {
         let sent = Command::new("kill")
             .args([&format!("-{name}"), &self.0.id().to_string()])
@@ -44,7 +44,7 @@ impl Running {
         assert!(sent.is_ok_and(|status| status.success()), "SIG{name}");
     }
 
-    /// Waits until the program ends by itself: how it ended, `None` if it still runs after that time.
+    /// Waits until the program exits; `None` if it still runs after `within`.
     pub fn ended(&mut self, within: Duration) -> Option<ExitStatus> {
         let end = Instant::now() + within;
         while Instant::now() < end {
@@ -57,9 +57,9 @@ impl Running {
         None
     }
 
-    /// Ends the program at once, with no chance to tidy up.
+    /// Kills the program with SIGKILL, without a chance to clean up.
     pub fn kill(&mut self) {
-        // It may have ended already.
+        // It may have exited already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -1,7 +1,6 @@
-//! An interpreter for the part of Structured Text (IEC 61131-3) that the shipped programs are written in: DINT, INT and
-//! BOOL, arrays of them from 0, assignments, IF, FOR, the usual operators and ABS. A value outside of its type, a place
-//! outside of an array, a division by zero and one of a negative number are errors, so a program that runs here does not
-//! depend on what a control does then.
+//! An interpreter for the subset of Structured Text (IEC 61131-3) used by the shipped programs: DINT, INT and BOOL, zero-based arrays of them,
+//! assignments, IF, FOR, the usual operators and ABS. A value out of range, an index out of bounds, and a division by zero or of a negative number
+//! are errors, so a program that runs here does not depend on how a control handles them.
 
 use std::{collections::HashMap, ops::RangeInclusive};
 
@@ -70,11 +69,11 @@ enum Statement {
     For(usize, Expression, Expression, Vec<Statement>),
 }
 
-/// A variable: a single value is an array of one place.
+/// A variable; a scalar is an array of one element.
 #[derive(Clone, Debug)]
 struct Variable {
     name: String,
-    /// What a place may hold.
+    /// Range of valid values.
     range: RangeInclusive<i64>,
     places: Vec<i64>,
 }
@@ -92,10 +91,10 @@ pub struct Block {
 }
 
 impl Block {
-    /// Reads a function block.
+    /// Parses a function block.
     ///
     /// # Errors
-    /// What in the text is not of the subset, and names that are not declared.
+    /// Text outside the subset, and undeclared names.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parser = Parser {
             tokens: tokens(text)?,
@@ -141,7 +140,7 @@ impl Block {
         })
     }
 
-    /// Sets a place of a variable; a single value has place 0.
+    /// Sets an element of a variable; a scalar has element 0.
     pub fn set(&mut self, name: &str, at: usize, value: i64) {
         let slot = self.slot(name);
         let variable = &mut self.variables[slot];
@@ -149,7 +148,7 @@ impl Block {
         variable.places[at] = value;
     }
 
-    /// What is in a place of a variable; a single value has place 0.
+    /// Reads an element of a variable; a scalar has element 0.
     pub fn get(&self, name: &str, at: usize) -> i64 {
         self.variables[self.slot(name)].places[at]
     }
@@ -157,7 +156,7 @@ impl Block {
     /// Runs the body once.
     ///
     /// # Errors
-    /// What a control may do in one way or another: see the top of this file.
+    /// Operations whose result depends on the control: see the top of this file.
     pub fn run(&mut self) -> Result<(), String> {
         run(&self.body, &mut self.variables)
     }
@@ -216,13 +215,13 @@ impl Parser {
         }
     }
 
-    /// The slot of a variable that is declared.
+    /// Slot of a declared variable.
     fn declared(&self, name: &str) -> Result<usize, String> {
         let slot = self.named.get(name).copied();
         slot.ok_or(format!("{name} is not declared"))
     }
 
-    /// What a place may hold, and how many places there are, of `DINT`, `INT`, `BOOL` or `ARRAY[0..n] OF` one of them.
+    /// Parses `DINT`, `INT`, `BOOL` or `ARRAY[0..n] OF` one of them: the range of values and the number of elements.
     fn type_(&mut self) -> Result<(RangeInclusive<i64>, usize), String> {
         match self.name()?.as_str() {
             "DINT" => Ok((DINT, 1)),
@@ -314,7 +313,7 @@ impl Parser {
         Ok(Some(at))
     }
 
-    /// Operators by how tightly they bind: OR, AND, comparisons, sums, products.
+    /// Parses operators by precedence: OR, AND, comparisons, sums, products.
     fn expression(&mut self, level: usize) -> Result<Expression, String> {
         const LEVELS: [&[&str]; 5] = [
             &["OR"],
@@ -372,7 +371,7 @@ impl Parser {
     }
 }
 
-/// The place of a variable that an index means.
+/// Checks an index and returns the element.
 fn place(variable: &Variable, at: i64) -> Result<usize, String> {
     let place = usize::try_from(at).ok();
     place
@@ -427,7 +426,7 @@ fn value(expression: &Expression, variables: &[Variable]) -> Result<i64, String>
         Expression::Not(inner) => i64::from(value(inner, variables)? == 0),
         Expression::Minus(inner) => -value(inner, variables)?,
         Expression::Two(operator, left, right) => {
-            // Both sides, always: a control need not stop at the first.
+            // Always evaluate both sides: a control need not short-circuit.
             let (left, right) = (value(left, variables)?, value(right, variables)?);
             match operator.as_str() {
                 "OR" => i64::from(left != 0 || right != 0),
@@ -441,7 +440,7 @@ fn value(expression: &Expression, variables: &[Variable]) -> Result<i64, String>
                 "+" => left + right,
                 "-" => left - right,
                 "*" => left * right,
-                // Controls do not agree on the sign of a remainder: the programs do without.
+                // Controls disagree on the sign of a remainder, so the programs avoid negative operands.
                 "/" | "MOD" if right <= 0 || left < 0 => {
                     return Err(format!("{left} {operator} {right}"));
                 }

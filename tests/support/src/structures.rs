@@ -1,9 +1,9 @@
-//! Types of machines.
+//! Machine structures.
 
 use volcomp_kinematics::Structure;
 use volcomp_vocabulary::AxisName;
 
-/// The 4 three-axis and the 12 five-axis types of machines, the latter with each pair of rotary axes in turn.
+/// The 4 three-axis and the 12 five-axis structures, the latter with each pair of rotary axes in turn.
 pub fn all_types() -> Vec<Structure> {
     let of = |translational, rotary, axes: &[AxisName]| {
         Structure::from_type(translational, rotary, axes).expect("a type of machine")

@@ -1,4 +1,4 @@
-//! What the command line takes.
+//! Command-line arguments.
 
 use std::{net::SocketAddr, path::PathBuf};
 

@@ -1,4 +1,4 @@
-//! The search of the network from the command line.
+//! The network search on the command line.
 
 use std::io::{IsTerminal, Write};
 
@@ -39,7 +39,7 @@ pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), Error> {
         .build()?;
     let devices = runtime.block_on(search.run(|done| {
         if shows {
-            // Nobody may be reading.
+            // Standard error may be closed.
             let _ = write!(std::io::stderr(), "\r{done} of {of} ");
         }
     }));

@@ -1,4 +1,4 @@
-//! Machines on the command line.
+//! Machine commands.
 
 use std::{collections::BTreeMap, fmt::Write};
 
@@ -48,7 +48,7 @@ pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), Err
     print(&said)
 }
 
-/// A machine as it is named now: of one that is known, what is not named stays. It is enabled by `machine enable` alone.
+/// Builds the machine record from the arguments. Options that are not given keep the value in `before`. Only `machine enable` enables a machine.
 fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: Model) -> Machine {
     let Model {
         structure, axes, ..
@@ -136,7 +136,7 @@ pub(super) fn enable(config: &Config, machine: &str, enable: bool, by: &str) -> 
         Ok(None) => print(
             "its newest manifest says so already; the running centre sends it where it is not sent yet\n",
         ),
-        // It will be so in its first manifest.
+        // Its first manifest will contain this setting.
         Err(Error::NoModelYet { .. }) => {
             let may = if enable { "may" } else { "must not" };
             print(&format!(

@@ -1,4 +1,4 @@
-//! The command line: what `volcomp-centre` is asked, and what it does.
+//! The command line of `volcomp-centre`.
 
 mod arguments;
 mod discover;
@@ -20,7 +20,7 @@ use crate::{Error, config::Config, keys::Key, store::Store};
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
 impl Arguments {
-    /// Does what is asked.
+    /// Runs the command.
     pub fn act(self) -> Result<(), Error> {
         let config = || Config::read(&self.config);
         let by = self.by.clone().unwrap_or_else(who);
@@ -82,7 +82,7 @@ impl Arguments {
     }
 }
 
-/// Who calls, as far as the environment tells.
+/// The user of the operating system according to the environment.
 fn who() -> String {
     let named = ["SUDO_USER", "USER", "LOGNAME"].iter();
     let mut named = named.filter_map(|key| std::env::var(key).ok());
@@ -96,12 +96,12 @@ pub fn open(config: &Config) -> Result<Arc<Store>, Error> {
     Ok(Arc::new(Store::open(&config.store.file)?))
 }
 
-/// The key that signs.
+/// The key that signs manifests.
 pub fn signing_key(config: &Config) -> Result<Key, Error> {
     Key::read(&config.keys.folder, &config.keys.sign_with)
 }
 
-/// Prints. A reader that has gone is no failure.
+/// Prints to standard output. A closed reader is not a failure.
 fn print(text: &str) -> Result<(), Error> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
@@ -109,19 +109,17 @@ fn print(text: &str) -> Result<(), Error> {
     }
 }
 
-/// Prints a document.
 fn print_json<T: serde::Serialize>(document: &T) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(document).map_err(std::io::Error::from)?;
     print(&format!("{text}\n"))
 }
 
-/// A name of a machine, as somebody has typed it.
+/// Parses a machine name from the command line.
 fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, Error> {
     text.parse()
         .map_err(|e| Error::Wrong(format!("the name of a machine: {e}")))
 }
 
-/// A file of an option, as people read it.
 fn shown(path: &Path) -> String {
     path.display().to_string()
 }

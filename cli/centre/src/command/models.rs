@@ -1,4 +1,4 @@
-//! Models on the command line.
+//! Model commands.
 
 use std::{fmt::Write as _, io::Write as _, path::Path};
 
@@ -37,7 +37,7 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), Error> {
     }
 }
 
-/// The model whose checksum begins so.
+/// The only model whose checksum begins with `beginning`.
 pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), Error> {
     let wrong = || {
         Error::Wrong(format!(

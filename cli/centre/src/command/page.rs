@@ -1,4 +1,4 @@
-//! The page beside the running centre.
+//! The web interface served by the running centre.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::{
     store::Store,
 };
 
-/// Waits until a part of the page ends by itself, which it never should; for ever, where there is no page.
+/// Waits until a task of the web interface ends, which is always a failure. Never returns without a web interface.
 pub(super) async fn ended(page: Option<&mut [JoinHandle<()>; 2]>) {
     match page {
         Some([refreshed, served]) => {
@@ -26,7 +26,7 @@ pub(super) async fn ended(page: Option<&mut [JoinHandle<()>; 2]>) {
     }
 }
 
-/// Serves the page on the runtime of the caller.
+/// Serves the web interface on the runtime of the caller.
 pub(super) async fn serve(
     config: &PageConfig,
     rules: Rules,
@@ -48,7 +48,7 @@ pub(super) async fn serve(
     let scheme = if acceptor.is_some() { "https" } else { "http" };
     tracing::info!("the page is on {scheme}://{}", listener.local_addr()?);
     let of_store = Arc::clone(store);
-    // A question to a database that waits: never on a thread of the runtime.
+    // A database query may block, so it must not run on a runtime thread.
     let users = tokio::task::spawn_blocking(move || of_store.users()).await;
     if users.map_err(std::io::Error::other)??.is_empty() {
         tracing::warn!("nobody can log in: volcomp-centre user add NAME --role admin");

@@ -1,4 +1,4 @@
-//! Roll-outs on the command line. The running centre moves them on.
+//! Roll-out commands. The running centre advances the roll-outs.
 
 use volcomp_fleet::MachineId;
 

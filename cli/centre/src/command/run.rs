@@ -1,4 +1,4 @@
-//! Running the centre, and checking what it needs.
+//! Running the centre, and checking its configuration and environment.
 
 use std::{fmt::Write as _, io::IsTerminal, net::SocketAddr};
 
@@ -27,7 +27,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
     let lines = fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
-    // The client of the server tells each of its tries; the engine tells once that the server is not reached.
+    // The NATS client logs every connection attempt; the engine already logs once that the server cannot be reached.
     let told = Targets::new()
         .with_default(LevelFilter::INFO)
         .with_target("async_nats", LevelFilter::OFF);
@@ -71,7 +71,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
     store.audit("centre", "centre.end", "", serde_json::json!({}))
 }
 
-/// Waits for a signal to end.
+/// Waits for a termination signal.
 pub(super) async fn ended() -> std::io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
     let mut terminate = signal(SignalKind::terminate())?;
@@ -86,7 +86,7 @@ pub(super) async fn ended() -> std::io::Result<()> {
 pub(super) fn check(config: &Config) -> Result<(), Error> {
     let store = open(config)?;
     let key = signing_key(config)?;
-    // Every key is read at the start, not only the one that signs.
+    // Read every key at the start, not only the one that signs.
     Key::all(&config.keys.folder)?;
     let server = settings(config)?;
     server.text()?;
@@ -122,7 +122,6 @@ pub(super) fn check(config: &Config) -> Result<(), Error> {
     chain_holds(&store)
 }
 
-/// Runs the demonstration.
 pub(super) fn demo(listen: SocketAddr) -> Result<(), Error> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()

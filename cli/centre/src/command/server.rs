@@ -1,4 +1,4 @@
-//! Keys, the configuration of the server, the audit log, alarms.
+//! Keys, server configuration, audit log and alarms.
 
 use std::{
     fmt::Write,
@@ -38,7 +38,7 @@ pub(super) fn list_keys(config: &Config) -> Result<(), Error> {
     print(&text)
 }
 
-/// Draws an nkey, and writes its seed into a new file. Gives the public nkey.
+/// Generates an nkey, writes its seed to a new file and returns the public nkey.
 pub(super) fn draw_nkey(file: &Path) -> Result<String, Error> {
     let pair = KeyPair::new_user();
     let seed = pair
@@ -52,7 +52,7 @@ pub(super) fn new_nkey(file: &Path) -> Result<(), Error> {
     print(&format!("{}\n", draw_nkey(file)?))
 }
 
-/// How the centre reaches the server, and its public nkey.
+/// Connection settings for the NATS server, and the centre's public nkey.
 pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), Error> {
     let file = &config.nats.nkey_file;
     let link = LinkSettings {
@@ -65,7 +65,7 @@ pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), Error> {
     Ok((link, nkey))
 }
 
-/// The settings of the server with every machine that has an nkey.
+/// Server settings with every machine that has an nkey.
 pub(super) fn settings(config: &Config) -> Result<ServerSettings, Error> {
     let (link, centre) = link(config)?;
     let machines = open(config)?.machines()?;
@@ -110,7 +110,7 @@ pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), 
     print(&text)
 }
 
-/// The mode of the file into which this program prints, where others can read that.
+/// Mode of the file that standard output is redirected to, if other users can read that file.
 fn printed_for_others() -> Result<Option<u32>, Error> {
     let printed = std::io::stdout().as_fd().try_clone_to_owned()?;
     let printed = std::fs::File::from(printed).metadata()?;
@@ -129,7 +129,7 @@ pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), Error
     chain_holds(&store)
 }
 
-/// Refuses an audit log of which a record was changed or taken out.
+/// Fails if a record of the audit log was changed or removed.
 pub(super) fn chain_holds(store: &Store) -> Result<(), Error> {
     match store.broken_audit()? {
         None => Ok(()),

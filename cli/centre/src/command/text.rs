@@ -1,4 +1,4 @@
-//! What the command line prints for people.
+//! Text output of the commands.
 
 use std::{collections::BTreeSet, fmt::Write};
 
@@ -13,23 +13,22 @@ use crate::{
     rollout::{Phase, Rollout, Step, Target},
 };
 
-/// A machine with what is known of it now.
+/// A machine with its current state.
 #[derive(Serialize)]
 pub(super) struct Shown {
     #[serde(flatten)]
     pub(super) machine: Machine,
     pub(super) live: Option<Live>,
-    /// How old its last condition is by the clocks of this computer and of the server, s.
+    /// Age of its last condition by the clocks of this computer and of the server, s.
     pub(super) age_s: Option<f64>,
-    /// The newest version, which it shall have.
+    /// The newest version issued to it.
     pub(super) version: Option<Version>,
-    /// The model of that version.
     pub(super) wanted: Option<Named>,
-    /// The model by which it corrects; `None`: it was never heard, or has none.
+    /// The active model; `None` if it has none or never reported one.
     pub(super) in_force: Option<Named>,
 }
 
-/// A model of a machine, by its version, its checksum and its name.
+/// A model of a machine: version, checksum and name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Named {
     pub(super) version: u64,
@@ -41,7 +40,7 @@ fn row(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
 }
 
-/// The beginning of a checksum, long enough to be one.
+/// Abbreviated checksum, long enough to be unique.
 fn short(sha256: &str) -> &str {
     sha256.get(..12).unwrap_or(sha256)
 }
@@ -52,7 +51,7 @@ pub(super) fn counted(machines: usize) -> String {
     format!("{machines} machine{end}")
 }
 
-/// An age as people read it, in one unit.
+/// Formats an age in one unit.
 fn age(age_s: f64) -> String {
     const UNITS: [(f64, &str); 4] = [(1.0, "s"), (60.0, "min"), (3600.0, "h"), (86_400.0, "d")];
     let mut units = UNITS.iter().rev();
@@ -83,7 +82,7 @@ pub(super) fn machines(shown: &[Shown]) -> String {
     ])];
     for one in shown {
         let condition = one.live.as_ref().and_then(|live| live.condition.as_ref());
-        // What a silent machine told last is not what holds now.
+        // The last report of a silent machine is not its current state.
         let is_old = (one.age_s).is_none_or(|age_s| one.machine.is_silent(age_s));
         let state = match condition {
             None => "never heard".to_owned(),
@@ -103,7 +102,7 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         } else {
             of_machine(&one.wanted)
         };
-        // Version 0: nothing of the centre is in force.
+        // Version 0: no version of the centre is active.
         let corrects_by = match (&one.in_force, &one.live) {
             (None, Some(live)) if live.version == 0 => "its own file".to_owned(),
             (in_force, _) => of_machine(in_force),
@@ -139,7 +138,7 @@ pub(super) fn models(models: &[Model]) -> String {
     columns(&rows)
 }
 
-/// Everything that is known of a model but its text.
+/// Everything stored of a model except its text.
 pub(super) fn model(model: &Model) -> String {
     let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
     let origin = match &model.origin {
@@ -195,7 +194,6 @@ pub(super) fn audit(records: &[AuditRecord]) -> String {
     columns(&rows)
 }
 
-/// What a roll-out is doing, in words.
 fn phase(phase: &Phase) -> String {
     match phase {
         Phase::Running => "goes on".to_owned(),

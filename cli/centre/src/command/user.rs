@@ -1,4 +1,4 @@
-//! Users: added, listed, changed and removed on the computer of the centre.
+//! User commands on the centre's computer.
 
 use std::{
     fmt::Write,
@@ -12,7 +12,7 @@ use crate::{
     users::{Password, hash},
 };
 
-/// From where a change comes, in the audit log.
+/// Origin of a change in the audit log.
 const HERE: &str = "command line";
 
 pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(), Error> {
@@ -54,8 +54,8 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
     Ok(())
 }
 
-/// Asks for a password, twice at a terminal and without showing it; otherwise the first line of standard input. It is never an
-/// argument: those can be seen by everybody on the computer.
+/// Reads a password: twice without echo at a terminal, otherwise the first line of standard input. It is never an argument, because every user of
+/// the computer can see arguments.
 fn asked() -> Result<String, Error> {
     let text = if std::io::stdin().is_terminal() {
         let text = rpassword::prompt_password("Password: ")?;

@@ -1,8 +1,8 @@
-//! A simulated machine with its gateway, as far as the centre sees it: it takes signed models, has a person confirm those that move
-//! its axes far, corrects, and tells its condition. What it really is differs a little from its model, and it warms up.
+//! A simulated machine with its gateway, as the centre sees it: it accepts signed models, requires confirmation of those that move its axes far,
+//! corrects, and reports its condition. The real machine differs slightly from its model, and it warms up.
 //!
-//! Its gateway tells what a real one can know: the residual is the error that its model leaves. The true error is told beside it,
-//! as a gateway with a simulated machine does.
+//! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain. The true error is reported
+//! next to it, as a gateway with a simulated machine does.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -21,31 +21,31 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
 use crate::{clock::now_s, records::Machine};
 
-/// A correction ramps to another one within this time, s.
+/// Ramp time from one correction to another, s.
 const RAMP_S: f64 = 5.0;
-/// A change that moves the correction of a linear axis by more must be confirmed by a person: `confirm_um` of its gateway, µm.
+/// Change of the correction of a linear axis above which confirmation is required, µm: `confirm_um` of its gateway.
 const CONFIRM_UM: f64 = 10.0;
-/// The same for rotary axes: `confirm_urad`.
+/// The same for rotary axes, µrad: `confirm_urad`.
 const CONFIRM_URAD: f64 = 10.0;
-/// Nodes along each axis of the grid on which a change is judged.
+/// Nodes along each axis of the grid on which a change is checked.
 const JUDGED: usize = 5;
-/// The machine is worse than its model says by this share.
+/// Factor by which the errors of the machine exceed those of its model.
 const WORSE: f64 = 1.08;
 
 pub(super) struct Simulated {
     machine: Machine,
-    /// The machine as it is, whose error is a little larger.
+    /// The real machine, whose errors are slightly larger.
     truth: Model,
     trust: Trust,
     instance: String,
     number: u64,
     begun: Instant,
     active: Option<(Model, u64)>,
-    /// The correction ramps from that of one model to that of another; `None`: no correction.
+    /// Model that the correction ramps from; `None`: no correction.
     from: Option<Model>,
     to: Option<Model>,
     since: Instant,
-    /// The centre forbids correcting.
+    /// The centre has disabled correction.
     disabled: bool,
     cycles: u64,
 }
@@ -118,7 +118,7 @@ impl Simulated {
         }
     }
 
-    /// Takes a manifest, asks for its confirmation, or refuses it.
+    /// Accepts a manifest, requests its confirmation, or rejects it.
     fn desired(&mut self, value: &[u8]) -> serde_json::Result<serde_json::Value> {
         let parsed = Desired::parse(value).map_err(|e| e.to_string());
         let taken = parsed.and_then(|desired| {
@@ -141,9 +141,9 @@ impl Simulated {
         })
     }
 
-    /// What becomes of a manifest that was accepted (rule 13 of the guard).
+    /// Outcome for an authenticated manifest (rule 13 of the guard).
     fn judged(&mut self, manifest: &Manifest, model: Model) -> Outcome {
-        // What is forbidden is forbidden at once, whatever becomes of the model.
+        // Disabling takes effect immediately, whatever the outcome for the model.
         if !manifest.enable {
             self.disabled = true;
             self.ramp(None);
@@ -169,14 +169,14 @@ impl Simulated {
         Outcome::Activated
     }
 
-    /// Begins the ramp to the correction of a model.
+    /// Starts the ramp to the correction of a model.
     fn ramp(&mut self, to: Option<Model>) {
         self.from = std::mem::replace(&mut self.to, to);
         self.since = Instant::now();
     }
 
-    /// How far the correction moves at the most, over a grid in the work space and with the rotary axes at the ends and near the
-    /// middle of their travels, where a model takes the place of the one in force: of linear axes in µm, of rotary ones in µrad.
+    /// Maximum change of the correction when a model replaces the active one, over a grid in the work space with the rotary axes at the ends and
+    /// near the middle of their travels: of linear axes in µm, of rotary axes in µrad.
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
         let mut worst = [0.0_f64; 2];
@@ -208,7 +208,7 @@ impl Simulated {
         worst
     }
 
-    /// Where the axes stand now: each goes to and fro in a time of its own.
+    /// Current axis positions: each axis oscillates with its own period.
     fn place(&self) -> State {
         let at_s = self.begun.elapsed().as_secs_f64();
         let coordinates: Vec<(AxisName, f64)> = (self.truth.axes().iter().enumerate())
@@ -238,7 +238,7 @@ impl Simulated {
         (self.since.elapsed().as_secs_f64() / RAMP_S).min(1.0)
     }
 
-    /// The correction that is applied: mm, rad, in machine order.
+    /// The applied correction: mm, rad, in machine order.
     fn applied(&self, state: &State) -> PerAxis<f64> {
         let share = self.ramped();
         let [from, to] = [&self.from, &self.to].map(|model| correction(model.as_ref(), state));
@@ -249,7 +249,7 @@ impl Simulated {
         quantised(&self.truth, &applied, 1e-3, 1e-6)
     }
 
-    /// The error of the tool tip that the model in force leaves with the correction that is applied, µm: what a gateway can know.
+    /// Tool-tip error that remains by the active model with the applied correction, µm: what a gateway can compute.
     fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
         let (model, _) = self.active.as_ref()?;
         Some(length(left_um(model, 1.0, state, applied)))
@@ -297,7 +297,7 @@ impl Simulated {
         }
     }
 
-    /// The whole state, as far as the page shows it.
+    /// The full telemetry, as far as the web interface shows it.
     fn state(&self) -> serde_json::Value {
         let state = self.place();
         let mut positions_mm = BTreeMap::new();
@@ -309,7 +309,7 @@ impl Simulated {
                 AxisKind::Rotary => positions_deg.insert(*axis, shown),
             };
         }
-        // How many cycles ended within each time, µs.
+        // Number of cycles that ended within each time, µs.
         let permille = [
             (1950, 2),
             (2000, 600),
@@ -333,7 +333,7 @@ impl Simulated {
     }
 }
 
-/// The correction of a model, mm and rad in machine order; without one none.
+/// The correction of a model, mm and rad in machine order; zero without a model.
 fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
     model.map_or([0.0; 9], |model| {
         let options = model.correction_options();
@@ -342,7 +342,7 @@ fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
     })
 }
 
-/// The error of the tool tip with a correction, where the machine is as this model says but for a factor, µm along X, Y, Z.
+/// Tool-tip error with a correction, µm along X, Y, Z, for a machine whose errors are `factor` times those of this model.
 fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
     let error = model.error_at(state, Form::Exact, &Temperatures::new());
     let chain = model.chain();

@@ -1,4 +1,4 @@
-//! A FANUC control: its type, its software and the letters of its axes.
+//! A FANUC control: its type, its software and its axis letters.
 
 use std::{net::SocketAddr, time::Duration};
 
@@ -6,7 +6,7 @@ use volcomp_focas::{Client, FocasError};
 
 use super::{Device, Kind, clean};
 
-/// Asks on a thread that may wait; every question is answered within `at_most`.
+/// Queries the control on a blocking thread; each request has the timeout `at_most`.
 pub(super) async fn ask(at: SocketAddr, at_most: Duration) -> Device {
     let asked = tokio::task::spawn_blocking(move || questions(at, at_most)).await;
     match asked {
@@ -24,10 +24,10 @@ fn questions(at: SocketAddr, at_most: Duration) -> Result<Device, FocasError> {
         "FANUC {} {} series {} {}",
         info.cnc_type, info.machine_type, info.series, info.version
     ));
-    // A control that tells its type, but not its axes, is a control all the same.
+    // A control that reports its type but not its axes is still a control.
     match client.axis_names() {
         Ok(mut names) => {
-            // As many as the path says that it has: behind them some controls have slots with letters of nothing.
+            // Take as many axes as the path reports: some controls have unused slots with arbitrary letters after them.
             if let Ok(count) = info.axes.trim().parse::<usize>()
                 && count > 0
             {

@@ -1,4 +1,4 @@
-//! A gateway of volcomp: its page says what it is, and its state which machine it corrects, where it may be read without a token.
+//! A volcomp gateway: its web page identifies it, and its state names the machine that it corrects, if it may be read without a token.
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
@@ -19,12 +19,12 @@ use tokio_rustls::{
 
 use super::{Device, Kind, Pace, clean};
 
-/// The longest answer that is read, bytes.
+/// Maximum size of a response, bytes.
 const LONGEST: u64 = 256 * 1024;
-/// What the page of a gateway has as its title.
+/// Title of a gateway's web page.
 const TITLE: &str = "<title>volcomp gateway</title>";
 
-/// The part of a gateway's state that is needed here.
+/// The fields of a gateway's state that are used here.
 #[derive(Deserialize)]
 struct State {
     #[serde(rename = "state")]
@@ -54,7 +54,7 @@ pub(super) async fn ask(
     let plain = get(stream, at, "/").await;
     let (page, tls) = match plain {
         Ok(page) => (Ok(page), false),
-        // Something that does not speak HTTP in the clear may do so over TLS.
+        // A service that does not speak plain HTTP may speak HTTPS.
         Err(_) => (with.get("/", true).await, true),
     };
     let Ok(page) = page else {
@@ -87,7 +87,7 @@ pub(super) async fn ask(
     device
 }
 
-/// How the gateway is asked again.
+/// How to repeat a request to the gateway.
 struct Ways<'a> {
     at: SocketAddr,
     pace: &'a Pace,
@@ -123,7 +123,7 @@ async fn get(
     stream.write_all(request.as_bytes()).await?;
     let mut bytes = Vec::new();
     match stream.take(LONGEST).read_to_end(&mut bytes).await {
-        // Some end TLS without the closing alert.
+        // Some servers close TLS without the closing alert.
         Err(_) if !bytes.is_empty() => {}
         other => other.map(|_| ())?,
     }
@@ -148,7 +148,7 @@ async fn get(
     })
 }
 
-/// The text of a body in chunks, as far as they are whole.
+/// Decodes a chunked body; an incomplete last chunk is ignored.
 fn unchunked(mut body: &str) -> String {
     let mut text = String::new();
     while let Some((length, rest)) = body.split_once("\r\n") {
@@ -175,7 +175,7 @@ fn connector() -> io::Result<TlsConnector> {
     Ok(TlsConnector::from(Arc::new(config)))
 }
 
-/// Takes every certificate: gateways sign their own, nothing secret is sent here, and nothing that is found is believed.
+/// Accepts every certificate: gateways sign their own, nothing secret is sent here, and no response is trusted.
 #[derive(Debug)]
 struct AnyCertificate(Arc<CryptoProvider>);
 

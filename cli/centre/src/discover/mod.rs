@@ -1,7 +1,7 @@
-//! Finds controls, modules and gateways in stated subnets, by asking; nothing is written to anything.
+//! Finds controls, modules and gateways in the given subnets by read requests; nothing is written to any device.
 //!
-//! What is found is a proposal for a person: nothing here registers a machine. Whatever comes over the wire may be a lie; it is
-//! bounded in time and length, and its texts are made harmless before they are shown.
+//! Results are proposals for the user: no machine is registered here. Responses are untrusted: they are bounded in time and length, and their texts
+//! are sanitized before they are shown.
 
 mod focas;
 mod gateway;
@@ -27,20 +27,20 @@ pub use modbus::{Identification, parse_identification};
 pub use propose::{Proposal, proposals};
 pub use targets::{NotSearched, Subnet};
 
-/// So many addresses are asked at one time.
+/// Maximum number of addresses probed at one time.
 const AT_ONCE: usize = 64;
 
-/// What a device is, by the language that it answers in.
+/// Kind of a device, by the protocol that it answers in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// A gateway of volcomp.
+    /// A volcomp gateway.
     Gateway,
     /// A FANUC control (FOCAS).
     Focas,
-    /// An OPC UA server, such as a SINUMERIK control: its port is open, nothing is asked.
+    /// An OPC UA server, such as a SINUMERIK control. Only its open port is detected; no request is sent.
     OpcUa,
-    /// A module with temperatures or lines (Modbus TCP).
+    /// A module with temperatures or digital lines (Modbus TCP).
     Modbus,
 }
 
@@ -62,22 +62,22 @@ impl Kind {
 pub struct Device {
     pub address: IpAddr,
     pub port: u16,
-    /// The language that belongs to the port.
+    /// The protocol that belongs to the port.
     pub kind: Kind,
-    /// Whether it answered in that language; otherwise something else listens there.
+    /// True if it answered in that protocol; otherwise another service listens on the port.
     pub answers: bool,
-    /// The make and type, as it tells them; empty where it does not.
+    /// Make and type as reported; empty if it does not report them.
     pub control: String,
-    /// Its name or serial number, as it tells it; empty where it does not.
+    /// Name or serial number as reported; empty if it does not report one.
     pub name: String,
-    /// The letters of its axes in its own order; empty where it does not tell them.
+    /// Axis letters in the control's order; empty if it does not report them.
     pub axes: Vec<char>,
-    /// The structure code where it tells one, as gateways do.
+    /// Structure code if reported, as gateways do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub structure: Option<String>,
-    /// What else it says, or what is wrong with its answers.
+    /// Other information, or an error in its responses.
     pub note: String,
-    /// The structures that its axes may mean, the more usual first.
+    /// Possible structures for its axes, the most common first.
     #[serde(default, skip_deserializing)]
     pub proposals: Vec<Proposal>,
 }
@@ -98,7 +98,7 @@ impl Device {
         }
     }
 
-    /// Something else listens there.
+    /// Another service listens on the port.
     fn other(address: SocketAddr, kind: Kind, why: impl AsRef<str>) -> Self {
         Self {
             answers: false,
@@ -108,22 +108,22 @@ impl Device {
     }
 }
 
-/// How the search is done.
+/// Settings of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
-    /// The subnets, each of which was checked.
+    /// The subnets; each must have passed [`Subnet::check`].
     pub subnets: Vec<Subnet>,
-    /// The ports that are tried, with the language that is expected there.
+    /// Ports to probe, with the protocol expected on each.
     pub ports: Vec<(Kind, u16)>,
-    /// New connections a second, over all addresses.
+    /// New connections per second, over all addresses.
     pub per_second: f64,
-    /// A connection is made within this time, or nobody is there.
+    /// Connection timeout.
     pub connect_within: Duration,
-    /// All answers of a device come within this time.
+    /// Timeout for all responses of a device together.
     pub answer_within: Duration,
 }
 
-/// The usual ports: 8193, 4840, 502; of gateways 8080 and 8443.
+/// The default ports: 8193, 4840, 502; 8080 and 8443 for gateways.
 pub const PORTS: [(Kind, u16); 5] = [
     (Kind::Gateway, 8080),
     (Kind::Gateway, 8443),
@@ -132,9 +132,9 @@ pub const PORTS: [(Kind, u16); 5] = [
     (Kind::Modbus, 502),
 ];
 
-/// Connections a second unless something else is asked for.
+/// Default number of new connections per second.
 pub const PER_SECOND: f64 = 50.0;
-/// The most connections a second that may be asked for.
+/// Maximum number of new connections per second.
 pub const FASTEST_PER_SECOND: f64 = 1000.0;
 
 impl Search {
@@ -149,17 +149,17 @@ impl Search {
         }
     }
 
-    /// How many addresses are asked.
+    /// Number of addresses to probe.
     pub fn addresses(&self) -> usize {
         self.subnets.iter().map(|one| one.addresses().count()).sum()
     }
 
-    /// How many connections are tried at least.
+    /// Minimum number of connection attempts.
     pub fn connections(&self) -> usize {
         self.addresses() * self.ports.len()
     }
 
-    /// Searches, and tells `told` how many addresses are done. What was found comes in the order of addresses and ports.
+    /// Runs the search; calls `told` with the number of completed addresses. Devices are sorted by address and port.
     pub async fn run(&self, mut told: impl FnMut(usize)) -> Vec<Device> {
         let pace = Arc::new(Pace::new(self.per_second));
         let places = Arc::new(Semaphore::new(AT_ONCE));
@@ -168,7 +168,7 @@ impl Search {
         let mut take = |joined: Result<Vec<Device>, tokio::task::JoinError>| {
             done += 1;
             told(done);
-            // A task that panicked has found nothing.
+            // A task that panicked contributes no devices.
             found.extend(joined.unwrap_or_default());
         };
         for address in self.subnets.iter().flat_map(Subnet::addresses) {
@@ -193,7 +193,7 @@ impl Search {
         found
     }
 
-    /// Everything at one address.
+    /// Probes every port of one address.
     async fn one(&self, address: IpAddr, pace: &Pace) -> Vec<Device> {
         let mut found = Vec::new();
         for &(kind, port) in &self.ports {
@@ -206,7 +206,7 @@ impl Search {
                 match kind {
                     Kind::Gateway => gateway::ask(at, stream, pace, self.connect_within).await,
                     Kind::Focas => {
-                        // The client makes a connection of its own.
+                        // The client opens its own connection.
                         drop(stream);
                         pace.turn().await;
                         focas::ask(at, self.answer_within / 2).await
@@ -237,12 +237,12 @@ impl Search {
         pace.turn().await;
         let connected = tokio::time::timeout(self.connect_within, TcpStream::connect(at)).await;
         let stream = connected.ok()?.ok()?;
-        // Without a word from the other side a connection to oneself can come about at a port that is free.
+        // Without any listener, a TCP connection to oneself can succeed on a free port (simultaneous open).
         (stream.local_addr().ok()? != at).then_some(stream)
     }
 }
 
-/// Gives turns evenly in time, to whoever asks first.
+/// A rate limiter that spaces turns evenly, first come, first served.
 #[derive(Debug)]
 pub struct Pace {
     every: Duration,
@@ -250,7 +250,7 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// So many turns a second; between 0.1 and 10 000.
+    /// `per_second` turns per second, clamped to 0.1 to 10 000.
     pub fn new(per_second: f64) -> Self {
         let per_second = if per_second.is_finite() {
             per_second.clamp(0.1, 10_000.0)
@@ -263,7 +263,7 @@ impl Pace {
         }
     }
 
-    /// Waits for a turn. What was not used is not saved up: after a pause there is no burst.
+    /// Waits for a turn. Unused turns are not saved up: there is no burst after a pause.
     pub async fn turn(&self) {
         let at = {
             let mut next = self.next.lock().await;
@@ -275,11 +275,11 @@ impl Pace {
     }
 }
 
-/// Maximum length of a text that is kept, characters.
+/// Maximum length of a stored text, characters.
 const MAX_TEXT: usize = 100;
 
-/// A text as it may be shown: one line of at most a hundred characters, without control characters (which move a terminal's
-/// cursor) and without those that turn the direction of writing.
+/// Sanitizes a text for display: one line of at most 100 characters, without control characters (which move a terminal's cursor) and without
+/// characters that change the writing direction.
 pub fn clean(text: &str) -> String {
     let shown: String = text
         .chars()
@@ -295,7 +295,7 @@ fn is_harmless(c: char) -> bool {
     !c.is_control() && !turns
 }
 
-/// What was found, as lines of text: a device each, with the first proposal and how many there are.
+/// Formats the devices as lines of text, each with the first proposal and the number of proposals.
 pub fn table(devices: &[Device]) -> String {
     if devices.is_empty() {
         return "Nothing was found.\n".to_owned();

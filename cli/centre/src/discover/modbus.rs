@@ -1,4 +1,4 @@
-//! A Modbus module: what it tells of itself (function 43, MEI type 14, read device identification).
+//! A Modbus module: its identification (function 43, MEI type 14, read device identification).
 
 use std::{io, net::SocketAddr};
 
@@ -9,29 +9,29 @@ use tokio::{
 
 use super::{Device, Kind, clean};
 
-/// Units that are asked: the module itself, then the first behind a converter.
+/// Unit identifiers to query: the module itself, then the first one behind a converter.
 const UNITS: [u8; 2] = [255, 1];
 /// Function 43 and its MEI type 14.
 const FUNCTION: [u8; 2] = [0x2b, 0x0e];
-/// The longest frame of Modbus TCP behind its length, bytes.
+/// Maximum length of a Modbus TCP frame after its length field, bytes.
 const LONGEST: usize = 254;
 
-/// What an answer to the question for the identification says.
+/// Response to an identification request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Identification {
-    /// The vendor, the product and the revision, as far as they were told.
+    /// Vendor, product and revision, as far as reported.
     Objects([Option<String>; 3]),
-    /// The module does not have this function, or not for this unit: it is a Modbus module all the same.
+    /// Exception code: the module does not support this function, or not for this unit. It is still a Modbus module.
     Refused(u8),
 }
 
-/// Reads the answer behind its header: the function and what follows. `None`: it is none.
+/// Parses a response after its header: the function and what follows. `None` if it is malformed.
 pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
     match pdu {
         [function, code, ..] if *function == FUNCTION[0] | 0x80 => {
             Some(Identification::Refused(*code))
         }
-        // The code of the question, the conformity, more follows, next object, and the number of objects.
+        // Read code, conformity level, more follows, next object, and the number of objects.
         [0x2b, 0x0e, _, _, _, _, count, rest @ ..] => {
             let mut objects: [Option<String>; 3] = [None, None, None];
             let mut rest = rest;
@@ -71,7 +71,7 @@ pub(super) async fn ask(at: SocketAddr, mut stream: TcpStream) -> Device {
             Err(error) if device.note.is_empty() => {
                 return Device::other(at, Kind::Modbus, error.to_string());
             }
-            // It has answered once.
+            // It has already answered once.
             Err(_) => return device,
         }
     }

@@ -1,13 +1,13 @@
-//! Which structures the axes of a control may mean: proposals for a person, never a decision.
+//! Possible structures for the axes of a control: proposals for the user, never a decision.
 //!
-//! A control tells the letters of its axes and nothing of how they are stacked. The types of the generalised model are the
-//! candidates, the more usual designs first.
+//! A control reports the letters of its axes but not how they are stacked. The candidates are the types of the generalised model, the most common
+//! designs first.
 
 use serde::Serialize;
 use volcomp_kinematics::Structure;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// A structure that the axes may mean.
+/// A possible structure for the axes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Proposal {
     /// The structure code, such as `w X' b Y Z t`.
@@ -16,18 +16,18 @@ pub struct Proposal {
     pub translational: u8,
     /// The type number of the rotary axes: 0 none, 1 both carry the workpiece, 2 both carry the tool, 3 one each.
     pub rotary: u8,
-    /// The rotary axes from the workpiece to the tool.
+    /// Rotary axes from the workpiece to the tool.
     pub rotary_axes: Vec<AxisName>,
-    /// Which design that is, in words.
+    /// Description of the design.
     pub design: String,
 }
 
-/// How many linear axes carry the workpiece, the more usual first: of milling machines a table that moves in one or two
-/// directions, then a gantry, then a knee.
+/// Number of linear axes that carry the workpiece, the most common first: for milling machines a table that moves in one or two directions, then a
+/// gantry, then a knee.
 const USUAL: [u8; 4] = [2, 1, 0, 3];
 
-/// What the letters of a control's axes may mean; letters that are none are left out. Empty where X, Y and Z are not all there, or
-/// there is one rotary axis or three: the type numbers have no such machine, and its structure is stated by hand.
+/// Possible structures for a control's axis letters; other letters are ignored. Empty unless X, Y and Z are all present with no or two rotary axes:
+/// the type numbers cover no other machine, so its structure must be stated by hand.
 pub fn proposals(letters: &[char]) -> Vec<Proposal> {
     let mut axes: Vec<AxisName> = Vec::new();
     for axis in letters.iter().filter_map(|letter| axis_of(*letter)) {
@@ -48,7 +48,7 @@ pub fn proposals(letters: &[char]) -> Vec<Proposal> {
     }
     let orders = match rotary[..] {
         [] => vec![(0, Vec::new())],
-        // The last letter turns about the spindle's direction: the table of a table, the carrier of a head.
+        // The last letter turns about the spindle's direction: the rotary table on a tilting table, the carrier of a tilting head.
         [first, last] => vec![
             (1, vec![last, first]),
             (3, vec![last, first]),

@@ -1,4 +1,4 @@
-//! Which addresses are asked: stated subnets, and no others.
+//! The addresses to probe: the given subnets and no others.
 
 use std::{
     fmt,
@@ -6,10 +6,10 @@ use std::{
     str::FromStr,
 };
 
-/// The largest subnet: as many addresses as two bytes tell apart.
+/// Prefix length of the largest subnet: 65 536 addresses.
 const SHORTEST_PREFIX: u8 = 16;
 
-/// A subnet of IPv4, or one address.
+/// An IPv4 subnet or a single address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Subnet {
     first: Ipv4Addr,
@@ -24,28 +24,28 @@ pub enum NotSearched {
         "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
     )]
     Unreadable { found: String },
-    /// The address has bits beyond its prefix: it is not clear what is meant.
+    /// The address has bits set beyond its prefix, so the meaning is ambiguous.
     #[error("found {found}, expected {expected}: the address has bits beyond its prefix")]
     Bits {
         found: String,
-        /// The subnet in which the address lies.
+        /// The subnet that contains the address.
         expected: Subnet,
     },
-    /// It has more addresses than are searched at once.
+    /// It has more addresses than one search covers.
     #[error(
         "found {found} with {addresses} addresses, expected at most 65536 (/{SHORTEST_PREFIX}): state the subnets of the machines"
     )]
     TooLarge {
         found: Subnet,
-        /// How many addresses it has.
+        /// Number of its addresses.
         addresses: u64,
     },
-    /// Others' computers may be there.
+    /// The range is public and may belong to others.
     #[error(
         "{found} is not a private range: others' computers may be there. If it is yours say --yes-these-are-mine"
     )]
     Public { found: Subnet },
-    /// No single computers are there.
+    /// A range without individual hosts, such as multicast.
     #[error("{found} holds no single computers: it is multicast, broadcast or reserved")]
     Reserved { found: Subnet },
 }
@@ -97,7 +97,7 @@ impl Subnet {
         u32::from(self.first) | !mask(self.prefix)
     }
 
-    /// Whether it may be searched; `mine` confirms that a public range belongs to whoever asks.
+    /// Checks whether it may be searched; `mine` confirms that a public range belongs to the user.
     pub fn check(&self, mine: bool) -> Result<(), NotSearched> {
         let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
         if self.prefix < SHORTEST_PREFIX {
@@ -120,7 +120,7 @@ impl Subnet {
         }
     }
 
-    /// The addresses of computers: all of them, but for that of the subnet itself and its broadcast where it has more than two.
+    /// Host addresses: all of them, except the network and broadcast addresses if there are more than two.
     pub fn addresses(&self) -> impl Iterator<Item = IpAddr> + use<> {
         let (first, last) = (u32::from(self.first), self.last());
         let ends = u32::from(self.prefix < 31);
@@ -128,8 +128,8 @@ impl Subnet {
     }
 }
 
-/// Ranges in which a shop has its machines: private ones of RFC 1918, the computer itself, link-local ones, shared ones of
-/// RFC 6598, and those of the documentation (RFC 5737) and of benchmarks (RFC 2544), which are nobody's.
+/// Ranges in which a shop has its machines: private (RFC 1918), loopback, link-local, shared (RFC 6598), documentation (RFC 5737) and benchmarking
+/// (RFC 2544).
 const PRIVATE: [(Ipv4Addr, u8); 10] = [
     (Ipv4Addr::new(10, 0, 0, 0), 8),
     (Ipv4Addr::new(172, 16, 0, 0), 12),

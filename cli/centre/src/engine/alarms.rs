@@ -1,4 +1,4 @@
-//! Alarms: what is wrong now is compared with what is open, and the difference is written down.
+//! Alarms: compares current causes with open alarms and stores the difference.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -23,16 +23,16 @@ const CHANGE_INTERVAL_S: f64 = 60.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
-/// What is kept from look to look.
+/// State kept between passes.
 #[derive(Default)]
 pub(super) struct State {
-    /// When the text of an open alarm was changed last, by its number, s.
+    /// Time of the last text change of each open alarm, by alarm number, s.
     changed_s: BTreeMap<u64, f64>,
-    /// Roll-outs that are done: nothing of them is suspect, and nothing of them changes.
+    /// Completed roll-outs: they make no machine suspect and do not change any more.
     done: BTreeSet<u64>,
 }
 
-/// Raises, closes, and says more.
+/// Raises, closes and updates alarms.
 pub(super) fn look(
     engine: &Engine,
     state: &mut State,
@@ -86,12 +86,12 @@ pub(super) fn look(
             .extend(changed.into_iter().map(|(id, _)| (id, now)));
         state.changed_s.retain(|id, _| !gone.contains(id));
     }
-    // Troubles that are over, and of which an alarm was written.
+    // Remove failures that are over and whose alarm has been stored.
     lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
     Ok(())
 }
 
-/// A roll-out; `None`: there is none, or its document cannot be read, which is told as a roll-out that cannot go on.
+/// A roll-out; `None` if it does not exist or its document cannot be read. The latter is reported as a roll-out that cannot proceed.
 fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     match engine.store.rollout(id) {
         Err(Error::Document(_)) => Ok(None),
@@ -99,7 +99,7 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, Error> {
     }
 }
 
-/// The machines that have in force the model of a roll-out that is broken off and that nobody has decided to keep.
+/// Machines whose active model belongs to a stopped or aborted roll-out and that the user has not decided to keep.
 fn suspects(
     engine: &Engine,
     state: &mut State,
@@ -187,7 +187,7 @@ fn of_machines(
     Ok(found)
 }
 
-/// What the centre itself has trouble with, which of it is over; and what its roll-outs wait for.
+/// Adds the centre's own failures and what its roll-outs wait for; returns the kinds of failures that are over.
 fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<AlarmKind>, Error> {
     let mut over = Vec::new();
     for (kind, trouble) in lock(&engine.troubles).iter() {
@@ -207,7 +207,7 @@ fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<
         }
     }
     if !stopped.is_empty() {
-        // Beside those that cannot go on.
+        // In addition to those that cannot proceed.
         let text = causes.entry((None, AlarmKind::Rollout)).or_default();
         if !text.is_empty() {
             text.push(' ');
@@ -217,8 +217,8 @@ fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<Vec<
     Ok(over)
 }
 
-/// What a roll-out waits for, of each machine: a change that a person must confirm, although other settings were sent with the
-/// model of before meanwhile; and a correction, without which the model cannot be judged.
+/// What a roll-out waits for, by machine: a change that the operator must confirm, even if other settings were since sent with the previous model;
+/// and an active correction, without which the model cannot be judged.
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
     for target in &rollout.targets {
         let (kind, text) = match &target.step {

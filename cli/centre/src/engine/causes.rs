@@ -1,5 +1,4 @@
-//! What is wrong with a machine now, as a pure function of what is known of it: an alarm is open exactly while its cause is
-//! here.
+//! Current alarm causes of a machine, as a pure function of its state: an alarm is open exactly while its cause is present.
 
 use std::collections::BTreeMap;
 
@@ -10,44 +9,43 @@ use crate::{
     records::{AlarmKind, Machine, Model, Version},
 };
 
-/// Two gateways were heard at a time: told for so long after the last time, s.
+/// Time an alarm for two simultaneous gateways stays open after the last detection, s.
 const CLONED_S: f64 = 60.0;
-/// What happened at one moment is told for so long, s.
+/// Time an alarm for a momentary event stays open, s.
 const TOLD_S: f64 = 600.0;
-/// A machine may take so long to have in force what it shall, s.
+/// Maximum time until a machine has applied its newest version, s.
 const BEHIND_S: f64 = 600.0;
 
-/// What is known of one machine.
+/// State of one machine.
 pub(super) struct Known<'a> {
     pub(super) machine: &'a Machine,
     pub(super) heard: Option<&'a Heard>,
-    /// No condition of it came for so long, by a clock that does not jump, s.
+    /// Time since its last condition by a monotonic clock, s.
     pub(super) quiet_s: f64,
-    /// The newest version with its model.
     pub(super) version: Option<&'a Version>,
     pub(super) model: Option<&'a Model>,
-    /// The roll-out of the version in force, where that is broken off.
+    /// The roll-out of the active version, if it stopped or was aborted.
     pub(super) suspect: Option<&'a Suspect>,
-    /// A foreign value stood under its key so long ago, s.
+    /// Time since a foreign value was found under its key, s.
     pub(super) clobbered_s: Option<f64>,
-    /// A calibration is due since so many days.
+    /// Days since a calibration became due.
     pub(super) due_days: Option<f64>,
     pub(super) now_s: f64,
 }
 
-/// A roll-out that is broken off and whose model a machine has in force.
+/// A stopped or aborted roll-out whose model is active on a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Suspect {
     pub(super) rollout: u64,
     pub(super) what: String,
-    /// Whether somebody can still let it go on: its machines take part in no other meanwhile.
+    /// True if it can still be resumed: its machines are in no other roll-out.
     pub(super) may_go_on: bool,
-    /// Whether there is an earlier model to go back to.
+    /// True if there is an earlier model to return to.
     pub(super) has_way_back: bool,
 }
 
 impl Suspect {
-    /// What is told of a machine, with the ways on that there are.
+    /// Alarm text for a machine, with the available remedies.
     fn in_words(&self, name: &MachineId) -> String {
         let Self { rollout, what, .. } = self;
         let stop = if self.may_go_on {
@@ -101,7 +99,7 @@ pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
     causes
 }
 
-/// What is told of a change that a person must confirm.
+/// Alarm text for a change that the operator must confirm.
 pub(super) fn needs_confirmation(version: u64, worst_um: &str, worst_urad: &str) -> String {
     format!(
         "Version {version} moves the axes by up to {}: a person must confirm it.",

@@ -1,5 +1,4 @@
-//! What stands under the keys of the machines: what was issued is put there, and put back where somebody else has put
-//! something.
+//! The values under the keys of the machines: puts issued values, and restores them if another client has overwritten them.
 
 use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
 
@@ -10,14 +9,14 @@ use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId, ModelRef};
 use super::{Engine, blocking, lock};
 use crate::{Error, records::AlarmKind, store::Issued};
 
-/// So many values are under way at a time.
+/// Maximum number of concurrent puts.
 const AT_A_TIME: usize = 64;
-/// A value that is not the centre's is looked at again after so long: it may have been overtaken by the next.
+/// Delay before a foreign value is checked again: it may already have been replaced by the next one.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// Where the connection fails it is tried again after so long.
+/// Retry interval after a connection failure.
 const AGAIN: Duration = Duration::from_secs(1);
 
-/// Puts every value that was issued and not put yet. What fails is tried again at the next look; the last failure is told.
+/// Puts every value that was issued but not yet put. Failures are retried at the next pass; the last one is returned.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
@@ -41,7 +40,7 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     result
 }
 
-/// What was issued, here or by another program, and does not stand under its key yet as far as is known.
+/// Values issued here or by another program that are not yet known to be under their key.
 fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
     let wanted = engine.store.wanted()?;
     let put = lock(&engine.put).clone();
@@ -68,14 +67,14 @@ fn due(engine: &Engine) -> Result<Vec<Issued>, Error> {
     Ok(due)
 }
 
-/// What stands under a key: a value without bytes is none.
+/// The value under a key; an empty value is a deletion.
 fn standing(value: Option<&Bytes>) -> Option<&Bytes> {
     value.filter(|value| !value.is_empty())
 }
 
 async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
     let value = Bytes::from(issued.value);
-    // The model first: a machine that reads the manifest asks for it at once.
+    // Put the model first: a machine requests it as soon as it reads the manifest.
     let inline =
         value.is_empty() || Desired::parse(&value).is_ok_and(|desired| desired.model.is_some());
     let text = if inline {
@@ -85,7 +84,7 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
         match blocking(move || of_store.store.model_text(&model)).await {
             Ok(text) => text,
             Err(error) => {
-                // The manifest waits with its model for the next look.
+                // The manifest and its model wait for the next pass.
                 engine.trouble(AlarmKind::Store, Some(error.to_string()));
                 return Ok(());
             }
@@ -102,7 +101,7 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
             )
             .await?;
     }
-    // After a start it may stand there already: the machine would hear nothing new.
+    // After a restart the value may already be there; putting it again would notify the machine needlessly.
     let found = engine.hub.desired(&issued.machine).await?;
     if standing(found.as_ref()) != standing(Some(&value)) {
         if let Some(found) = found
@@ -120,7 +119,7 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
     Ok(())
 }
 
-/// Listens to the keys for ever.
+/// Watches the keys until the runtime ends.
 pub(super) async fn watch(engine: Arc<Engine>) {
     loop {
         match engine.hub.watch_desired().await {
@@ -151,7 +150,7 @@ async fn listen(engine: &Engine, mut watch: DesiredWatch) {
     }
 }
 
-/// Whether a value is another one than this centre has put. Where it has put none, it has nothing to put back.
+/// True if a value differs from the one this centre has put. False if it has put none: then there is nothing to restore.
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
@@ -159,7 +158,7 @@ fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool
         .is_some_and(|(_, own)| standing(Some(own)) != standing(value))
 }
 
-/// Looks at what stands under a key, and puts the centre's value back where it is another one.
+/// Checks the value under a key, and restores the centre's value if another one is there.
 async fn restore(engine: &Engine, machine: &MachineId) {
     let result = async {
         let value = engine.hub.desired(machine).await?;
@@ -174,19 +173,18 @@ async fn restore(engine: &Engine, machine: &MachineId) {
         engine.hub.put_desired(machine, own).await
     };
     if let Err(error) = result.await {
-        // After the connection is there again every key is looked at.
+        // Every key is checked again after a reconnect.
         tracing::warn!("{machine}: {error}");
     }
 }
 
-/// Tells that a foreign value is replaced.
+/// Logs that a foreign value is being replaced.
 fn foreign(engine: &Engine, machine: &MachineId) {
     tracing::error!("{machine}: a foreign value stood under its key, and is replaced");
     lock(&engine.clobbered).insert(machine.clone(), Instant::now());
 }
 
-/// Whether a value was issued here once: by a key that was taken away since. Where the store cannot be read it counts so: the
-/// trouble with it is told.
+/// True if this value was signed by one of our revoked keys; also true (and logged) if the store is unreadable.
 async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> bool {
     let sha256 = ModelRef::of(value).sha256;
     let (of_store, machine) = (Arc::clone(engine), machine.clone());
@@ -200,7 +198,7 @@ async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> 
     }
 }
 
-/// Whether one of the keys of this centre has signed a value: it is an older one of its own, on its way.
+/// True if one of this centre's keys has signed the value: it is an older value of ours still in transit.
 fn is_own(engine: &Engine, value: &[u8]) -> bool {
     let signer = Desired::parse(value).and_then(|desired| desired.signer());
     let Ok(Some(signer)) = signer else {

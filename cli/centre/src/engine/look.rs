@@ -1,4 +1,4 @@
-//! One look: roll-outs go on, alarms are raised and closed, the history is put in order. Everything here waits for the disk.
+//! One pass of the engine: advances roll-outs, raises and closes alarms, maintains the history. Everything here may block on the disk.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -17,21 +17,21 @@ use crate::{
     versions::in_force,
 };
 
-/// Minutes are closed so often, …
+/// Interval at which minutes of the history are closed, …
 const MINUTE: Duration = Duration::from_secs(60);
-/// … and when they ended so long ago, s: most of what was under way has come.
+/// … once they ended at least this long ago, s: most delayed messages have arrived by then.
 const CLOSED_AFTER_S: f64 = 30.0;
-/// What is no longer kept is forgotten so often.
+/// Interval at which expired data are deleted.
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// What is held from look to look.
+/// State kept between passes.
 pub(super) struct State {
     last: Instant,
     minute: Instant,
     hour: Option<Instant>,
-    /// The last residual that was known of each machine, µm: conditions may be rarer than looks.
+    /// Last known residual of each machine, µm: conditions may be rarer than passes.
     residual_um: BTreeMap<MachineId, f64>,
-    /// Machines whose settings cannot be sent, and why.
+    /// Machines whose settings cannot be sent, with the reason.
     unsettled: BTreeMap<MachineId, String>,
     pub(super) alarms: alarms::State,
 }
@@ -50,7 +50,7 @@ impl State {
     }
 }
 
-/// The sites of the machines that are registered.
+/// Sites of the registered machines.
 pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
     let of_store = Arc::clone(engine);
     let machines = blocking(move || of_store.store.machines()).await;
@@ -61,7 +61,7 @@ pub(super) async fn sites(engine: &Arc<Engine>) -> BTreeSet<SiteId> {
         .collect()
 }
 
-/// Looks once. Trouble with the database is told, and the next look tries again.
+/// Runs one pass. Database errors are reported, and the next pass tries again.
 pub(super) async fn look(engine: &Arc<Engine>, state: State) -> State {
     let engine = Arc::clone(engine);
     blocking(move || {
@@ -98,7 +98,7 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
     let stuck = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
         Ok(stuck) => stuck,
         Err(error) => {
-            // What was heard counts at the next look, before what came meanwhile.
+            // Received events count in the next pass, before those that arrived since.
             lock(&engine.ingest).put_back(since);
             return Err(error);
         }
@@ -125,10 +125,10 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), Error> {
     Ok(())
 }
 
-/// Maximum number of machines that are sent other settings at one look.
+/// Maximum number of machines that are sent changed settings in one pass.
 const MAX_SETTLED: usize = 200;
 
-/// Has every machine told what it is registered with, whoever changed that and however.
+/// Sends every machine its registered settings, regardless of who changed them and how.
 fn settle_all(
     engine: &Engine,
     unsettled: &mut BTreeMap<MachineId, String>,
@@ -145,7 +145,7 @@ fn settle_all(
         let is_other = if let Some(newest) = versions.get(name) {
             differs(machine, newest)
         } else {
-            // Where nothing is under its key it goes on with what it has.
+            // If there is no value under its key, it continues with its active version.
             let live = lock(&engine.ingest)
                 .machine(name)
                 .and_then(|heard| heard.live.clone());

@@ -1,7 +1,7 @@
-//! The running centre: collects what machines say, sends them what they shall run, moves roll-outs on, raises alarms.
+//! The running centre: collects messages of the machines, sends their desired state, advances roll-outs and raises alarms.
 //!
-//! Everything that must outlive the program is in the store, and everything that others want of the centre (the command line,
-//! the web page) they write into the store: the engine looks once a second. What is held here is what was heard just now.
+//! The store holds all state that must outlive the program. The command line and the web interface write their requests to the store, and the
+//! engine reads them once a second. Only the latest received state is held in memory.
 
 mod alarms;
 mod causes;
@@ -30,31 +30,31 @@ use crate::{
     store::{Keep, Store},
 };
 
-/// The engine looks at everything so often.
+/// Interval between passes.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Maximum number of batches that wait for the thread that writes.
+/// Maximum number of batches queued for the writer thread.
 const MAX_WAITING: usize = 64;
-/// Maximum number of messages of a commit.
+/// Maximum number of messages in a transaction.
 const MAX_MESSAGES: usize = 8_000;
-/// Where the database takes nothing it is tried again after this. Until then the messages stay at the server.
+/// Retry interval if the database rejects a write. Until then the messages stay at the server.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 pub struct Settings {
     pub link: LinkSettings,
-    /// How long and how much the server keeps.
+    /// Retention limits of the server, by age and size.
     pub keeping: Keeping,
-    /// How long the store keeps what it keeps.
+    /// Retention limits of the store.
     pub keep: Keep,
-    /// The key that signs.
+    /// The key that signs manifests.
     pub key: Key,
-    /// Every key of this centre: a value that one of them has signed is its own.
+    /// Every key of this centre: values signed by any of them are its own.
     pub own: Vec<Key>,
 }
 
-/// What the centre itself has trouble with.
+/// A failure of the centre itself.
 struct Trouble {
     text: String,
-    /// It works again. Until an alarm was written of it, it is kept: a database that takes nothing takes no alarm either.
+    /// The failure is over. The entry is kept until its alarm is stored, because a database that rejects writes cannot store an alarm either.
     over: bool,
 }
 
@@ -63,20 +63,20 @@ pub struct Engine {
     hub: Hub,
     settings: Settings,
     ingest: Mutex<Ingest>,
-    /// What stands under the keys as far as this centre has put it: the version and the bytes.
+    /// Values that this centre has put under the keys: version and bytes.
     put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
-    /// When a foreign value stood under a key.
+    /// When a foreign value was last found under each key.
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
-    /// What the centre itself has trouble with.
+    /// Current failures of the centre itself.
     troubles: Mutex<BTreeMap<AlarmKind, Trouble>>,
     ending: AtomicBool,
 }
 
-/// A running engine and the way to end it.
+/// A running engine and the means to stop it.
 pub struct Running {
     engine: Arc<Engine>,
     tasks: tokio::task::JoinHandle<()>,
-    /// Closed when the writer ends.
+    /// Closed when the writer thread ends.
     writer: oneshot::Receiver<()>,
 }
 
@@ -85,7 +85,7 @@ impl Running {
         &self.engine
     }
 
-    /// Waits until it ends by itself, which it never should, and tells which part did.
+    /// Waits until a part of the engine ends, which is always a failure, and returns the name of that part.
     pub async fn ended(&mut self) -> &'static str {
         tokio::select! {
             _ = &mut self.tasks => "the engine",
@@ -93,16 +93,16 @@ impl Running {
         }
     }
 
-    /// Ends it. What was not stored yet was not acknowledged, and comes again.
+    /// Stops the engine. Messages that are not stored were not acknowledged, and will be redelivered.
     pub async fn end(self) {
         self.engine.ending.store(true, Ordering::Relaxed);
-        // It ends by itself within a look.
+        // The engine stops within one pass.
         let _ = self.tasks.await;
     }
 }
 
 impl Engine {
-    /// Starts the engine on the runtime of the caller. Where the server is not there it goes on trying.
+    /// Starts the engine on the runtime of the caller. If the server cannot be reached it keeps retrying.
     pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, Error> {
         let hub = Hub::connect(&settings.link).await?;
         let of_store = Arc::clone(&store);
@@ -123,7 +123,7 @@ impl Engine {
         std::thread::Builder::new()
             .name("writer".to_owned())
             .spawn(move || {
-                // Dropped at its end, whichever that is.
+                // Dropped when the thread ends for any reason.
                 let _alive = alive;
                 write(&of_thread, &jobs);
             })?;
@@ -139,7 +139,7 @@ impl Engine {
         &self.store
     }
 
-    /// Whether the server is connected now.
+    /// True if the connection to the server is up.
     pub fn is_connected(&self) -> bool {
         self.hub.is_connected()
     }
@@ -148,7 +148,7 @@ impl Engine {
         self.ending.load(Ordering::Relaxed)
     }
 
-    /// What the centre itself has trouble with, or no longer.
+    /// Records a failure of the centre itself (`Some`), or its end (`None`).
     fn trouble(&self, kind: AlarmKind, text: Option<String>) {
         let mut troubles = lock(&self.troubles);
         match text {
@@ -169,11 +169,11 @@ impl Engine {
     }
 }
 
-/// Does what waits for a disk on a thread that may wait.
+/// Runs blocking work on a blocking thread.
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
     match tokio::task::spawn_blocking(work).await {
         Ok(done) => done,
-        // The work has panicked, or the program ends: so does whoever waits for it.
+        // The work panicked, or the program is shutting down: propagate it to the caller.
         Err(error) => match error.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => std::future::pending().await,
@@ -181,7 +181,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
     }
 }
 
-/// The look, once a second; the collections of the sites as they come; the keys.
+/// Runs the pass once a second, the collections of the sites, and the watch on the keys.
 async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
     let mut tasks = tokio::task::JoinSet::new();
     tasks.spawn(desired::watch(Arc::clone(&engine)));
@@ -191,13 +191,13 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
     let mut state = look::State::new();
     while !engine.is_ending() {
         looks.tick().await;
-        // None of them ends by itself: what does leaves a site or the keys alone, and the whole is better started again.
+        // None of these tasks should end: without one, a site or the keys would be unattended, so the engine restarts.
         if tasks.try_join_next().is_some() {
             tracing::error!("a part of the engine has ended");
             return;
         }
         for site in look::sites(&engine).await {
-            // Without a server that is told once, by the alarm.
+            // Without a server this is reported once, by the alarm.
             let is_new = !sites.contains(&site) && engine.is_connected();
             if is_new && prepared(&engine, &site).await {
                 for collection in engine.hub.collections(&site) {
@@ -231,8 +231,8 @@ async fn prepared(engine: &Engine, site: &SiteId) -> bool {
     made.is_ok()
 }
 
-/// Takes what the machines of a site say, and acknowledges it when it is on disk. While one batch is written the next are
-/// taken: how many are under way is limited by the server.
+/// Receives the messages of a site's machines and acknowledges them when they are on disk. The next batches are received while one is written; the
+/// server limits the number in flight.
 async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<Job>) {
     let mut written = tokio::task::JoinSet::new();
     loop {
@@ -252,7 +252,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
             messages: std::mem::take(&mut batch.messages),
             stored,
         };
-        // The queue of a thread that waits for a disk: full, it is tried again, and the server keeps what comes.
+        // The queue of the writer thread: if it is full, retry; the server holds further messages.
         while let Err(error) = jobs.try_send(job) {
             match error {
                 mpsc::TrySendError::Full(back) => {
@@ -264,7 +264,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
         }
         let stream = collection.stream().to_owned();
         written.spawn(async move {
-            // Otherwise the centre ends: what is not acknowledged comes again.
+            // Otherwise the centre is shutting down: unacknowledged messages will be redelivered.
             if waits.await.is_ok()
                 && let Err(error) = batch.acknowledge().await
             {
@@ -274,14 +274,13 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
     }
 }
 
-/// Messages that are to be stored, and who waits for it.
+/// Messages to store, and the task that waits for it.
 struct Job {
     messages: Vec<Received>,
     stored: oneshot::Sender<()>,
 }
 
-/// Stores what machines say, on its own thread, until no job can come: whatever waits goes into one transaction, so that many sites
-/// cost one commit.
+/// Stores messages on the writer thread until the queue is closed. All queued jobs go into one transaction, so that many sites cost one commit.
 fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
     while let Ok(first) = jobs.recv() {
         let mut waiting = vec![first];
@@ -300,14 +299,14 @@ fn write(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
         }
         if store(engine, &all) {
             for stored in who {
-                // Whoever waited has gone: the messages come again, and are known.
+                // The waiting task has ended: the messages will be redelivered and recognized as duplicates.
                 let _ = stored.send(());
             }
         }
     }
 }
 
-/// Returns when everything is on disk; `false`: the centre ends before that, and nothing may be acknowledged.
+/// Returns true when everything is on disk; false if the centre is shutting down first, in which case nothing may be acknowledged.
 fn store(engine: &Engine, messages: &[Received]) -> bool {
     loop {
         let taken = lock(&engine.ingest).take(&engine.store, messages);
@@ -327,7 +326,7 @@ fn store(engine: &Engine, messages: &[Received]) -> bool {
     }
 }
 
-/// A thread that ended with it in its hands has left it whole: it is changed after the transaction.
+/// Locks a mutex and ignores poisoning: a value is changed only after its transaction, so a panic leaves it consistent.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

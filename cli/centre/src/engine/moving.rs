@@ -1,4 +1,4 @@
-//! Roll-outs on their way: at each look every one of them hears what was seen and answered, and what it wants done is done.
+//! Active roll-outs: each pass feeds every roll-out with observations and outcomes, and executes its actions.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,26 +14,26 @@ use crate::{
     store::{Issued, machines::machine_named, rollouts},
 };
 
-/// Roll-outs that could not be moved on.
+/// Roll-outs that could not be advanced.
 #[derive(Default)]
 pub(super) struct Stuck {
-    /// Why, a sentence each.
+    /// The reasons, one sentence each.
     pub(super) why: Vec<String>,
-    /// The machines of those that were moved on, where it is not known which machines the others have.
+    /// Machines of the roll-outs that were advanced, if the machines of the others are unknown.
     moved: Option<BTreeSet<MachineId>>,
-    /// Their machines: each is in one roll-out at a time.
+    /// Their machines: each machine is in one roll-out at a time.
     machines: BTreeSet<MachineId>,
 }
 
 impl Stuck {
-    /// Whether what was heard of a machine has reached no roll-out that may be its own.
+    /// True if reports of a machine may not have reached its roll-out.
     pub(super) fn holds(&self, machine: &MachineId) -> bool {
         self.machines.contains(machine)
             || (self.moved.as_ref()).is_some_and(|moved| !moved.contains(machine))
     }
 }
 
-/// Moves every roll-out on, each in one transaction with what it issues. One that cannot be moved on holds up no other.
+/// Advances every roll-out in its own transaction together with the manifests it issues. A roll-out that fails does not block the others.
 pub(super) fn look(
     engine: &Engine,
     elapsed_s: f64,
@@ -44,10 +44,9 @@ pub(super) fn look(
     if open.is_empty() {
         return Ok(Stuck::default());
     }
-    // What machines have answered is taken from the store at each look: a centre that was killed between an answer and its
-    // look hears of it after its start.
+    // Outcomes are read from the store at each pass, so a centre that was killed between storing and evaluating them does so after its restart.
     let versions = engine.store.newest_versions()?;
-    // A version that was never issued here is not one of a roll-out, whatever a machine tells.
+    // A version that was never issued here belongs to no roll-out, whatever a machine reports.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {
         let newest = versions.get(machine).map_or(0, |version| version.version);
@@ -83,13 +82,13 @@ pub(super) fn look(
     Ok(stuck)
 }
 
-/// What every roll-out sees at one look.
+/// Inputs of every roll-out in one pass.
 struct Looked<'a> {
     elapsed_s: f64,
     seen: BTreeMap<MachineId, Observation>,
-    /// The last residual that was known, µm.
+    /// Last known residual, µm.
     residual_um: &'a BTreeMap<MachineId, f64>,
-    /// The newest version of each machine.
+    /// Newest version of each machine.
     versions: BTreeMap<MachineId, Version>,
 }
 
@@ -97,7 +96,7 @@ fn machines_of(rollout: Rollout) -> impl Iterator<Item = MachineId> {
     rollout.targets.into_iter().map(|target| target.machine)
 }
 
-/// Moves one roll-out on, and tells its machines.
+/// Advances one roll-out and issues its manifests.
 fn move_on(
     engine: &Engine,
     id: u64,
@@ -136,11 +135,11 @@ fn move_on(
     Ok(Some(rollout).into_iter().flat_map(machines_of))
 }
 
-/// The answers that a roll-out has not heard of yet.
+/// Outcomes that a roll-out has not processed yet.
 fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Event> {
     let answered = rollout.targets.iter().filter_map(|target| {
         let version = versions.get(&target.machine)?;
-        // What was sent meanwhile with the model of before says nothing of this one.
+        // The outcome of a later manifest with the previous model does not apply to this roll-out's model.
         let is_of_it = version.rollout.is_none_or(|id| id == rollout.id);
         let outcome = version.outcome.clone()?;
         (is_of_it && target.step.waits_for(version.version, &outcome)).then(|| Event::Answered {
@@ -152,7 +151,7 @@ fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Ev
     answered.collect()
 }
 
-/// What a manifest of a roll-out is made of.
+/// Inputs for the manifests of a roll-out.
 struct Material<'a> {
     engine: &'a Engine,
     model: Option<(&'a Model, &'a str)>,
@@ -166,7 +165,7 @@ impl Material<'_> {
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), Error> {
-        // Each issue is told to the roll-out at once; what that brings up is done, too.
+        // Each issue is reported to the roll-out immediately; actions that result are executed as well.
         while !actions.is_empty() {
             let mut more = Vec::new();
             for action in actions {
@@ -177,7 +176,7 @@ impl Material<'_> {
                         continue;
                     }
                 };
-                // One of those before may have stopped it.
+                // An earlier action may have stopped it.
                 if confirm.is_none() && rollout.phase != Phase::Running {
                     continue;
                 }
@@ -195,7 +194,7 @@ impl Material<'_> {
                 };
                 more.extend(rollout.step(event));
             }
-            // A step after one of many that were issued names the others again.
+            // Each step repeats the actions still pending for other machines.
             more.retain(|action| match action {
                 Action::Issue { machine, .. } => rollout.is_waiting(machine),
                 Action::Withdraw { .. } => true,
@@ -213,7 +212,7 @@ impl Material<'_> {
         name: &MachineId,
         confirm: Option<String>,
     ) -> Result<Issued, Error> {
-        // As it stands in this transaction: it may have been disabled since the look began.
+        // Read in this transaction: the machine may have been disabled since the pass began.
         let machine = machine_named(database, name)?;
         let machine = machine.ok_or_else(|| Error::missing("machine", name))?;
         let (model, text) = self

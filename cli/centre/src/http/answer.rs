@@ -1,4 +1,4 @@
-//! Answers: documents, and refusals in words.
+//! Responses: JSON documents and error messages.
 
 use crate::Error;
 use axum::{
@@ -9,7 +9,7 @@ use axum::{
 use serde::Serialize;
 use serde_json::json;
 
-/// Why a request is refused.
+/// A rejected request.
 #[derive(Debug)]
 pub(super) struct Refused {
     status: StatusCode,
@@ -22,22 +22,22 @@ impl Refused {
         Self { status, why }
     }
 
-    /// The request is wrong.
+    /// The request is invalid.
     pub(super) fn wrong(why: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, why)
     }
 
-    /// The thing is not there.
+    /// The resource does not exist.
     pub(super) fn missing(why: impl Into<String>) -> Self {
         Self::new(StatusCode::NOT_FOUND, why)
     }
 
-    /// It does not go together with what is there.
+    /// The request conflicts with the stored state.
     pub(super) fn conflict(why: impl Into<String>) -> Self {
         Self::new(StatusCode::CONFLICT, why)
     }
 
-    /// Something failed that is nobody's fault out there; what it was stands in the log, not in the answer.
+    /// An internal failure; the details go to the log, not to the response.
     pub(super) fn inside(why: impl std::fmt::Display) -> Self {
         tracing::error!("page: {why}");
         Self::new(
@@ -73,7 +73,7 @@ pub(super) fn document(document: &impl Serialize) -> Answer {
     Ok(json_bytes(bytes))
 }
 
-/// A document that is written already.
+/// A document that is already serialized.
 pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], bytes.into()).into_response()
 }
@@ -82,7 +82,7 @@ pub(super) fn done() -> Answer {
     document(&json!({ "done": true }))
 }
 
-/// Reads the document of a request.
+/// Parses the JSON body of a request.
 pub(super) fn read<T: serde::de::DeserializeOwned>(body: &[u8]) -> Result<T, Refused> {
     serde_json::from_slice(body)
         .map_err(|error| Refused::wrong(format!("the document of the request: {error}")))

@@ -1,4 +1,4 @@
-//! The search of the network from the page: one at a time.
+//! The network search in the web interface: one at a time.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ pub(super) async fn latest(State(page): Shared) -> Answer {
 #[serde(deny_unknown_fields)]
 struct Ask {
     subnets: Vec<String>,
-    /// Whether public ranges belong to whoever asks.
+    /// The user confirms that public ranges are theirs.
     #[serde(default)]
     mine: bool,
     #[serde(default)]
@@ -49,7 +49,7 @@ pub(super) async fn search(
         let subnet: Subnet = text.parse().map_err(|e| Refused::wrong(format!("{e}")))?;
         subnet.check(ask.mine).map_err(|error| {
             Refused::wrong(match error {
-                // The way on is a box of the page, and no option of the command line.
+                // In the web interface the remedy is a check box, not a command-line option.
                 NotSearched::Public { found } => format!(
                     "{found} is not a private range: others' computers may be there. If it is yours tick the box below the subnets"
                 ),

@@ -1,4 +1,4 @@
-//! Machines: all at a glance, one in depth, its history; registering and removing them; alarms, and the log of changes.
+//! Machines: overview, details and history; registration and removal; alarms and audit log.
 
 use axum::{
     Extension,
@@ -21,11 +21,11 @@ use crate::{
     versions::in_force,
 };
 
-/// So many points of a history are told at most: where there are more, one for several that follow one another, their mean.
+/// Maximum number of history points in a response. Beyond it, consecutive points are averaged.
 const POINTS: usize = 2000;
-/// So many points of a history are read at most, the newest: two hours of conditions and a week of minutes, with some to spare.
+/// Maximum number of history points read, the newest: more than two hours of conditions and a week of minutes.
 const READ: u32 = 20_000;
-/// So many alarms and records of one machine are told.
+/// Maximum number of alarms and of audit records in the details of a machine.
 const RECORDS: u32 = 50;
 
 pub(super) async fn overview(State(page): Shared) -> Answer {
@@ -45,7 +45,7 @@ pub(super) async fn overview(State(page): Shared) -> Answer {
     Ok(json_bytes(document))
 }
 
-/// A name in a path: one that cannot be a machine's is that of no machine.
+/// Machine name in a path; an invalid name is reported as an unknown machine.
 pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
     name.parse()
         .map_err(|_| Refused::missing("there is no such machine"))
@@ -67,7 +67,7 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
             let model = in_force(&versions, live.as_ref())
                 .or(versions.first())
                 .map(|version| version.model.clone());
-            // Where the age is not known yet the machine is taken for silent.
+            // A machine of unknown age counts as silent.
             let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
             let telemetry = telemetry.map(
                 |(at_s, state)| json!({ "at_s": at_s, "age_s": now_s() - at_s, "state": state }),
@@ -77,13 +77,13 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
                 .collect();
             Ok(Some(json!({
                 "machine": machine,
-                // `null`: it was never heard.
+                // `null`: no message was ever received.
                 "live": live,
-                // That of its last condition.
+                // Age of its last condition.
                 "age_s": age_s,
                 "silent": silent,
                 "versions": versions,
-                // The model in force; where none is known to be, the one that was sent last.
+                // The active model; if none is known, the one sent last.
                 "model": model,
                 "telemetry": telemetry,
                 "alarms": alarms,
@@ -100,7 +100,7 @@ pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> An
 #[derive(Deserialize)]
 pub(super) struct Range {
     resolution: Resolution,
-    /// The last so many hours.
+    /// Length of the history, hours back from now.
     hours: f64,
 }
 
@@ -125,7 +125,7 @@ pub(super) async fn history(
         .chunks(together)
         .filter_map(|some| Point::mean(some, some.first()?.at_s));
     let told: Vec<Point> = means.collect();
-    // `together`: how many points one is the mean of.
+    // `together`: number of points averaged into one.
     document(&json!({ "now_s": now_s(), "together": together, "points": told }))
 }
 
@@ -166,7 +166,7 @@ const MAX_AUDIT: u32 = 200;
 
 #[derive(Deserialize)]
 pub(super) struct Which {
-    /// Those that are over, too.
+    /// Include closed alarms.
     #[serde(default)]
     all: bool,
 }
@@ -199,7 +199,7 @@ pub(super) async fn see_alarm(
 
 #[derive(Deserialize)]
 pub(super) struct Before {
-    /// Records with smaller numbers.
+    /// Return records with smaller numbers.
     before: Option<u64>,
 }
 

@@ -1,5 +1,5 @@
-//! The page of the centre and its interface: who may ask what, and what is answered. Everything is read from the store and
-//! written into it; the running centre acts on what stands there.
+//! The web interface and its HTTP API: authorization, requests and responses. All data are read from and written to the store; the running centre
+//! acts on the stored state.
 
 mod answer;
 mod discovery;

@@ -1,4 +1,4 @@
-//! Models: their texts, formulas and maps.
+//! Models: their texts, formulas and error maps.
 
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub(super) async fn models(State(page): Shared) -> Answer {
     document(&page.ask(Store::models).await?)
 }
 
-/// A model by its checksum, or the beginning of it, with its text.
+/// Finds a model with its text by its checksum or the beginning of it.
 pub(super) async fn found(
     page: &Arc<PageState>,
     checksum: String,
@@ -74,10 +74,10 @@ pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> An
 struct Add {
     /// The text of a machine file.
     text: String,
-    /// The day of the measurements, `2026-11-25`; empty where that is not known.
+    /// Day of the measurements, `2026-11-25`; empty if unknown.
     #[serde(default)]
     measured: String,
-    /// The name of the file it was read from.
+    /// Name of the uploaded file.
     #[serde(default)]
     file: String,
 }
@@ -106,6 +106,6 @@ pub(super) async fn add(
     let added = page
         .ask(move |store| store.add_model(&model, &text))
         .await?;
-    // `added`: whether it is new; otherwise it was there already.
+    // `added`: false if the model was already stored.
     document(&json!({ "model": answer, "added": added }))
 }

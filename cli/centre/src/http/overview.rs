@@ -1,4 +1,4 @@
-//! The shop at a glance: a row for each machine.
+//! The shop overview: one row for each machine.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -17,33 +17,33 @@ use crate::{
     versions::overdue_days,
 };
 
-/// What is older than this, and than what it takes to make it three times, is not told as what holds now.
+/// Maximum age of an overview that is presented as current. Three times its build time is added, but at most [`MOST_OF_TAKING`].
 const OLD: Duration = Duration::from_secs(5);
 const MOST_OF_TAKING: Duration = Duration::from_secs(25);
 
-/// What the page is told every second, as it is sent.
+/// The overview that the web interface polls every second, serialized.
 #[derive(Default)]
 pub(super) struct Overview {
     pub(super) document: Bytes,
     ages_s: HashMap<MachineId, f64>,
-    /// When it was made, and for how long.
+    /// When it was built, and how long that took.
     made: Option<(Instant, Duration)>,
 }
 
-/// A machine at a glance. What is not known is `null`.
+/// Row of a machine. Unknown values are `null`.
 #[derive(Serialize)]
 struct Row<'a> {
     machine: &'a MachineId,
     site: &'a str,
     structure: &'a str,
     control: &'a str,
-    /// The state of the guard; `unknown` where the machine is silent, `never heard` where it never said a word.
+    /// State of the guard; `unknown` if the machine is silent, `never heard` if it has never sent a message.
     state: &'a str,
-    /// The last state of a machine that is silent.
+    /// Last state of a silent machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     was: Option<&'a str>,
     reasons: &'a [String],
-    /// Seconds since its last condition was made.
+    /// Seconds since its last condition was created.
     age_s: Option<f64>,
     silent: bool,
     armed: Option<bool>,
@@ -51,10 +51,10 @@ struct Row<'a> {
     version: Option<u64>,
     wanted: Option<u64>,
     model: Option<&'a str>,
-    /// The largest linear correction, µm.
+    /// Largest linear correction, µm.
     correction_um: Option<f64>,
     residual_um: Option<f64>,
-    /// The warmest and the coldest sensor, °C, and how many are broken.
+    /// Lowest and highest sensor temperature, °C, and the number of broken sensors.
     coldest_degc: Option<f64>,
     warmest_degc: Option<f64>,
     broken_sensors: usize,
@@ -66,7 +66,7 @@ struct Row<'a> {
 
 #[derive(Serialize)]
 struct Document<'a> {
-    /// When this was made, s since 1970.
+    /// Creation time, s since 1970.
     made_s: f64,
     notice: &'a str,
     machines: Vec<Row<'a>>,
@@ -164,22 +164,21 @@ impl Overview {
         })
     }
 
-    /// How long ago it was made, where it is too old to be told as what holds now: it is made every second, and takes a while
-    /// where there are many machines.
+    /// Its age, if it is too old to be presented as current: it is built every second, and building takes a while with many machines.
     pub(super) fn too_old(&self) -> Option<Duration> {
         let (at, took) = self.made?;
         let age = at.elapsed();
         (age > OLD + (3 * took).min(MOST_OF_TAKING)).then_some(age)
     }
 
-    /// The age of the last condition of a machine now, s.
+    /// Current age of a machine's last condition, s.
     pub(super) fn age_s(&self, machine: &MachineId) -> Option<f64> {
         let (at, _) = self.made?;
         Some(self.ages_s.get(machine)? + at.elapsed().as_secs_f64())
     }
 }
 
-/// The alarm of a database that does not answer, and can keep none.
+/// Alarm for a database that does not respond, which therefore cannot store it.
 fn hangs(for_long: Duration) -> Alarm {
     let s = for_long.as_secs();
     Alarm {
@@ -200,22 +199,22 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
 }
 
-/// How long ago the last condition of each machine was made, by the time that this program watches: two clocks that differ make no
-/// machine silent, and keep no silent one alive. For how long a condition waited at the gateway counts.
+/// Age of each machine's last condition by this program's monotonic clock: a difference between two wall clocks neither makes a machine silent nor
+/// keeps a silent one alive. The time a condition waited at the gateway counts.
 ///
-/// State: when the last condition of each machine was seen to be a new one.
+/// State: when the last condition of each machine was first seen.
 #[derive(Default)]
 pub(super) struct Ages(HashMap<MachineId, LastCondition>);
 
 struct LastCondition {
     made: Made,
     at: Instant,
-    /// How old it was when it was seen, s.
+    /// Its age when it was first seen, s.
     then_s: f64,
 }
 
 impl Ages {
-    /// The age of the last condition of a machine, s; `now_s` is the time of this computer.
+    /// Age of a machine's last condition, s; `now_s` is the time of this computer.
     pub(super) fn age_s(
         &mut self,
         machine: &MachineId,
@@ -236,7 +235,7 @@ impl Ages {
                 made.late_s
             }
             None => {
-                // Nothing was watched yet: the clocks are all there is.
+                // First observation: only the wall clocks are available.
                 let then_s = (now_s - made.at_s).max(made.late_s);
                 let seen = LastCondition {
                     made,

@@ -1,4 +1,4 @@
-//! Logging in and out, passwords, and who may do what.
+//! Login and logout, passwords and user management.
 
 use std::{net::SocketAddr, sync::Arc};
 
@@ -27,14 +27,14 @@ struct Login {
     password: String,
 }
 
-/// Who is logged in, and what stands above the page; empty: nothing.
+/// The logged-in user and the notice above the web interface (empty: none).
 fn who_is(user: &User, page: &PageState) -> Answer {
     let notice = &page.settings.notice;
     document(&json!({ "name": user.name, "role": user.role, "notice": notice }))
 }
 
-/// Whether the password is that of a user who may log in: then the user. Attempts after wrong ones are
-/// delayed; refused ones are written into the audit log.
+/// Verifies the password of a user who may log in and returns the user. Attempts after wrong passwords are delayed; rejected ones are written to
+/// the audit log.
 async fn proven(
     page: &Arc<PageState>,
     from: SocketAddr,
@@ -49,7 +49,7 @@ async fn proven(
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
     let mut place = page.passwords.acquire().await;
-    // Asked with the place in hand, so that attempts at one time are counted one after the other.
+    // Requested while holding the permit, so that concurrent attempts are counted one after the other.
     let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
         drop(place);
         page.refused(Refusal::Throttled, from.ip(), &tried).await;
@@ -57,7 +57,7 @@ async fn proven(
         return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
     };
     if !attempt.delay().is_zero() {
-        // Without the place: others log in meanwhile.
+        // Release the permit so that others can log in meanwhile.
         drop(place);
         tokio::time::sleep(attempt.delay()).await;
         place = page.passwords.acquire().await;
@@ -137,7 +137,7 @@ struct NewPassword {
     new: String,
 }
 
-/// The hash of a password that somebody chooses.
+/// The hash of a new password.
 async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, Refused> {
     let password = Password::chosen(password).map_err(|e| Refused::wrong(e.to_string()))?;
     let place = page.passwords.acquire().await;
@@ -197,7 +197,7 @@ pub(super) async fn add_user(
 struct ChangedUser {
     role: Role,
     disabled: bool,
-    /// A new password, where the user has forgotten the old one.
+    /// New password, if the user has forgotten the old one.
     #[serde(default)]
     password: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Roll-outs: how they stand, what a person wishes of them, and the way back.
+//! Roll-outs: status, user requests, and return to an earlier model.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,15 +24,15 @@ use crate::{
     versions::{start_way_back, version_in_force},
 };
 
-/// So many roll-outs are told.
+/// Maximum number of roll-outs in a response.
 const ROLLOUTS: u32 = 20;
 
-/// A roll-out as the page has it.
+/// A roll-out as sent to the web interface.
 #[derive(Serialize)]
 struct Shown {
     #[serde(flatten)]
     rollout: Rollout,
-    /// The machines that correct with its model now, of one that was broken off: for these somebody must decide.
+    /// For a stopped or aborted roll-out: machines on which its model is active now. The user must decide about them.
     in_force_on: Vec<MachineId>,
 }
 
@@ -59,7 +59,7 @@ fn shown(store: &Store) -> Result<Vec<Shown>, Error> {
     Ok(shown.collect())
 }
 
-/// The roll-out whose model is in force, of each machine of a roll-out that was broken off.
+/// For each machine of a stopped or aborted roll-out, the roll-out whose model is active.
 fn rollouts_in_force(
     store: &Store,
     rollouts: &[Rollout],
@@ -82,19 +82,19 @@ fn rollouts_in_force(
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Start {
-    /// The checksum of the model, or its beginning.
+    /// Checksum of the model, or the beginning of it.
     model: String,
-    /// The machines that get it.
+    /// The machines that receive the model.
     machines: Vec<MachineId>,
-    /// Those that get it first; besides the ones that are registered as such.
+    /// Canary machines, in addition to those registered as canaries.
     #[serde(default)]
     canaries: Vec<MachineId>,
-    /// The rules; without them those of the configuration.
+    /// Roll-out rules [default: those of the configuration].
     #[serde(default)]
     rules: Option<Rules>,
 }
 
-/// The rules of roll-outs that state none.
+/// The default roll-out rules.
 pub(super) async fn rules(State(page): Shared) -> Answer {
     document(&page.settings.rules)
 }

@@ -1,4 +1,4 @@
-//! The routes, each with the role that it needs, and what holds for every request.
+//! The routes with the role each requires, and checks common to all requests.
 
 use std::{sync::Arc, time::Duration};
 
@@ -17,19 +17,19 @@ use super::{
 };
 use crate::users::Role;
 
-/// The largest body of a request, bytes.
+/// Maximum size of a request body, bytes.
 const MAX_BODY: usize = 2 * 1024 * 1024;
-/// A request must be answered after so long.
+/// Request timeout.
 const AT_MOST: Duration = Duration::from_secs(60);
 
-/// A route: method, path and what it needs.
+/// A route: method, path and required role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Route {
     /// `GET` or `POST`.
     pub method: &'static str,
     /// The path, with names in braces.
     pub path: &'static str,
-    /// The least role that it needs; `None`: logging in needs none.
+    /// The lowest role that may use it; `None`: no login required.
     pub need: Option<Role>,
 }
 
@@ -37,7 +37,7 @@ type Handler = fn() -> MethodRouter<Arc<PageState>>;
 
 macro_rules! routes {
     ($($method:literal $path:literal $need:expr => $handler:expr;)*) => {
-        /// Every route of the interface; the files of the page come besides.
+        /// Every route of the API; the files of the web interface are separate.
         pub const ROUTES: &[Route] = &[$(Route { method: $method, path: $path, need: $need }),*];
         const HANDLERS: &[Handler] = &[$(|| $handler),*];
     };
@@ -83,7 +83,7 @@ routes! {
     "POST" "/api/users/{user}/remove" ADMIN => post(people::remove_user);
 }
 
-/// The files of the page: path, type and content.
+/// Files of the web interface: path, content type and content.
 const PAGES: [(&str, &str, &str); 11] = [
     ("/", HTML, include_str!("../../web/index.html")),
     ("/style.css", CSS, include_str!("../../web/style.css")),
@@ -125,7 +125,7 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// The routes of the page and of the interface.
+/// Router for the web interface and the API.
 pub fn router(page: &Arc<PageState>) -> Router {
     let mut router = Router::new();
     for (route, handler) in ROUTES.iter().zip(HANDLERS) {
@@ -152,7 +152,7 @@ async fn nothing() -> Refused {
     Refused::missing("there is no such page")
 }
 
-/// Host, time, and the headers of every answer.
+/// Host check, timeout and response headers of every request.
 async fn every_request(
     State(page): State<Arc<PageState>>,
     request: Request,

@@ -1,7 +1,6 @@
-//! What the routes share.
+//! State shared by the routes.
 //!
-//! State: the overview, which is made anew every second; wrong passwords of the last minute; the last search of the network; maps
-//! that were computed.
+//! State: the overview, rebuilt every second; wrong passwords of the last minute; the last network search; computed error maps.
 
 use std::{
     collections::HashMap,
@@ -28,23 +27,23 @@ use crate::{
     users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
 };
 
-/// The overview is made so often.
+/// Interval at which the overview is rebuilt.
 const REFRESHED: Duration = Duration::from_secs(1);
-/// So many maps are kept.
+/// Maximum number of cached error maps.
 const MAPS: usize = 64;
 
-/// How the page is served.
+/// Settings of the web interface.
 #[derive(Clone, Debug, Default)]
 pub struct PageSettings {
-    /// Host names, besides addresses, under which browsers may ask.
+    /// Host names accepted in requests, in addition to addresses.
     pub hosts: Vec<String>,
-    /// Whether connections have TLS: then cookies are sent over TLS alone.
+    /// True if connections use TLS: cookies are then sent over TLS only.
     pub secure: bool,
-    /// The rules of roll-outs that state none.
+    /// Default roll-out rules.
     pub rules: Rules,
-    /// What is said above the page, such as that this is a demonstration.
+    /// Notice above the web interface, for example that this is a demonstration.
     pub notice: String,
-    /// Ports for the search of the network in place of the usual ones; for tests.
+    /// Ports of the network search instead of the default ones; for tests.
     pub ports: Option<Vec<(Kind, u16)>>,
 }
 
@@ -54,24 +53,23 @@ pub(super) struct NetworkSearch {
     pub(super) running: bool,
     pub(super) by: String,
     pub(super) subnets: Vec<String>,
-    /// Addresses that are done, of how many.
+    /// Number of completed addresses, of the total below.
     pub(super) done: usize,
     pub(super) of: usize,
     pub(super) devices: Vec<Device>,
 }
 
-/// What a route takes to reach the state.
 pub(super) type Shared = State<Arc<PageState>>;
 
-/// The state that the routes share.
+/// State shared by the routes.
 pub struct PageState {
     pub(super) store: Arc<Store>,
     pub(super) settings: PageSettings,
     pub(super) throttle: Throttle,
     refusals: Refusals,
-    /// Hashing a password takes memory and time: two at a time.
+    /// Hashing a password costs memory and time: at most two at a time.
     pub(super) passwords: Semaphore,
-    /// Models and maps take a processor for a while: one at a time.
+    /// Models and error maps occupy a processor: at most one at a time.
     pub(super) works: Semaphore,
     pub(super) overview: RwLock<Arc<Overview>>,
     search: Mutex<NetworkSearch>,
@@ -79,7 +77,7 @@ pub struct PageState {
 }
 
 impl PageState {
-    /// The page of a store.
+    /// The web interface of a store.
     pub fn new(store: Arc<Store>, settings: PageSettings) -> Arc<Self> {
         Arc::new(Self {
             store,
@@ -94,7 +92,7 @@ impl PageState {
         })
     }
 
-    /// Makes the overview anew, again and again, until the runtime ends.
+    /// Rebuilds the overview periodically until the runtime ends.
     pub async fn refresh(self: Arc<Self>) {
         let mut ages = Ages::default();
         let mut ticks = tokio::time::interval(REFRESHED);
@@ -137,7 +135,7 @@ impl PageState {
         Arc::clone(&place)
     }
 
-    /// Asks the store on a thread that may wait.
+    /// Queries the store on a blocking thread.
     pub(super) async fn ask<T: Send + 'static>(
         self: &Arc<Self>,
         work: impl FnOnce(&Store) -> Result<T, Error> + Send + 'static,
@@ -148,7 +146,7 @@ impl PageState {
             .map_err(Refused::from)
     }
 
-    /// Writes a refusal into the audit log: at once, or with others like it within a minute.
+    /// Writes a rejection to the audit log: immediately, or combined with similar ones of the same minute.
     pub(super) async fn refused(self: &Arc<Self>, refusal: Refusal, from: IpAddr, object: &str) {
         let Some(key) = self.refusals.count(refusal, from, object) else {
             return;
@@ -168,7 +166,7 @@ impl PageState {
         });
     }
 
-    /// Writes what was done, or refused, into the audit log.
+    /// Writes an action or a rejection to the audit log.
     pub(super) async fn record(
         self: &Arc<Self>,
         by: &str,
@@ -185,7 +183,7 @@ impl PageState {
         }
     }
 
-    /// Works for a while on a thread that may wait, one work at a time.
+    /// Runs a computation on a blocking thread, one at a time.
     pub(super) async fn work<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,

@@ -1,5 +1,4 @@
-//! What of a model can be taken away: its machine file byte by byte as it is signed, and its tables for a control, as
-//! `volcomp export` writes them.
+//! Downloads of a model: its machine file exactly as signed, and its compensation tables for a control, as `volcomp export` writes them.
 
 use std::sync::Arc;
 
@@ -27,25 +26,25 @@ use crate::records::Model;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TableQuery {
-    /// The name of the format, as `volcomp export` has it.
+    /// Name of the format, as in `volcomp export`.
     #[serde(default)]
     format: String,
-    /// From position to position along a linear axis, mm.
+    /// Spacing of positions along a linear axis, mm.
     #[serde(default)]
     step_mm: Option<f64>,
-    /// From position to position along a rotary axis, deg.
+    /// Spacing of positions along a rotary axis, deg.
     #[serde(default)]
     step_deg: Option<f64>,
 }
 
-/// The formats that tables can have.
+/// The available table formats.
 pub(super) async fn formats() -> Answer {
     let formats =
         Format::ALL.map(|format| json!({ "format": format.name(), "trust": format.trust() }));
     document(&formats.as_slice())
 }
 
-/// The machine file, as it is signed and sent.
+/// The machine file as it is signed and sent.
 pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> Answer {
     let (model, text) = found(&page, checksum).await?;
     attachment(&file_name(&model), "application/toml", text)
@@ -63,11 +62,11 @@ pub(super) async fn tables(
     document(&json!({
         "format": format.name(),
         "files": files,
-        // Where the axes are that a table does not go over, mm and deg.
+        // Positions of the axes that a table does not cover, mm and deg.
         "at": at,
         "sign": format.sign(),
         "trust": format.trust(),
-        // What the files do not hold, and what the control has to be told besides.
+        // What the files do not contain and must be set at the control.
         "notes": written.notes,
     }))
 }
@@ -85,7 +84,7 @@ pub(super) async fn table(
     attachment(&name, "text/plain; charset=utf-8", file.text)
 }
 
-/// The tables of a format: where the other axes are, mm and deg, and the files.
+/// Exports the tables of a format: positions of the other axes, mm and deg, and the files.
 async fn made(
     page: &Arc<PageState>,
     checksum: String,
@@ -118,7 +117,7 @@ async fn made(
     .await?
 }
 
-/// What cannot be made, with the fields of the page.
+/// Rejection of an export, naming the fields of the web interface.
 fn refused(error: &ExchangeError) -> Refused {
     let ExchangeError::Wish {
         what,
@@ -136,7 +135,7 @@ fn refused(error: &ExchangeError) -> Refused {
     Refused::wrong(format!("{field}: found {found}, expected {expected}"))
 }
 
-/// The name of the file of a model: what stands in its own name is no path.
+/// File name for a model; characters of its name that could form a path are replaced.
 fn file_name(model: &Model) -> String {
     let kept = |letter: char| letter.is_ascii_alphanumeric() || letter == '-';
     let name: String = (model.name.chars().take(40))

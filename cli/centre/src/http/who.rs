@@ -1,4 +1,4 @@
-//! Who asks: the session of the cookie, the role that a route needs, and whether a change was meant by our own page.
+//! Authentication: the session of the cookie, the role that a route requires, and protection against cross-site requests.
 
 use std::{net::SocketAddr, sync::Arc};
 
@@ -15,11 +15,11 @@ use volcomp_web::is_of_another_page;
 use super::{answer::Refused, state::PageState};
 use crate::users::{Moment, Refusal, Role, Token, User};
 
-/// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
-/// first, which this program never gives.
+/// Header that the web interface sends with every change. A page of another origin cannot send it without a preflight request, which this program
+/// never grants.
 pub(super) const OURS: &str = "x-volcomp";
 
-/// The name of the cookie. With TLS the browser takes it from this host alone, and never over a plain connection.
+/// Name of the cookie. The `__Host-` prefix under TLS makes the browser accept it only from this host and never over a plain connection.
 pub(super) fn cookie_name(secure: bool) -> &'static str {
     if secure {
         "__Host-volcomp-centre"
@@ -28,7 +28,7 @@ pub(super) fn cookie_name(secure: bool) -> &'static str {
     }
 }
 
-/// The cookie that a browser is told to keep; an empty token ends it.
+/// The `Set-Cookie` header; an empty token deletes the cookie.
 pub(super) fn cookie(secure: bool, token: &str) -> String {
     let name = cookie_name(secure);
     let only = if secure { "; Secure" } else { "" };
@@ -36,7 +36,7 @@ pub(super) fn cookie(secure: bool, token: &str) -> String {
     format!("{name}={token}; Path=/; HttpOnly; SameSite=Strict{only}{end}")
 }
 
-/// The token of the cookie.
+/// The session token of the cookie.
 pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
     let name = cookie_name(secure);
     let cookies = headers.get_all(header::COOKIE).iter();
@@ -48,7 +48,7 @@ pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
         .and_then(|(_, value)| Token::shown(value))
 }
 
-/// Whether a change comes from our own page, or from a program that says so.
+/// Checks that a change comes from our own web interface, or from a program that sends the header.
 fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
     let forbidden = |why: &str| Refused::new(StatusCode::FORBIDDEN, why);
     if headers.get(OURS).is_none_or(|value| value != "1") {
@@ -60,8 +60,7 @@ fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
     Ok(())
 }
 
-/// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
-/// the request came.
+/// Authorizes a request for its route. Changes are written to the audit log with the client's address.
 pub(super) async fn admit(
     State((page, need)): State<(Arc<PageState>, Option<Role>)>,
     Extension(from): Extension<SocketAddr>,

@@ -1,4 +1,4 @@
-//! The course of a roll-out: what each event does to the turns, when it stops, and whose turn is next.
+//! Transitions of a roll-out: how each event changes the targets, when the roll-out stops, and which machines come next.
 
 use std::collections::BTreeMap;
 
@@ -6,14 +6,14 @@ use volcomp_fleet::{MachineId, Outcome};
 
 use super::{Action, Event, Observation, Phase, Rollout, Rules, Step, Target, Wish};
 
-/// One look counts for no more than this, s: after a gap nothing is known of the time between.
+/// Maximum time credited per poll, s: after a gap nothing is known of the time between.
 const LONGEST_LOOK_S: f64 = 10.0;
-/// A residual is judged after it was seen for so long, s.
+/// Time for which a residual must have been observed before it is judged, s.
 const RESIDUAL_AFTER_S: f64 = 10.0;
 
 impl Rollout {
-    /// A roll-out of the model with this checksum to machines, each with whether it is a canary; without any, the first is one.
-    /// `since_s` is for people, s since 1970.
+    /// A roll-out of the model with this checksum. `machines` states for each machine whether it is a canary; without a canary the first machine
+    /// becomes one. `since_s` is for display, s since 1970.
     pub fn new(
         id: u64,
         model: &str,
@@ -61,7 +61,7 @@ impl Rollout {
         }
     }
 
-    /// Takes what happened, and tells what is to be done.
+    /// Processes an event and returns the resulting actions.
     pub fn step(&mut self, event: Event) -> Vec<Action> {
         if self.phase.is_over() {
             return Vec::new();
@@ -82,7 +82,7 @@ impl Rollout {
                 before_um,
             } => {
                 if let Some(target) = self.target(&machine) {
-                    // A second manifest of the same turn (confirmed) is compared with what was before the first.
+                    // A second manifest for the same target (after confirmation) is compared with the residual before the first one.
                     if target.step == Step::Waiting {
                         target.before_um = before_um;
                     }
@@ -113,7 +113,7 @@ impl Rollout {
         self.next()
     }
 
-    /// Whether a machine has been sent nothing yet.
+    /// True if nothing has been sent to the machine yet.
     pub fn is_waiting(&self, machine: &MachineId) -> bool {
         let mut targets = self.targets.iter();
         targets.any(|target| target.machine == *machine && target.step == Step::Waiting)
@@ -126,7 +126,7 @@ impl Rollout {
     }
 
     fn look(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Observation>) {
-        // Written so that a time which is no number counts for nothing.
+        // Written so that a NaN counts as zero.
         let elapsed_s = if elapsed_s > 0.0 {
             elapsed_s.min(LONGEST_LOOK_S)
         } else {
@@ -147,7 +147,7 @@ impl Rollout {
                         Step::Sent { version, waited_s }
                     }
                 }
-                // It came late, and nobody has asked for anything else.
+                // It was activated late; nothing else was sent since.
                 (
                     Step::Out {
                         version: Some(version),
@@ -159,7 +159,7 @@ impl Rollout {
                 (step @ Step::Soaking { .. }, Some(seen)) => {
                     watched(step, seen, elapsed_s, rules, target.before_um)
                 }
-                // Its soak is over, and it has the model as long as the roll-out goes on.
+                // Its soak time is over, but it has the model as long as the roll-out continues.
                 (
                     Step::Done { version },
                     Some(Observation {
@@ -178,7 +178,7 @@ impl Rollout {
         let Some(target) = self.target(machine) else {
             return;
         };
-        // What is in force or was never sent is not undone by an answer that comes twice.
+        // Duplicate outcomes do not undo a version that is active or was never sent.
         let (Step::Sent { version: sent, .. }
         | Step::NeedsConfirmation { version: sent, .. }
         | Step::Out {
@@ -217,7 +217,7 @@ impl Rollout {
             Wish::Abort => self.phase = Phase::Aborted { by },
             Wish::Resume => {
                 for target in &mut self.targets {
-                    // That was decided of what had stopped: where it stops once more it is to be decided anew.
+                    // That decision applied to the stopped roll-out; if it stops again, it must be decided again.
                     target.kept_by = None;
                     if let Step::Out { excused, .. } = &mut target.step {
                         *excused = true;
@@ -226,7 +226,7 @@ impl Rollout {
                 self.phase = Phase::Running;
             }
             Wish::Confirm { machine, hash } => {
-                // Once it has stopped nothing would take back what is sent.
+                // After a stop nothing would withdraw a sent version.
                 if !self.phase.takes_confirmations() {
                     return None;
                 }
@@ -243,8 +243,8 @@ impl Rollout {
         None
     }
 
-    /// Takes back what was sent and is not in force: a machine that was away must not take, on its return, what has been stopped
-    /// meanwhile. What waits for a person, or was refused, is taken back when nobody can let the roll-out go on any more.
+    /// Withdraws versions that were sent but are not active: a machine that was offline must not accept a stopped model on its return. Versions
+    /// that wait for confirmation or were rejected are withdrawn once the roll-out can no longer be resumed.
     fn withdraw(&mut self) -> Vec<Action> {
         let ended = matches!(self.phase, Phase::Aborted { .. });
         let mut actions = Vec::new();
@@ -272,7 +272,7 @@ impl Rollout {
         actions
     }
 
-    /// Stops where something speaks against going on.
+    /// Stops the roll-out if a stop rule applies.
     fn judge(&mut self) {
         if !matches!(self.phase, Phase::Running | Phase::Paused { .. }) {
             return;
@@ -301,7 +301,7 @@ impl Rollout {
         }
     }
 
-    /// The machines whose turn it is and that have been sent nothing.
+    /// Issue actions for waiting machines of the current wave.
     fn next(&self) -> Vec<Action> {
         if self.phase != Phase::Running {
             return Vec::new();
@@ -321,7 +321,7 @@ impl Rollout {
     }
 }
 
-/// A machine that is watched with the model, after one more look at it.
+/// Advances the observation of a machine with the model by one pass.
 fn watched(
     step: Step,
     seen: &Observation,
@@ -351,8 +351,8 @@ fn watched(
     if let Some(why) = &seen.faulted {
         return faulted(version, why);
     }
-    // The answer may overtake the condition that tells the version. One that goes on with an older one (its folder was
-    // restored, its gateway exchanged) is not watched with the model.
+    // The outcome may arrive before the condition with the new version. A machine that keeps reporting an older version (its folder was restored,
+    // or its gateway was replaced) is not being observed with the model.
     if seen.version < version {
         let older_s = older_s + elapsed_s;
         if older_s > rules.answer_s {
@@ -421,8 +421,7 @@ fn out(version: Option<u64>, why: String, against: bool) -> Step {
     }
 }
 
-/// The wave of the machine of this rank (from 1) among so many: the first that reaches its share; what no wave reaches is
-/// in one more.
+/// Wave of the machine with this rank (from 1) out of `of`: the first whose share includes it; machines beyond all waves form one more.
 fn wave_of(percent: &[u32], rank: u64, of: u64) -> u32 {
     let reached = percent
         .iter()

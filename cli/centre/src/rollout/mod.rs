@@ -1,9 +1,9 @@
-//! A roll-out as a pure state machine: what happened goes in, what is to be done comes out.
+//! A roll-out as a pure state machine: events go in, actions come out.
 //!
-//! The first machines (canaries) get the model, must activate it, and are watched for the time of the soak; then the others,
-//! wave by wave. It stops by itself where a machine refuses the model, its guard faults, its residual rises, or too many stay
-//! out; then a person decides. Time is counted while the centre watches: a clock that jumps and a centre that was down
-//! shorten no soak. Every state is plain data, so a centre that is started again goes on from what it has stored.
+//! The canaries receive the model first, must activate it, and are observed for the soak time; then the other machines follow in waves. The
+//! roll-out stops automatically if a machine rejects the model, its guard faults, its residual rises, or too many machines drop out; then the user
+//! decides. Time counts only while the centre is running: clock jumps and downtime do not shorten the soak. Every state is plain data, so a
+//! restarted centre continues from the store.
 
 mod course;
 
@@ -12,26 +12,26 @@ use std::{collections::BTreeMap, fmt::Display, ops::RangeInclusive};
 use serde::{Deserialize, Serialize};
 use volcomp_fleet::{MachineId, Outcome};
 
-/// By what rules a roll-out goes on and stops.
+/// Rules for advancing and stopping a roll-out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rules {
-    /// After the canaries: how many percent of the others have had their turn at the end of each wave, rising to 100.
+    /// After the canaries: cumulative percentage of the other machines at the end of each wave, ascending to 100.
     pub waves: Vec<u32>,
-    /// A machine that has activated the model is watched for so long before its turn is done, s.
+    /// Observation time of a machine after it activated the model, s.
     pub soak_s: f64,
-    /// A machine that has not answered after so long stays out, s.
+    /// Timeout for a machine's outcome, s; after it the machine drops out.
     pub answer_s: f64,
-    /// So many machines after the canaries may stay out before the roll-out stops.
+    /// Maximum number of machines after the canaries that may drop out before the roll-out stops.
     pub tolerate: u32,
-    /// It stops where the residual is above this many times what it was before, …
+    /// The roll-out stops if the residual exceeds its earlier value by this factor, …
     pub residual_ratio: f64,
-    /// … and above what it was before by this, µm.
+    /// … and by this amount, µm.
     pub residual_um: f64,
 }
 
 impl Default for Rules {
-    /// A quarter, then all; ten minutes of watching, five for an answer; none may stay out; half as much again and 2 µm.
+    /// Waves of 25 % and 100 %, 10 min soak, 5 min timeout, no dropouts, residual limits of factor 1.5 and 2 µm.
     fn default() -> Self {
         Self {
             waves: vec![25, 100],
@@ -57,10 +57,10 @@ impl Rules {
         rises && waves.first().is_some_and(|first| *first > 0) && waves.last() == Some(&100)
     }
 
-    /// Whether a roll-out can go by these rules.
+    /// Validates the rules.
     ///
     /// # Errors
-    /// The key of the first that is invalid, and what was found and expected.
+    /// The key of the first invalid rule, and what was found and expected.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
         if !Self::are_waves(&self.waves) {
             let why = format!("found {:?}, expected {}", self.waves, Self::WAVES);
@@ -90,60 +90,60 @@ fn within<N: PartialOrd + Display>(
     Err((key, format!("found {found}, expected {start} to {end}")))
 }
 
-/// Where a target stands.
+/// Progress of a target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
-    /// It has not been sent anything.
+    /// Nothing has been sent to it.
     Waiting,
-    /// The manifest is under its key, and it has not answered.
+    /// The manifest is under its key; its outcome is pending.
     Sent {
         version: u64,
-        /// For so long, s.
+        /// Waiting time so far, s.
         waited_s: f64,
     },
-    /// A person must confirm the change.
+    /// The operator must confirm the change.
     NeedsConfirmation {
         version: u64,
         hash: String,
-        /// The largest move of a linear axis, µm, as the machine tells it.
+        /// Largest change of a linear axis, µm, as reported by the machine.
         worst_um: String,
-        /// The largest move of a rotary axis, µrad, as the machine tells it.
+        /// Largest change of a rotary axis, µrad, as reported by the machine.
         worst_urad: String,
     },
-    /// It is in force, and watched.
+    /// The model is active and under observation.
     Soaking {
         version: u64,
-        /// It was watched for so long, s.
+        /// Observation time so far, s.
         soaked_s: f64,
-        /// The mean residual in this time, µm.
+        /// Mean residual during the observation, µm.
         residual_um: f64,
-        /// The residual was known for so long, s.
+        /// Time for which the residual was known, s.
         known_s: f64,
-        /// It tells for so long that an older version is in force, s.
+        /// Time for which it has been reporting an older version as active, s.
         #[serde(default)]
         older_s: f64,
-        /// How long it has not compensated, s; the soak does not go on meanwhile.
+        /// Time without compensation, s; the soak time does not advance meanwhile.
         #[serde(default)]
         idle_s: f64,
     },
-    /// It is in force, and nothing spoke against it.
+    /// The model is active, and its observation found no problem.
     Done { version: u64 },
-    /// It is out: it did not answer, or something speaks against the model.
+    /// Dropped out: it did not respond, or it showed a problem with the model.
     Out {
-        /// The version, where one was sent and was not taken back since.
+        /// Version that was sent and not withdrawn since.
         version: Option<u64>,
-        /// Why it is out, a sentence without its full stop.
+        /// Reason, a sentence without its full stop.
         why: String,
-        /// Whether the roll-out must stop for it, however many may stay out.
+        /// True if the roll-out must stop because of it, whatever the number of tolerated dropouts.
         against: bool,
-        /// Whether a person has let the roll-out go on in spite of it.
+        /// True if the user resumed the roll-out in spite of it.
         excused: bool,
     },
 }
 
 impl Step {
-    /// Whether this answer to this version is one that is not known yet.
+    /// True if this outcome of this version is new.
     pub fn waits_for(&self, answered: u64, outcome: &Outcome) -> bool {
         match self {
             Self::Sent { version, .. } => answered >= *version,
@@ -152,7 +152,7 @@ impl Step {
                     || (answered == *version
                         && !matches!(outcome, Outcome::NeedsConfirmation { .. }))
             }
-            // That it is in force after all is seen by what the machine runs.
+            // A late activation is detected from the reported version.
             Self::Out {
                 version: Some(version),
                 against: false,
@@ -167,22 +167,22 @@ impl Step {
     }
 }
 
-/// A target of a roll-out: one machine that shall get the model.
+/// Target of a roll-out: one machine that receives the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     pub machine: MachineId,
-    /// Its wave; 0: the canaries.
+    /// Wave number; 0: the canaries.
     pub wave: u32,
-    /// The residual before, µm; `None`: not known, and then a rise is not seen.
+    /// Residual before the change, µm; `None` if unknown: then a rise is not detected.
     pub before_um: Option<f64>,
     #[serde(flatten)]
     pub step: Step,
-    /// Who has decided that it keeps the model although the roll-out was not done.
+    /// User who decided that it keeps the model although the roll-out was not completed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kept_by: Option<String>,
 }
 
-/// How the whole stands.
+/// Overall state of a roll-out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "is", rename_all = "kebab-case")]
 pub enum Phase {
@@ -190,32 +190,31 @@ pub enum Phase {
     Paused {
         by: String,
     },
-    /// It stopped by itself.
+    /// It stopped automatically.
     Stopped {
-        /// What it stopped for, a sentence without its full stop.
+        /// Reason, a sentence without its full stop.
         why: String,
     },
-    /// A person has ended it.
+    /// The user ended it.
     Aborted {
         by: String,
     },
-    /// Every machine had its turn.
+    /// All machines are done.
     Done,
 }
 
 impl Phase {
-    /// Whether it stopped, or was ended, before every machine had its turn: whoever has its model has one that was not found
-    /// good.
+    /// True if it stopped or was aborted before all machines were done: its model has not been validated.
     pub fn is_broken_off(&self) -> bool {
         matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
     }
 
-    /// Whether a change is sent when a person confirms it: not where nothing more is sent.
+    /// True if a confirmed change is still sent.
     pub fn takes_confirmations(&self) -> bool {
         matches!(self, Self::Running | Self::Paused { .. })
     }
 
-    /// Whether nothing will happen any more.
+    /// True if nothing will change any more.
     pub fn is_over(&self) -> bool {
         matches!(self, Self::Aborted { .. } | Self::Done)
     }
@@ -227,28 +226,27 @@ pub struct Rollout {
     pub id: u64,
     pub model: String,
     pub by: String,
-    /// When, s, for people.
+    /// Start time, s, for display.
     pub since_s: f64,
     pub rules: Rules,
     pub phase: Phase,
-    /// The machines that shall get it, by wave.
+    /// The target machines, by wave.
     #[serde(rename = "turns")]
     pub targets: Vec<Target>,
 }
 
 impl Rollout {
-    /// Whether its model was not found good, and nobody has decided that this machine keeps it.
+    /// True if its model was not validated and no user has decided that this machine keeps it.
     pub fn is_suspect_on(&self, machine: &MachineId) -> bool {
         let mut targets = self.targets.iter();
         let is_kept = targets.any(|target| target.machine == *machine && target.kept_by.is_some());
         self.phase.is_broken_off() && !is_kept
     }
 
-    /// Whether a person can confirm this change of a machine now. `is_ending`: somebody has ended the roll-out, which is not
-    /// taken up yet.
+    /// Checks that the user can confirm this change of a machine now. `is_ending`: an abort was requested but not yet processed.
     ///
     /// # Errors
-    /// Why not, and what to do.
+    /// The reason, and what to do.
     pub fn may_confirm(
         &self,
         machine: &MachineId,
@@ -279,34 +277,34 @@ impl Rollout {
     }
 }
 
-/// What is seen of a machine at one look.
+/// Observation of a machine in one pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observation {
-    /// Whether it has been heard since the last look, or a little before.
+    /// True if a condition was received recently.
     pub heard: bool,
-    /// The version that is in force.
+    /// The active version.
     pub version: u64,
-    /// Whether it is compensating: without a correction the model shows nothing.
+    /// True if it is compensating: without a correction the model cannot be judged.
     pub corrects: bool,
-    /// The guard is faulted, or was since the last look: why.
+    /// Reason, if the guard is faulted or was since the last pass.
     pub faulted: Option<String>,
-    /// The residual while it was compensating, µm.
+    /// Residual during compensation, µm.
     pub residual_um: Option<f64>,
 }
 
-/// What happened.
+/// Input of the state machine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The centre has looked at the machines, `elapsed_s` after the last look.
+    /// A pass of the centre, `elapsed_s` after the previous one.
     Looked {
         elapsed_s: f64,
-        /// What it saw; a machine that is not in here is not heard.
+        /// Observations; machines not included count as silent.
         seen: BTreeMap<MachineId, Observation>,
     },
     Issued {
         machine: MachineId,
         version: u64,
-        /// The residual before, µm.
+        /// Residual before the change, µm.
         before_um: Option<f64>,
     },
     NotIssued {
@@ -318,41 +316,41 @@ pub enum Event {
         version: u64,
         outcome: Outcome,
     },
-    /// A person wishes something.
+    /// Request of a user.
     Wished {
         wish: Wish,
         by: String,
     },
 }
 
-/// What a person may wish of a roll-out.
+/// A user's request for a roll-out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "wish", rename_all = "kebab-case")]
 pub enum Wish {
-    /// To hold it: nothing more is sent.
+    /// Pause: nothing more is sent.
     Pause,
-    /// To let it go on, in spite of what it stopped for.
+    /// Continue in spite of the reason for the stop.
     Resume,
-    /// To end it. What was sent stays sent.
+    /// Abort. Sent versions remain.
     Abort,
-    /// To confirm the change of one machine; in a roll-out that has stopped it is not sent.
+    /// Confirm the change of one machine; a stopped roll-out does not send it.
     Confirm {
         machine: MachineId,
-        /// The hash that was shown.
+        /// The hash that was shown to the user.
         hash: String,
     },
 }
 
-/// What is to be done.
+/// Output of the state machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// To issue the model for a machine, and to tell [`Event::Issued`] or [`Event::NotIssued`].
+    /// Issue the model for a machine and report [`Event::Issued`] or [`Event::NotIssued`].
     Issue {
         machine: MachineId,
-        /// The hash that a person has confirmed.
+        /// Hash of the change that the operator has confirmed.
         confirm: Option<String>,
     },
-    /// To put under the key of a machine what stood there before this roll-out, unless the model is in force there: it was
-    /// sent, and the machine shall not take it when it is back.
+    /// Restore the value under a machine's key from before this roll-out, unless the model is active there: the machine must not accept the sent
+    /// version when it reconnects.
     Withdraw { machine: MachineId },
 }

@@ -1,4 +1,4 @@
-//! Alarms: open until what caused them has gone.
+//! Alarms: open until their cause is gone.
 
 use rusqlite::{Connection, Params, Row, params};
 use serde_json::json;
@@ -55,12 +55,12 @@ pub(crate) fn say(database: &Connection, id: u64, text: &str) -> Result<(), Erro
 }
 
 impl Store {
-    /// The alarms that are open, the newest first.
+    /// Open alarms, the newest first.
     pub fn open_alarms(&self) -> Result<Vec<Alarm>, Error> {
         self.alarms_where("until_s IS NULL ORDER BY id DESC", [])
     }
 
-    /// The last `count` alarms, open or not, the newest first; of one machine, or of all.
+    /// The last `count` alarms, open or closed, the newest first; of one machine, or of all.
     pub fn alarms(&self, machine: Option<&MachineId>, count: u32) -> Result<Vec<Alarm>, Error> {
         self.alarms_where(
             "?1 IS NULL OR machine = ?1 ORDER BY id DESC LIMIT ?2",
@@ -75,7 +75,7 @@ impl Store {
         self.read(|database| rows(database, &sql, values, alarm))
     }
 
-    /// Notes who has seen an alarm. `false`: there is no such alarm.
+    /// Records who has acknowledged an alarm. `false` if the alarm does not exist.
     pub fn see_alarm(&self, id: u64, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let sql = "UPDATE alarms SET seen_by = ?2 WHERE id = ?1";

@@ -1,4 +1,4 @@
-//! The centre's own audit log: every change, with its author, each record chained to the one before by its hash.
+//! The centre's own audit log: every change with its author, each record chained to the previous one by its hash.
 
 use rusqlite::{Connection, Row, params};
 use serde_json::Value as Json;
@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{Error, clock::now_s, records::AuditRecord};
 
-/// Appends a record, in the transaction of the change that it describes.
+/// Appends a record in the transaction of the change that it describes.
 pub(crate) fn append(
     database: &Connection,
     by: &str,
@@ -40,7 +40,7 @@ pub(crate) fn append(
     Ok(())
 }
 
-/// The hash of a record, as the text that is stored, after one with the hash `before`.
+/// Hash of a record, as its stored text, that follows a record with the hash `before`.
 fn hash(before: &str, document: &str) -> String {
     let mut digest = Sha256::new();
     digest.update(before);
@@ -74,7 +74,7 @@ impl Store {
         })
     }
 
-    /// Checks the chain of the whole log: the number of the first record that does not follow from the one before.
+    /// Verifies the hash chain of the whole log; returns the number of the first record that does not match its predecessor.
     pub fn broken_audit(&self) -> Result<Option<u64>, Error> {
         const PAGE: u64 = 1000;
         let sql =

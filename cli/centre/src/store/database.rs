@@ -1,4 +1,4 @@
-//! The SQLite file: how it is opened, and statements with parameters `?1`, `?2`, … whose rows are mostly documents (JSON in a text).
+//! The SQLite file: opening it, and helpers for statements with parameters `?1`, `?2`, … whose rows mostly hold JSON documents.
 
 use std::{
     fs,
@@ -14,12 +14,12 @@ use rusqlite::{Connection, ErrorCode, Params, Row, types::Type};
 use serde::de::DeserializeOwned;
 use volcomp_fleet::MachineId;
 
-/// How long another program (the command line) may hold the file.
+/// Timeout for a lock held by another program, such as the command line.
 const BUSY: Duration = Duration::from_secs(30);
 const RETRY_INTERVAL: Duration = Duration::from_millis(10);
 const MAX_PREPARED: usize = 128;
 
-/// Executes a statement, and returns how many rows it changed.
+/// Executes a statement and returns the number of changed rows.
 pub(crate) fn execute(
     database: &Connection,
     sql: &str,
@@ -28,7 +28,7 @@ pub(crate) fn execute(
     Ok(database.prepare_cached(sql)?.execute(values)?)
 }
 
-/// The rows of a query, each read by `read`.
+/// Rows of a query, each converted by `read`.
 pub(crate) fn rows<T>(
     database: &Connection,
     sql: &str,
@@ -39,7 +39,6 @@ pub(crate) fn rows<T>(
     statement.query_and_then(values, read)?.collect()
 }
 
-/// The first row of a query.
 pub(crate) fn first<T>(
     database: &Connection,
     sql: &str,
@@ -51,7 +50,7 @@ pub(crate) fn first<T>(
     rows.next().transpose()
 }
 
-/// The documents of a query, in its first column.
+/// Parsed documents in the first column of a query.
 pub(crate) fn documents<T: DeserializeOwned>(
     database: &Connection,
     sql: &str,
@@ -60,7 +59,7 @@ pub(crate) fn documents<T: DeserializeOwned>(
     rows(database, sql, values, |row| json(row, 0))
 }
 
-/// The document of the first row of a query.
+/// Parsed document in the first row of a query.
 pub(crate) fn document<T: DeserializeOwned>(
     database: &Connection,
     sql: &str,
@@ -69,19 +68,18 @@ pub(crate) fn document<T: DeserializeOwned>(
     first(database, sql, values, |row| json(row, 0))
 }
 
-/// The number of a query that has one, such as a count.
+/// Result of a query for a single number, such as a count.
 pub(crate) fn number(database: &Connection, sql: &str, values: impl Params) -> Result<u64, Error> {
     let found = first(database, sql, values, |row| Ok(row.get(0)?))?;
     Ok(found.unwrap_or_default())
 }
 
-/// A document in a column.
 pub(crate) fn json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> Result<T, Error> {
     Ok(serde_json::from_str(&row.get::<_, String>(column)?)?)
 }
 
-/// A document of another program that is kept as it came. JSON that is none for this program (a number beyond the range, half a
-/// character) is shown as a text, with the reason.
+/// A document of another program, stored unchanged. If this program cannot parse it as JSON (number out of range, unpaired surrogate), it is
+/// returned as text with the reason.
 pub(crate) fn json_or_text(row: &Row<'_>, column: usize) -> Result<serde_json::Value, Error> {
     let text: String = row.get(column)?;
     Ok(serde_json::from_str(&text).unwrap_or_else(|error| {
@@ -90,7 +88,6 @@ pub(crate) fn json_or_text(row: &Row<'_>, column: usize) -> Result<serde_json::V
     }))
 }
 
-/// The name of a machine in a column.
 pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, Error> {
     let text: String = row.get(column)?;
     text.parse().map_err(|error| {
@@ -98,15 +95,15 @@ pub(crate) fn machine(row: &Row<'_>, column: usize) -> Result<MachineId, Error> 
     })
 }
 
-/// Opens the file, and makes it where it is not there. Only its owner may read it: it holds password hashes and models.
+/// Opens the file, creating it if it does not exist. Only its owner may read it: it holds password hashes and models.
 pub(super) fn open(path: &Path) -> Result<Connection, Error> {
     let failed = |why: std::io::Error| Error::Database {
         file: path.display().to_string(),
         why,
     };
     let mut options = fs::OpenOptions::new();
-    // Only made, never opened: closing it would release the locks of the connections that this program has to it already (POSIX), and another
-    // program that reads would then delete the log that they write.
+    // Create only, without opening an existing file: closing it would release the POSIX locks of connections that this program already has to it,
+    // and another reading program would then delete the write-ahead log in use.
     match options.create_new(true).write(true).mode(0o600).open(path) {
         Err(why) if why.kind() != ErrorKind::AlreadyExists => return Err(failed(why)),
         _ => {}
@@ -118,16 +115,16 @@ pub(super) fn open(path: &Path) -> Result<Connection, Error> {
     connection.busy_timeout(BUSY)?;
     connection.set_prepared_statement_cache_capacity(MAX_PREPARED);
     begin_log(&connection)?;
-    // SQLite has taken it for a database now: the rights of another file stay as they are.
+    // SQLite has accepted it as a database; permissions of unrelated files stay unchanged.
     make_private(path).map_err(failed)?;
-    // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
+    // Acknowledged messages must survive a power failure: every commit is on disk when it returns.
     connection.execute_batch(
         "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
     )?;
     Ok(connection)
 }
 
-/// Takes the rights of others away from the files of the database.
+/// Restricts the permissions of the database files to the owner.
 fn make_private(path: &Path) -> std::io::Result<()> {
     for suffix in ["", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
@@ -144,8 +141,8 @@ fn make_private(path: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Has changes go to a log beside the file. Where several programs begin with a new file at one time, SQLite tells all but one of
-/// them that it is busy without waiting: they try again.
+/// Switches to write-ahead logging. If several programs open a new file at once, SQLite returns "busy" to all but one without waiting, so this
+/// retries.
 fn begin_log(connection: &Connection) -> Result<(), Error> {
     let until = Instant::now() + BUSY;
     loop {

@@ -1,9 +1,8 @@
-//! The history of conditions: every one for a day, means of minutes for a month, means of hours for ever; whole states; the audit
-//! records of machines; and the gateways from which all that came.
+//! History of conditions: every condition for a day, one-minute means for a month, one-hour means indefinitely; telemetry; audit records of
+//! machines; and the gateway instances that sent them.
 //!
-//! Conditions wait in `recent` until their minute is closed; then the minute becomes one row of `raw` and one of `minutes`,
-//! and the hour gets its share, in one transaction. So a condition is written twice whatever becomes of it, and the database
-//! that a crash leaves goes on where it was.
+//! Conditions are collected in `recent` until their minute is closed. Closing it adds one row to `raw` and one to `minutes`, and updates the hour,
+//! in one transaction. Each condition is thus written exactly twice, and the database stays consistent after a crash.
 
 use rusqlite::{Connection, Params, params};
 use serde::{Deserialize, de::DeserializeOwned};
@@ -23,17 +22,17 @@ use crate::{
 const HOUR_S: f64 = 3600.0;
 const DAY_S: f64 = 86_400.0;
 
-/// The table `[keep]`: how long the history is kept. Hours are kept for ever.
+/// The table `[keep]`: retention times of the history. One-hour means are kept indefinitely.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Keep {
-    /// Every condition.
+    /// Every condition, hours.
     pub raw_h: f64,
-    /// Means of minutes.
+    /// One-minute means, days.
     pub minutes_d: f64,
-    /// Every whole state.
+    /// Every full telemetry message, hours.
     pub telemetry_h: f64,
-    /// One whole state an hour.
+    /// One full telemetry message an hour, days.
     pub telemetry_hourly_d: f64,
 }
 
@@ -51,7 +50,7 @@ impl Default for Keep {
 /// Maximum number of machines whose minutes are closed in one transaction.
 const MAX_TOGETHER: usize = 32;
 
-/// The minute or the hour of a time.
+/// Index of the minute or hour that contains a time.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "a float is cut to the range of i64"
@@ -61,11 +60,11 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 }
 
 impl Store {
-    /// Closes the minutes that ended before `until_s`, each machine's oldest first, and returns how many conditions were in them.
-    /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
+    /// Closes the minutes that ended before `until_s`, oldest first for each machine, and returns the number of their conditions. A transaction
+    /// holds one minute of a few machines, so its memory does not grow with the number of machines.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, Error> {
         let end = place(until_s, 60.0);
-        // Every machine with conditions has a gateway.
+        // Every machine with conditions has a gateway instance.
         let sql = "SELECT DISTINCT machine FROM instances ORDER BY machine";
         let machines: Vec<String> =
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
@@ -86,7 +85,7 @@ impl Store {
         Ok(count)
     }
 
-    /// The history of a machine from `from_s` to `to_s`, the newest `count` points of it, the oldest first.
+    /// History of a machine from `from_s` to `to_s`: the newest `count` points, in ascending order of time.
     pub fn history(
         &self,
         machine: &MachineId,
@@ -114,7 +113,7 @@ impl Store {
             }
             let minutes: Vec<Vec<Point>> = readable(database, name, table, &sql, range)?;
             let mut points: Vec<Point> = minutes.into_iter().flatten().collect();
-            // The conditions whose minute is not closed.
+            // Conditions of minutes that are not closed yet.
             let sql = "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s <= ?3 ORDER BY at_s";
             let recent: Vec<Point> =
                 readable(database, name, "recent", sql, params![name, from_s, to_s])?;
@@ -127,7 +126,7 @@ impl Store {
         })
     }
 
-    /// The last whole state of a machine, with its time.
+    /// The last full telemetry of a machine, with its time.
     pub fn telemetry(
         &self,
         machine: &MachineId,
@@ -141,7 +140,7 @@ impl Store {
         })
     }
 
-    /// The last `count` audit records of a machine with the times at which they were made, the newest first.
+    /// The last `count` audit records of a machine with their creation times, the newest first.
     pub fn machine_records(
         &self,
         of: &MachineId,
@@ -156,7 +155,7 @@ impl Store {
         })
     }
 
-    /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
+    /// Deletes expired data, machine by machine in separate transactions to keep lock times short.
     pub fn forget(&self, keep: Keep, now_s: f64) -> Result<(), Error> {
         let sql = "SELECT machine FROM live";
         let machines: Vec<String> =
@@ -189,7 +188,7 @@ impl Store {
         Ok(())
     }
 
-    /// The gateways of every machine, each machine's in the order in which they were heard first.
+    /// Gateway instances of every machine, in the order in which they first appeared.
     pub(crate) fn instances(&self) -> Result<Vec<(MachineId, Instance)>, Error> {
         let sql = "SELECT machine, document FROM instances ORDER BY machine, first_s";
         self.read(|database| {
@@ -200,7 +199,7 @@ impl Store {
     }
 }
 
-/// Closes the oldest minute of a machine that is not closed and lies before `end`: how many conditions were in it.
+/// Closes a machine's oldest open minute before `end` and returns the number of its conditions.
 fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, Error> {
     let sql = "SELECT min(at_s) FROM recent WHERE machine = ?1";
     let oldest = first(database, sql, [machine], |row| {
@@ -220,7 +219,7 @@ fn close_oldest(database: &Connection, machine: &str, end: i64) -> Result<u64, E
     Ok(execute(database, sql, range)? as u64)
 }
 
-/// Closes one minute of one machine, or adds to it what came late.
+/// Closes one minute of a machine, or merges late conditions into it.
 fn close_one(
     database: &Connection,
     machine: &str,
@@ -241,7 +240,7 @@ fn close_one(
         .as_ref()
         .is_some_and(|before| before.count > mean.count)
     {
-        // Its conditions were forgotten already, and one came late: the mean of the many stays.
+        // The raw conditions of this minute have expired, and one arrived late: keep the mean of the others.
         return Ok(());
     }
     put(database, "minutes", "minute", machine, minute, &mean)?;
@@ -260,7 +259,7 @@ fn close_one(
     Ok(())
 }
 
-/// The document of a machine at a minute or an hour.
+/// Stored document of a machine for a minute or an hour.
 fn kept<T: DeserializeOwned>(
     database: &Connection,
     table: &str,
@@ -273,8 +272,7 @@ fn kept<T: DeserializeOwned>(
     Ok(found.pop())
 }
 
-/// The documents of a query. One that cannot be read is logged and left out: the history of a machine, and that of every other,
-/// goes on without it.
+/// Documents of a query. Unreadable documents are logged and skipped, so that they do not block the history.
 fn readable<T: DeserializeOwned>(
     database: &Connection,
     machine: &str,
@@ -337,7 +335,7 @@ pub(crate) fn add_telemetry(
     Ok(())
 }
 
-/// Adds a record, where there is none of the machine with its key.
+/// Adds a record unless the machine already has one with the same key.
 pub(crate) fn add_record(
     database: &Connection,
     machine: &MachineId,

@@ -1,4 +1,4 @@
-//! Machines in the store, and what each of them said last.
+//! Machines in the store, with their last states.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use crate::{
     rollout::Rollout,
 };
 
-/// A machine, as it stands in a transaction.
+/// A machine, read in a transaction.
 pub(crate) fn machine_named(
     database: &Connection,
     machine: &MachineId,
@@ -25,7 +25,7 @@ pub(crate) fn machine_named(
     document(database, sql, [machine.as_str()])
 }
 
-/// Refuses what must wait until no roll-out has a turn of one of these machines any more.
+/// Fails if one of these machines still has a pending target in an open roll-out.
 pub(super) fn refuse_in_open_rollout<'a>(
     database: &Connection,
     machines: impl IntoIterator<Item = &'a MachineId>,
@@ -45,10 +45,10 @@ pub(super) fn refuse_in_open_rollout<'a>(
     Ok(())
 }
 
-/// Registers a machine, or changes what is known of it.
+/// Registers a machine or changes its record.
 ///
 /// # Errors
-/// Another machine tool under a name whose turn in a roll-out is still to come: the model was not measured on that one.
+/// The serial number changes while the name has a pending target in a roll-out: the model was not measured on the other machine.
 fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> {
     let id = &machine.identity.machine;
     let before = machine_named(database, id)?;
@@ -66,7 +66,7 @@ fn put(database: &Connection, machine: &Machine, by: &str) -> Result<(), Error> 
     audit::append(database, by, "machine.put", name, json!(machine))
 }
 
-/// The last state of a machine, as it stands in a transaction.
+/// Last state of a machine, read in a transaction.
 pub(crate) fn live_of(database: &Connection, machine: &MachineId) -> Result<Option<Live>, Error> {
     let sql = "SELECT document FROM live WHERE machine = ?1";
     document(database, sql, [machine.as_str()])
@@ -83,12 +83,12 @@ pub(crate) fn put_live(database: &Connection, live: &Live) -> Result<(), Error> 
 }
 
 impl Store {
-    /// Registers a machine, or changes what is known of it.
+    /// Registers a machine or changes its record.
     pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), Error> {
         self.write(|database| put(database, machine, by))
     }
 
-    /// Changes what is known of a machine, as it stands in the transaction: what others change at the same time stays.
+    /// Changes a machine's record within a transaction, so that concurrent changes are preserved.
     pub fn change_machine(
         &self,
         machine: &MachineId,
@@ -106,13 +106,13 @@ impl Store {
         self.read(|database| machine_named(database, machine))
     }
 
-    /// Every machine, by its name.
+    /// Every machine, sorted by name.
     pub fn machines(&self) -> Result<Vec<Machine>, Error> {
         let sql = "SELECT document FROM machines ORDER BY machine";
         self.read(|database| documents(database, sql, []))
     }
 
-    /// Forgets a machine. Its versions and its history stay. `false`: it was not there.
+    /// Removes a machine but keeps its versions and history. `false` if it did not exist.
     pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, Error> {
         self.write(|database| {
             let name = [machine.as_str()];
@@ -125,7 +125,7 @@ impl Store {
         })
     }
 
-    /// The last state of every machine that was ever heard.
+    /// Last state of every machine from which a message was ever received.
     pub fn live(&self) -> Result<BTreeMap<MachineId, Live>, Error> {
         let lives: Vec<Live> =
             self.read(|database| documents(database, "SELECT document FROM live", []))?;
@@ -137,8 +137,8 @@ impl Store {
         self.read(|database| live_of(database, machine))
     }
 
-    /// Stores the last states of machines, all of them or nothing. The running centre stores them with the messages that they
-    /// came from; this is for programs that have them from elsewhere.
+    /// Stores last states of machines, all or none. The running centre stores them together with the messages they came from; this function is for
+    /// other programs.
     pub fn put_live(&self, lives: &[Live]) -> Result<(), Error> {
         self.write(|database| lives.iter().try_for_each(|live| put_live(database, live)))
     }

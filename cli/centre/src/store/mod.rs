@@ -1,10 +1,10 @@
-//! The store: everything that the centre remembers, in a SQLite file.
+//! The store: persistent data of the centre in a SQLite file.
 //!
-//! State: two connections to the database, one that writes and one that reads. Every function waits for the disk, so an
-//! asynchronous program calls them on a thread that may wait. Several programs may have one database open.
+//! State: two connections to the database, one for writing and one for reading. Every function blocks on the disk, so asynchronous programs call
+//! them on a blocking thread. Several programs may have the same database open.
 //!
-//! Every function fails where the file cannot be read or a row holds what this program does not write, or where it takes no change
-//! (its disk is full, another program holds it); then nothing of it is changed. What else can fail is documented at the function.
+//! Every function fails if the file cannot be read, if a row holds data that this program does not write, or if a change is rejected (full disk,
+//! locked by another program); then nothing is changed. Other errors are documented at each function.
 
 pub(crate) mod alarms;
 pub(crate) mod audit;
@@ -28,21 +28,21 @@ use crate::Error;
 pub use history::Keep;
 pub use models::Issued;
 
-/// A change that takes longer is held up: a commit waits for nothing but the disk.
+/// Time after which a change counts as hanging: a commit waits only for the disk.
 const HANGS_AFTER: Duration = Duration::from_secs(5);
 
-/// Everything that the centre remembers.
+/// Persistent data of the centre.
 pub struct Store {
     writer: Mutex<Connection>,
     reader: Mutex<Connection>,
-    /// Since when a change is being written.
+    /// Start of the change being written.
     writing: Mutex<Option<Instant>>,
-    /// Every use is a fault of the program.
+    /// If set, every use panics.
     #[cfg(test)]
     is_faulty: std::sync::atomic::AtomicBool,
 }
 
-/// A change is no longer being written when this is dropped.
+/// Guard that clears the start of the current change when dropped.
 struct Writes<'a>(&'a Mutex<Option<Instant>>);
 
 impl Drop for Writes<'_> {
@@ -52,7 +52,7 @@ impl Drop for Writes<'_> {
 }
 
 impl Store {
-    /// Opens a SQLite file, and makes it where it is not there.
+    /// Opens a SQLite file, creating it if it does not exist.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let mut writer = database::open(path)?;
         schema::bring_up(&mut writer)?;
@@ -65,7 +65,7 @@ impl Store {
         })
     }
 
-    /// Makes every use a fault of the program from now on.
+    /// Makes every later use panic.
     #[cfg(test)]
     pub(crate) fn break_down(&self) {
         self.is_faulty
@@ -80,7 +80,7 @@ impl Store {
         );
     }
 
-    /// Lets the file grow to so many pages and no further, as a full disk does: for tests.
+    /// Limits the file to a number of pages, which simulates a full disk; for tests.
     #[doc(hidden)]
     pub fn limit_pages(&self, pages: u32) -> Result<(), Error> {
         Ok(lock(&self.writer).pragma_update(None, "max_page_count", pages)?)
@@ -95,7 +95,7 @@ impl Store {
         work(&lock(&self.reader))
     }
 
-    /// Writes, all of it or nothing: what fails, or ends its thread, is rolled back.
+    /// Runs `work` in a write transaction, which is rolled back on an error or a panic.
     pub(crate) fn write<T>(
         &self,
         work: impl FnOnce(&Connection) -> Result<T, Error>,
@@ -105,15 +105,14 @@ impl Store {
         let mut writer = lock(&self.writer);
         *lock(&self.writing) = Some(Instant::now());
         let _writes = Writes(&self.writing);
-        // Deferred transactions that read first and write then would find the file held by another.
+        // A deferred transaction that reads before it writes could fail because another program has the lock by then.
         let transaction = writer.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let done = work(&transaction)?;
         transaction.commit()?;
         Ok(done)
     }
 
-    /// For how long a change has been waiting for the database, where that is so long that its disk hangs: nothing
-    /// else is written meanwhile, not even an alarm.
+    /// How long a change has been blocked, if that is long enough to mean a hanging disk. Nothing else can be written meanwhile, not even an alarm.
     pub fn hangs_for(&self) -> Option<Duration> {
         let since = *lock(&self.writing);
         since
@@ -122,7 +121,7 @@ impl Store {
     }
 }
 
-/// A thread that ended with the connection in its hands has left no transaction that could be committed.
+/// Locks a mutex and ignores poisoning: a panic leaves no transaction that could be committed.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

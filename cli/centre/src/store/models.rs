@@ -1,4 +1,4 @@
-//! Models, the versions that were issued of them, and the newest of each machine: what stands under its key.
+//! Models, their issued versions, and each machine's newest version, which is the value under its key.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -16,8 +16,7 @@ use crate::{
     records::{Model, Version},
 };
 
-/// The newest versions. A row without a value says that nothing stands under the key: the last version was withdrawn, and there
-/// was none before.
+/// Newest versions. A row without a value means that there is nothing under the key: the last version was withdrawn, and there was none before it.
 const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versions
     ON versions.machine = desired.machine AND versions.version = desired.version
     WHERE desired.value <> ''";
@@ -27,15 +26,14 @@ const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versio
 pub struct Issued {
     pub machine: MachineId,
     pub version: u64,
-    /// The checksum of its model.
+    /// Checksum of its model.
     pub model: String,
-    /// The bytes that stand under the machine's key.
+    /// The value under the machine's key.
     pub value: String,
 }
 
 impl Store {
-    /// Adds a model with its text. `false`: it was there already, and only the day of its measurements is taken where one is
-    /// stated.
+    /// Adds a model with its text. `false` if it was already stored; then only a stated day of measurements is updated.
     pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, Error> {
         let document = serde_json::to_string(model)?;
         self.write(|database| {
@@ -66,7 +64,7 @@ impl Store {
         })
     }
 
-    /// The model whose checksum begins so; `None`: there is none, or more than one.
+    /// The model whose checksum begins with `beginning`; `None` if no model or more than one matches.
     pub fn model(&self, beginning: &str) -> Result<Option<Model>, Error> {
         if beginning.is_empty() || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(None);
@@ -77,12 +75,11 @@ impl Store {
         Ok(found.pop().filter(|_| found.is_empty()))
     }
 
-    /// The model with this checksum.
     pub(crate) fn model_with(&self, sha256: &str) -> Result<Option<Model>, Error> {
         self.read(|database| model_of(database, sha256))
     }
 
-    /// The models of the newest versions, by their checksums.
+    /// Models of the newest versions, by checksum.
     pub(crate) fn newest_models(&self) -> Result<BTreeMap<String, Model>, Error> {
         let sql = "SELECT document FROM models WHERE sha256 IN (SELECT model FROM desired)";
         let models: Vec<Model> = self.read(|database| documents(database, sql, []))?;
@@ -110,7 +107,7 @@ impl Store {
         self.read(|database| versions_of(database, machine))
     }
 
-    /// The newest version of every machine that has one, with what became of it.
+    /// Newest version of every machine that has one, with its outcome.
     pub fn newest_versions(&self) -> Result<BTreeMap<MachineId, Version>, Error> {
         let versions: Vec<Version> =
             self.read(|database| documents(database, NEWEST_VERSIONS, []))?;
@@ -118,13 +115,12 @@ impl Store {
         Ok(by_name.collect())
     }
 
-    /// What a machine shall run: its newest signed value.
+    /// Desired state of a machine: its newest signed value.
     pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, Error> {
         self.read(|database| newest(database, machine))
     }
 
-    /// What every machine shall run: the newest version, without the signed values, which are large; `false`: it was
-    /// withdrawn, and nothing shall stand under the key.
+    /// Desired version of every machine, without the signed values, which are large; `false`: it was withdrawn, and its key must be empty.
     pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, bool)>, Error> {
         let sql = "SELECT machine, version, value <> '' FROM desired";
         let wanted = self.read(|database| {
@@ -136,19 +132,19 @@ impl Store {
     }
 }
 
-/// The text of a model, as it stands in a transaction.
+/// Text of a model, read in a transaction.
 pub(crate) fn text_of(database: &Connection, sha256: &str) -> Result<Option<String>, Error> {
     let sql = "SELECT text FROM models WHERE sha256 = ?1";
     first(database, sql, [sha256], |row| Ok(row.get(0)?))
 }
 
-/// A model by its whole checksum, as it stands in a transaction.
+/// A model by its full checksum, read in a transaction.
 pub(crate) fn model_of(database: &Connection, sha256: &str) -> Result<Option<Model>, Error> {
     let sql = "SELECT document FROM models WHERE sha256 = ?1";
     document(database, sql, [sha256])
 }
 
-/// Every version of a machine, the newest first, as it stands in a transaction.
+/// Every version of a machine, the newest first, read in a transaction.
 pub(crate) fn versions_of(
     database: &Connection,
     machine: &MachineId,
@@ -157,7 +153,7 @@ pub(crate) fn versions_of(
     documents(database, sql, [machine.as_str()])
 }
 
-/// The newest version of a machine, as it stands in a transaction.
+/// Newest version of a machine, read in a transaction.
 pub(crate) fn newest_version(
     database: &Connection,
     machine: &MachineId,
@@ -166,7 +162,7 @@ pub(crate) fn newest_version(
     document(database, &sql, [machine.as_str()])
 }
 
-/// What a machine shall run, as it stands in a transaction.
+/// Desired state of a machine, read in a transaction.
 pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Issued>, Error> {
     let sql =
         "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''";
@@ -180,8 +176,7 @@ pub(crate) fn newest(database: &Connection, of: &MachineId) -> Result<Option<Iss
     })
 }
 
-/// Leaves nothing under the key of a machine until the next version is issued: the last one was withdrawn, and there was none
-/// before.
+/// Clears the key of a machine until the next version is issued: the last version was withdrawn, and there was none before it.
 pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Result<(), Error> {
     let name = machine.as_str();
     execute(
@@ -192,12 +187,11 @@ pub(crate) fn clear_desired(database: &Connection, machine: &MachineId) -> Resul
     audit::append(database, "centre", "version.withdraw", name, json!({}))
 }
 
-/// Maximum version that is believed of a machine: above it must be room for every version that will ever be issued.
+/// Maximum version accepted from a machine; it leaves room for every version that will ever be issued.
 const MAX_VERSION: u64 = 1 << 52;
 
-/// The version that the next manifest of a machine gets: above every one that was issued here, and above the one that the
-/// machine says is in force, which another centre may have issued. A machine may report
-/// anything: what no centre can have issued does not count.
+/// Next version of a machine: above every version issued here, and above the active version that the machine reports, which another centre may have
+/// issued. Reported versions that no centre can have issued are ignored.
 pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result<u64, Error> {
     let sql = "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1";
     let issued = number(database, sql, [machine.as_str()])?;
@@ -206,7 +200,7 @@ pub(crate) fn next_version(database: &Connection, machine: &MachineId) -> Result
     Ok(issued.max(reported.unwrap_or_default()) + 1)
 }
 
-/// Adds a version with its signed value, which replaces the one before.
+/// Adds a version with its signed value, which replaces the previous value.
 pub(crate) fn add_version(
     database: &Connection,
     version: &Version,
@@ -241,8 +235,7 @@ pub(crate) fn add_version(
     )
 }
 
-/// Writes an answer of a machine to the version that it answers. An answer to a value that was never issued here changes no
-/// version.
+/// Stores the outcome that a machine reports for a version. Outcomes for values that were never issued here are ignored.
 pub(crate) fn answer(
     database: &Connection,
     machine: &MachineId,
@@ -275,7 +268,7 @@ pub(crate) fn answer(
     change_version(database, &answered)
 }
 
-/// Writes what became of a version.
+/// Stores the outcome of a version.
 pub(crate) fn change_version(database: &Connection, version: &Version) -> Result<(), Error> {
     let document = serde_json::to_string(version)?;
     execute(

@@ -1,5 +1,4 @@
-//! Roll-outs in the store. The program that runs the centre moves them on; any program may write a wish, which that one
-//! takes up.
+//! Roll-outs in the store. The running centre advances them; any program may store a request, which the running centre processes.
 
 use rusqlite::{Connection, params};
 use serde_json::json;
@@ -19,7 +18,7 @@ use crate::{
 };
 
 impl Store {
-    /// Starts a roll-out of a model to machines, each with whether it is a canary.
+    /// Starts a roll-out of a model. `machines` states for each machine whether it is a canary.
     pub fn begin_rollout(
         &self,
         sha256: &str,
@@ -30,10 +29,10 @@ impl Store {
         self.start_rollout(|id| Rollout::new(id, sha256, machines, rules, by, now_s()))
     }
 
-    /// Starts a roll-out: `make` makes it with its number.
+    /// Starts a roll-out that `make` creates from its number.
     ///
     /// # Errors
-    /// A machine of it has its turn in another roll-out that is not over.
+    /// One of its machines has a pending target in another open roll-out.
     pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, Error> {
         self.write(|database| {
             let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM rollouts", [])?;
@@ -61,22 +60,22 @@ impl Store {
         self.read(|database| documents(database, sql, [count]))
     }
 
-    /// The numbers of the roll-outs that are not over.
+    /// Numbers of the open roll-outs.
     pub fn open_rollouts(&self) -> Result<Vec<u64>, Error> {
         let sql = "SELECT id FROM rollouts WHERE finished = 0 ORDER BY id";
         self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))
     }
 
-    /// Writes down what a person wishes of a roll-out; the running centre takes it up within a second, after those before
-    /// it; one that ends the roll-out before all of them.
+    /// Stores a user's request for a roll-out. The running centre processes it within a second, after earlier requests; an abort precedes all
+    /// others.
     ///
     /// # Errors
-    /// There is no such roll-out, or it is confirmed what does not wait for a confirmation.
+    /// The roll-out does not exist, or the confirmed change does not wait for a confirmation.
     pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), Error> {
         self.write(|database| {
             let rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
             if let Wish::Confirm { machine, hash } = wish {
-                // What would come of nothing is refused now: whoever wishes it does not see the running centre drop it.
+                // Reject requests without effect now, because the user would not see the running centre discard them.
                 let waiting = waiting_wishes(database, id)?;
                 let is_ending = waiting.iter().any(|(wish, _)| *wish == Wish::Abort);
                 let checked = rollout.may_confirm(machine, hash, is_ending);
@@ -92,10 +91,10 @@ impl Store {
         })
     }
 
-    /// Writes down that a machine keeps the model of a roll-out that is broken off.
+    /// Records that a machine keeps the model of a stopped or aborted roll-out.
     ///
     /// # Errors
-    /// There is no such roll-out with such a machine, or it goes on or is done, or the machine does not have its model.
+    /// The roll-out or its machine does not exist, the roll-out is active or done, or the machine does not have its model.
     pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), Error> {
         self.write(|database| {
             let mut rollout = rollout(database, id)?.ok_or_else(|| Error::missing("roll-out", &id))?;
@@ -110,7 +109,7 @@ impl Store {
                 target.ok_or_else(|| Error::missing("machine of that roll-out", machine))?;
             let versions = versions_of(database, machine)?;
             let has = in_force(&versions, live_of(database, machine)?.as_ref());
-            // Where nothing else is known, what the roll-out has seen of it counts.
+            // If the active version is unknown, use the progress of the target.
             let seen = matches!(target.step, Step::Done { .. } | Step::Soaking { .. });
             if !has.map_or(seen, |version| version.rollout == Some(id)) {
                 return Err(Error::Conflict(format!(
@@ -130,16 +129,16 @@ fn rollout(database: &Connection, id: u64) -> Result<Option<Rollout>, Error> {
     document(database, "SELECT state FROM rollouts WHERE id = ?1", [id])
 }
 
-/// A wish and who has it.
+/// A request and its author.
 type WishBy = (Wish, String);
 
-/// The wishes of a roll-out that wait for the running centre, in their order.
+/// Pending requests of a roll-out, in order.
 fn waiting_wishes(database: &Connection, id: u64) -> Result<Vec<WishBy>, Error> {
     let sql = "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number";
     documents(database, sql, [id])
 }
 
-/// A roll-out with the wishes that wait, in their order, which are taken. Where one of them ends it, the others are not done.
+/// Returns a roll-out with its pending requests in order, and removes them from the store. If one of them is an abort, the others are discarded.
 pub(crate) fn take(
     database: &Connection,
     id: u64,
@@ -158,7 +157,7 @@ pub(crate) fn take(
     Ok(Some((rollout, wishes)))
 }
 
-/// Stores where a roll-out stands. A change of its phase is written into the audit log.
+/// Stores the state of a roll-out. A change of its phase is written to the audit log.
 pub(crate) fn save(database: &Connection, rollout: &Rollout, before: &Phase) -> Result<(), Error> {
     let Rollout { id, phase, .. } = rollout;
     execute(

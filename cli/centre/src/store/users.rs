@@ -26,7 +26,7 @@ fn user(row: &Row<'_>) -> Result<User, Error> {
     })
 }
 
-/// An error where no admin besides this user may log in: nobody could change users any more.
+/// Fails if no other admin may log in: then nobody could manage users any more.
 fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error> {
     let sql = "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1";
     if number(database, sql, [name.as_str()])? > 0 {
@@ -37,7 +37,7 @@ fn check_other_admin(database: &Connection, name: &UserName) -> Result<(), Error
     )))
 }
 
-/// The end of a change of a user that `changed` so many rows: the user is logged out everywhere, and it is recorded.
+/// Completes a change of a user that affected `changed` rows: logs the user out everywhere and records the change.
 fn changed(
     database: &Connection,
     name: &UserName,
@@ -58,10 +58,10 @@ fn changed(
 }
 
 impl Store {
-    /// Adds a user with the hash of a password.
+    /// Adds a user with a password hash.
     ///
     /// # Errors
-    /// There is a user of this name.
+    /// The user name is taken.
     pub fn add_user(
         &self,
         name: &UserName,
@@ -88,10 +88,10 @@ impl Store {
         })
     }
 
-    /// Changes the role of a user, and whether the user may log in. The user is logged out.
+    /// Changes the role of a user, and whether the user may log in. Logs the user out.
     ///
     /// # Errors
-    /// There is no such user, or it is the last admin who may log in.
+    /// The user does not exist, or is the last admin who may log in.
     pub fn change_user(
         &self,
         name: &UserName,
@@ -111,10 +111,10 @@ impl Store {
         })
     }
 
-    /// Sets the hash of a user's password, and logs the user out everywhere.
+    /// Sets the password hash of a user, and logs the user out everywhere.
     ///
     /// # Errors
-    /// There is no such user.
+    /// The user does not exist.
     pub fn set_password(
         &self,
         name: &UserName,
@@ -139,7 +139,7 @@ impl Store {
     /// Removes a user.
     ///
     /// # Errors
-    /// There is no such user, or it is the last admin who may log in.
+    /// The user does not exist, or is the last admin who may log in.
     pub fn remove_user(&self, name: &UserName, by: &str, from: &str) -> Result<(), Error> {
         self.write(|database| {
             let sql = "DELETE FROM users WHERE name = ?1";
@@ -161,7 +161,7 @@ impl Store {
         self.read(|database| rows(database, &sql, [], user))
     }
 
-    /// A user and the hash of the password.
+    /// A user and the password hash.
     pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, Error> {
         let sql = format!("SELECT {COLUMNS} FROM users WHERE name = ?1");
         self.read(|database| {
@@ -175,7 +175,7 @@ impl Store {
         let document = serde_json::to_string(session)?;
         let user = session.user.as_str();
         self.write(|database| {
-            // Those that have ended are of no use any more.
+            // Delete expired sessions.
             let sql = "SELECT token_sha256, document FROM sessions";
             let sessions = rows(database, sql, [], |row| {
                 Ok((row.get::<_, String>(0)?, json::<Session>(row, 1)))
@@ -200,7 +200,7 @@ impl Store {
         })
     }
 
-    /// The user whose session this is, while it is alive and the user may log in. Its use is noted.
+    /// The user of a session, while it is valid and the user may log in. Updates the time of its last use.
     pub fn session(&self, token: &Token, now: &Moment) -> Result<Option<User>, Error> {
         let hash = token.hash();
         let sql = "SELECT document FROM sessions WHERE token_sha256 = ?1";

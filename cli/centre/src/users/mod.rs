@@ -1,4 +1,4 @@
-//! People: their roles, passwords and sessions, as plain data and rules. What is stored of them stands in `store::users`.
+//! Users: roles, passwords and sessions, as plain data and rules. `store::users` stores them.
 
 mod password;
 mod session;
@@ -14,22 +14,22 @@ pub use session::{Moment, Session, Token};
 pub use throttle::{Attempt, Throttle};
 pub(crate) use throttle::{REFUSAL_WINDOW, Refusal, Refusals};
 
-/// What somebody may do; each role may what the ones before it may.
+/// Permissions of a user; each role includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// To look.
+    /// Read only.
     Viewer,
-    /// To register machines, to make models, to roll them out, to see alarms off, to search the network.
+    /// May register machines, add models, roll them out, acknowledge alarms and search the network.
     Engineer,
-    /// To say who may do what, and to read the audit log.
+    /// May manage users and read the audit log.
     Admin,
 }
 
 impl Role {
     pub const ALL: [Self; 3] = [Self::Viewer, Self::Engineer, Self::Admin];
 
-    /// The name as it stands in JSON and on the command line.
+    /// Name in JSON and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Viewer => "viewer",
@@ -56,7 +56,7 @@ impl FromStr for Role {
     }
 }
 
-/// The name of a user, one in the centre: 1 to 64 lower-case letters, digits, dots, hyphens and underscores.
+/// User name, unique in the centre: 1 to 64 lower-case letters, digits, dots, hyphens and underscores.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct UserName(String);
@@ -77,7 +77,7 @@ impl FromStr for UserName {
             .bytes()
             .next()
             .is_some_and(|byte| byte.is_ascii_lowercase());
-        // In the audit log `centre` is the program itself.
+        // In the audit log, `centre` denotes the program itself.
         if first && text.len() <= 64 && text.bytes().all(fits) && text != "centre" {
             Ok(Self(text.to_owned()))
         } else {

@@ -1,4 +1,4 @@
-//! Passwords: taken, hashed with Argon2id, compared.
+//! Passwords: validation, hashing with Argon2id, verification.
 
 use std::{fmt, sync::LazyLock};
 
@@ -7,15 +7,15 @@ use argon2::{Argon2, PasswordHasher, PasswordVerifier};
 
 /// Minimum length of a password, characters.
 const MIN_CHARACTERS: usize = 12;
-/// Maximum length of a password: a longer one only costs time.
+/// Maximum length of a password, bytes: a longer one only costs time.
 const MAX_BYTES: usize = 1024;
 
-/// A password as somebody has entered it. It is never shown, not even to a debugger's log.
+/// A password as entered. It is never displayed, not even by `Debug`.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Password(String);
 
 impl Password {
-    /// Takes a password that somebody chooses.
+    /// Validates a newly chosen password.
     pub fn chosen(text: String) -> Result<Self, Error> {
         let found = text.chars().count();
         if found < MIN_CHARACTERS {
@@ -26,7 +26,7 @@ impl Password {
         Self::entered(text)
     }
 
-    /// Takes a password with which somebody logs in.
+    /// Wraps a password entered at login.
     pub fn entered(text: String) -> Result<Self, Error> {
         if text.len() > MAX_BYTES {
             return Err(Error::Wrong(format!(
@@ -44,14 +44,14 @@ impl fmt::Debug for Password {
     }
 }
 
-/// The hash of a password with a salt drawn for it, in the form `$argon2id$v=19$…` (19 MiB, two passes).
+/// Hashes a password with a random salt, in the form `$argon2id$v=19$…` (19 MiB, two passes).
 pub fn hash(password: &Password) -> Result<String, Error> {
     let hash = Argon2::default().hash_password(password.0.as_bytes());
     hash.map(|hash| hash.to_string())
         .map_err(|_| Error::Wrong("the password could not be hashed".to_owned()))
 }
 
-/// Whether a password has this hash. Without a hash, of a user that is not there, it takes as long, and is `false`.
+/// Verifies a password. Without a stored hash (unknown user) it takes the same time and returns `false`.
 pub fn is_right(password: &Password, stored: Option<&str>) -> bool {
     static NOBODY: LazyLock<Option<String>> =
         LazyLock::new(|| hash(&Password("of nobody at all".to_owned())).ok());

@@ -1,7 +1,6 @@
-//! Sessions: a random token in the browser, its hash in the store, and two times after which it ends.
+//! Sessions: a random token in the browser, its hash in the store, and two timeouts.
 //!
-//! Times are those of the computer since its start, and hold only until it starts again: a wall clock that is set back keeps no
-//! session alive.
+//! Times count from the boot of the computer and are valid only until the next boot, so setting back the wall clock does not extend a session.
 
 use std::time::Duration;
 
@@ -10,19 +9,19 @@ use sha2::{Digest, Sha256};
 
 use super::UserName;
 
-/// A moment of one boot of the computer.
+/// A time within one boot of the computer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moment {
-    /// The boot, as the kernel names it.
+    /// Boot id of the kernel.
     pub boot: String,
-    /// Seconds since the start of the computer, standby included.
+    /// Seconds since boot, standby included.
     pub since_boot_s: f64,
 }
 
 impl Moment {
     pub fn now() -> Self {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
-        // Where the kernel does not name its boot, only the time counts: it begins anew with each boot.
+        // Without a boot id only the time counts; it restarts with each boot.
         let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
         Self {
             boot: boot.trim().to_owned(),
@@ -30,7 +29,7 @@ impl Moment {
         }
     }
 
-    /// The same boot, later.
+    /// A later time of the same boot.
     #[must_use]
     pub fn later(&self, by: Duration) -> Self {
         Self {
@@ -39,7 +38,7 @@ impl Moment {
         }
     }
 
-    /// The time since an earlier moment; `None` where that was of another boot, or is not earlier.
+    /// Seconds since an earlier time; `None` if that was in another boot, or is not earlier.
     pub fn since(&self, earlier: &Self) -> Option<f64> {
         let seconds = self.since_boot_s - earlier.since_boot_s;
         (self.boot == earlier.boot && seconds >= 0.0).then_some(seconds)
@@ -51,21 +50,21 @@ impl Moment {
 pub struct Session {
     pub user: UserName,
     pub since: Moment,
-    /// When it was used last, to the minute.
+    /// Last use, to the minute.
     pub used: Moment,
-    /// From which address the user logged in, for people.
+    /// Address from which the user logged in, for display.
     pub from: String,
 }
 
 impl Session {
-    /// It ends when it was not used for so long.
+    /// Idle timeout.
     pub const IDLE: Duration = Duration::from_secs(30 * 60);
-    /// It ends after so long in any case: a working day.
+    /// Maximum duration of a session: a working day.
     pub const LONGEST: Duration = Duration::from_secs(12 * 3600);
-    /// Its use is written down so often.
+    /// Interval at which the time of its last use is stored.
     pub const NOTED: Duration = Duration::from_secs(60);
 
-    /// Whether it is still good.
+    /// True until a timeout has passed.
     pub fn is_alive(&self, now: &Moment) -> bool {
         let within = |earlier: &Moment, limit: Duration| {
             now.since(earlier)
@@ -74,26 +73,26 @@ impl Session {
         within(&self.since, Self::LONGEST) && within(&self.used, Self::IDLE)
     }
 
-    /// Whether its use is to be written down again.
+    /// True if the time of its last use must be stored again.
     pub fn is_to_be_noted(&self, now: &Moment) -> bool {
         now.since(&self.used)
             .is_some_and(|seconds| seconds >= Self::NOTED.as_secs_f64())
     }
 }
 
-/// What a browser shows for its session: 256 random bits. Only its hash is stored.
+/// Session token of a browser: 256 random bits. Only its hash is stored.
 #[derive(Clone)]
 pub struct Token(String);
 
 impl Token {
-    /// Draws one from the generator of the operating system.
+    /// Generates a token from the random generator of the operating system.
     pub fn draw() -> Result<Self, getrandom::Error> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes)?;
         Ok(Self(crate::hex(&bytes)))
     }
 
-    /// Takes one that a browser shows; `None` where it cannot be one.
+    /// Parses a token received from a browser; `None` if it is malformed.
     pub fn shown(text: &str) -> Option<Self> {
         let fits = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         fits.then(|| Self(text.to_owned()))
@@ -103,8 +102,8 @@ impl Token {
         &self.0
     }
 
-    /// Its hash, under which the session is stored. Equal hashes are looked up as a key: whoever measures the time of that learns
-    /// something of a hash, and nothing of the token.
+    /// Hash of the token, under which the session is stored. A timing attack on the look-up by hash may reveal part of a hash, but nothing of the
+    /// token.
     pub fn hash(&self) -> String {
         crate::hex(&Sha256::digest(self.0.as_bytes()))
     }

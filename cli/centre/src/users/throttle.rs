@@ -1,8 +1,8 @@
-//! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A right
-//! password is accepted after the delay, so nobody can lock a user out.
+//! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A correct password is accepted
+//! after the delay, so no attacker can lock a user out.
 //!
-//! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most [`MAX_WAITING`]
-//! attempts waiting, which bounds guesses to `MAX_WAITING / DELAY` a second.
+//! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most [`MAX_WAITING`] attempts waiting, which
+//! bounds guesses to `MAX_WAITING / DELAY` a second.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -61,14 +61,14 @@ struct Counts {
 #[derive(Default)]
 pub struct Throttle(Mutex<Counts>);
 
-/// An attempt that may be made once `delay` has passed.
+/// An attempt that may be made after `delay`.
 pub struct Attempt<'a> {
     throttle: &'a Throttle,
     waiting: Option<(IpAddr, String)>,
 }
 
 impl Attempt<'_> {
-    /// How long to wait before the password is compared.
+    /// Delay before the password is compared.
     pub fn delay(&self) -> Duration {
         if self.waiting.is_some() {
             DELAY
@@ -97,8 +97,8 @@ impl Throttle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// An attempt to log in, to be held until the password is compared. `None` if as many attempts for this account from
-    /// this address as may wait do so already.
+    /// Registers a login attempt; hold it until the password has been compared. `None` if the maximum number of attempts for this account from this
+    /// address is already waiting.
     pub fn attempt(&self, from: IpAddr, account: &str) -> Option<Attempt<'_>> {
         let mut counts = self.counts();
         let delayed = Key::all(from, account).iter().any(|key| {
@@ -133,7 +133,7 @@ impl Throttle {
                 .retain(|_, (_, since)| since.elapsed() < WINDOW);
         }
         if counts.wrong.len() + keys.len() > MAX_COUNTS {
-            // The memory is bounded, and all counts begin anew.
+            // Memory is bounded: restart all counts.
             counts.wrong.clear();
         }
         for key in keys {
@@ -146,7 +146,7 @@ impl Throttle {
     }
 }
 
-/// Addresses of IPv6 count by their network: one computer has as many of them as it likes.
+/// IPv6 addresses are counted by network, because one computer can have many of them.
 fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
@@ -160,17 +160,17 @@ fn network(address: IpAddr) -> IpAddr {
     }
 }
 
-/// How long refusals of a kind from one address are counted.
+/// Time over which rejections of a kind from one address are combined.
 pub(crate) const REFUSAL_WINDOW: Duration = Duration::from_secs(60);
-/// Maximum number of different objects that a record names.
+/// Maximum number of different objects named in a record.
 const MAX_OBJECTS: usize = 8;
-/// Maximum number of addresses and kinds that are counted; beyond, all addresses are counted together.
+/// Maximum number of counted addresses and kinds; beyond it, all addresses are counted together.
 const MAX_KEYS: usize = 1024;
 
-/// What is refused.
+/// Kind of a rejection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Refusal {
-    /// A wrong name or password.
+    /// Wrong name or password.
     Login,
     /// Too many wrong passwords before.
     Throttled,
@@ -179,7 +179,7 @@ pub(crate) enum Refusal {
 }
 
 impl Refusal {
-    /// The action in the audit log.
+    /// Action name in the audit log.
     pub(crate) fn action(self) -> &'static str {
         match self {
             Self::Login => "login.refused",
@@ -189,11 +189,11 @@ impl Refusal {
     }
 }
 
-/// Refusals that no record of the audit log holds yet. The first of a kind from an address is recorded at once, further ones
-/// within a minute as one record with their number.
+/// Rejections not yet in the audit log. The first of a kind from an address is recorded immediately, further ones within a minute as one record
+/// with their number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Further {
-    /// Number of refusals.
+    /// Number of rejections.
     pub(crate) count: u64,
     /// Some of the names or paths that were tried.
     pub(crate) tried: BTreeSet<String>,
@@ -201,13 +201,13 @@ pub(crate) struct Further {
 
 type RefusalKey = (Refusal, Option<IpAddr>);
 
-/// The refusals of the current minute. An entry exists exactly while its minute lasts.
+/// Rejections of the current minute. An entry exists exactly while its minute lasts.
 #[derive(Default)]
 pub(crate) struct Refusals(Mutex<HashMap<RefusalKey, Further>>);
 
 impl Refusals {
-    /// Counts a refusal. A key if this is the first of its minute: it is to be recorded at once, and the others by
-    /// [`Self::take`] at the end of the window.
+    /// Counts a rejection. Returns a key if it is the first of its minute: then it must be recorded immediately, and further ones by [`Self::take`]
+    /// at the end of the window.
     pub(crate) fn count(&self, refusal: Refusal, from: IpAddr, object: &str) -> Option<RefusalKey> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut key = (refusal, Some(network(from)));
@@ -226,7 +226,7 @@ impl Refusals {
         }
     }
 
-    /// Ends a window: the refusals after its first one, if there were any.
+    /// Ends a window: the rejections after the first one, if any.
     pub(crate) fn take(&self, key: RefusalKey) -> Option<Further> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         counts.remove(&key).filter(|further| further.count > 0)

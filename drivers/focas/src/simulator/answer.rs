@@ -1,4 +1,4 @@
-//! The answers of the simulated control to each command.
+//! Responses of the simulated control to each command.
 
 use super::{Options, World};
 use crate::{
@@ -13,7 +13,7 @@ const NUMBER: i16 = 3;
 const PROTECTED: i16 = 7;
 const NO_FUNCTION: i16 = 1;
 
-/// Payload of the answer to an opening.
+/// Payload of the response to a request to open a session.
 pub(super) fn opened(options: &Options) -> Vec<u8> {
     let (length, count_at) = if options.version < 3 {
         (16 + 8 * 10, 8)
@@ -25,7 +25,7 @@ pub(super) fn opened(options: &Options) -> Vec<u8> {
     payload
 }
 
-/// The answer to a request.
+/// Response to a request.
 pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (Kind, Vec<u8>) {
     let negative = |code: i16| {
         (
@@ -59,9 +59,9 @@ pub(super) fn answer(payload: &[u8], options: &Options, world: &mut World) -> (K
 }
 
 enum Refusal {
-    /// The command alone, with its code.
+    /// Reject only the command, with its code.
     Command(i16),
-    /// The whole frame: a number that does not exist.
+    /// Reject the whole frame: the number does not exist.
     Frame,
 }
 
@@ -90,7 +90,7 @@ fn answer_one(command: &Command<'_>, options: &Options, world: &mut World) -> An
     }
 }
 
-/// Reading macro variables as mantissa and exponent.
+/// Function that reads macro variables as mantissa and exponent.
 const READ_MACRO_NUMBERS: u16 = 0x15;
 
 fn system(options: &Options, world: &World) -> Vec<u8> {
@@ -122,7 +122,7 @@ fn axis_names(options: &Options, world: &World) -> Vec<u8> {
     data
 }
 
-/// Numbers with three decimals, and what stands in the unused slots.
+/// Encodes numbers with three decimals, and the content of the unused slots.
 fn slots(values: impl Iterator<Item = f64>, options: &Options) -> Vec<u8> {
     let mut data: Vec<u8> = values.flat_map(|value| number_bytes(value, 3)).collect();
     let mut garbage = 0x5eed_u32;
@@ -210,7 +210,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answere
     } else {
         known_parameter(number, world)
     };
-    // As captured: a number that does not exist refuses the frame.
+    // As captured: an unknown number rejects the frame.
     let default = default.ok_or(Refusal::Frame)?;
     let mut data = number.to_be_bytes().to_vec();
     data.extend([0, 0, 0, 2]);
@@ -219,11 +219,10 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answere
     Ok(data)
 }
 
-/// The parameters that say in which unit positions are told, and from which words the shifts are taken, as the simulated
-/// control does it.
+/// Parameters for the unit of reported positions, and for the source of the shifts in the simulated control.
 fn known_parameter(number: i32, world: &World) -> Option<f64> {
     if units::NUMBERS.contains(&number) {
-        // A metric machine that tells mm.
+        // A metric machine that reports mm.
         return Some(0.0);
     }
     if !world.tells_shift_source {
@@ -240,7 +239,7 @@ fn known_parameter(number: i32, world: &World) -> Option<f64> {
     }
 }
 
-/// Area, first byte, bytes of a point and of the whole.
+/// Decodes area, first byte, size of a point and total size.
 fn pmc_range(
     command: &Command<'_>,
     options: &Options,
@@ -267,7 +266,7 @@ fn pmc_range(
     Ok((area, at, width, bytes))
 }
 
-/// Memory is little-endian, the wire is big-endian.
+/// Swaps the byte order of each point: memory is little-endian, the protocol is big-endian.
 fn turned(bytes: &[u8], width: usize) -> Vec<u8> {
     let points = bytes.chunks(width);
     points
@@ -291,7 +290,7 @@ fn write_pmc(command: &Command<'_>, options: &Options, world: &mut World) -> Ans
     if options.write_protected {
         return Err(Refusal::Command(PROTECTED));
     }
-    // As seen on a simulated control of the maker: outputs to the machine are refused.
+    // As observed on a simulated control of the manufacturer: outputs to the machine are rejected.
     if area == PmcArea::Y || !world.write(area, at, &turned(command.data, width)) {
         return Err(Refusal::Command(NUMBER));
     }

@@ -1,5 +1,4 @@
-//! A simulated control on the wire, for tests and rehearsals: it answers as public captures show, and misbehaves on
-//! request.
+//! A simulated control on the network, for tests and rehearsals: it responds as in public captures, and misbehaves on request.
 
 mod answer;
 mod world;
@@ -19,7 +18,7 @@ pub use world::{BarrierLadder, Ladder, LadderProgram, Motion, Scan, ScanLog, Shi
 
 use crate::frame::{HEAD, Head, Kind, frame};
 
-/// How the simulated control behaves on the wire.
+/// Protocol behaviour of the simulated control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[expect(
@@ -27,27 +26,27 @@ use crate::frame::{HEAD, Head, Kind, frame};
     reason = "independent properties of a control"
 )]
 pub struct Options {
-    /// The version in its answers: 2 (16i), 3 (0i), 4 (31i).
+    /// Protocol version of its responses: 2 (16i), 3 (0i), 4 (31i).
     pub version: u16,
-    /// The number of slots in answers about all axes: 8 or 32.
+    /// Number of slots in responses about all axes: 8 or 32.
     pub slots: usize,
-    /// Whether slots behind the axes hold garbage.
+    /// True if slots after the axes contain garbage.
     pub garbage: bool,
-    /// Whether a command may name one point of PMC memory only, a range being refused with EW_NUMBER.
+    /// True if a command may address only one point of PMC memory; ranges are rejected with EW_NUMBER.
     pub one_point: bool,
-    /// Whether positions are told for one axis a command only, all axes at once being refused with EW_NUMBER.
+    /// True if a command may read the position of only one axis; all axes at once are rejected with EW_NUMBER.
     pub one_axis: bool,
-    /// Whether a request with commands for the control and for the PMC is refused as a whole.
+    /// True if a request with commands for both the control and the PMC is rejected as a whole.
     pub refuses_mix: bool,
-    /// Whether a request with more than one command is refused as a whole.
+    /// True if a request with more than one command is rejected as a whole.
     pub one_command: bool,
-    /// Whether PMC memory is protected against writing.
+    /// True if PMC memory is write-protected.
     pub write_protected: bool,
-    /// The largest number of sessions that are served at the same time.
+    /// Maximum number of concurrent sessions.
     pub sessions: usize,
-    /// The bytes of the pieces in which answers are sent; 0: whole.
+    /// Size of the pieces in which responses are sent, bytes; 0: in one piece.
     pub fragment: usize,
-    /// The time that an answer takes.
+    /// Delay of a response.
     pub latency: Duration,
 }
 
@@ -70,7 +69,7 @@ impl Default for Options {
     }
 }
 
-/// A simulated control on a socket. It ends with its threads and connections when it is dropped.
+/// A simulated control on a socket. Dropping it ends its threads and connections.
 pub struct Simulator {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -96,12 +95,12 @@ impl Shared {
 }
 
 impl Simulator {
-    /// Listens on an address, such as `127.0.0.1:0`, and runs the scans of the control.
+    /// Listens on an address, such as `127.0.0.1:0`, and runs the control's scans.
     ///
     /// # Errors
     /// The address cannot be bound.
     pub fn start(address: &str, options: Options, mut world: World) -> std::io::Result<Self> {
-        // The program of the control begins with the axes where their words have them.
+        // The control's program starts with the axes at the shifts in their words.
         world.reset();
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
@@ -135,31 +134,31 @@ impl Simulator {
         self.address
     }
 
-    /// The machine and the memory of the control. Answers wait while this is held.
+    /// The machine and the memory of the control. Responses wait while the lock is held.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.shared.world()
     }
 
-    /// How many sessions are open.
+    /// Number of open sessions.
     pub fn open_sessions(&self) -> usize {
         self.shared.sessions().len()
     }
 
-    /// How many requests came in so far.
+    /// Number of requests received so far.
     pub fn requests(&self) -> u64 {
         self.shared.requests.load(Ordering::Relaxed)
     }
 
-    /// The control is switched off and on: see [`World::power_up`]; its connections end.
+    /// Power-cycles the control: see [`World::power_up`]; its connections end.
     pub fn power_up(&self) {
         self.world().power_up();
         self.disconnect_all();
     }
 
-    /// Cuts all connections, as a pulled cable would in the end.
+    /// Cuts all connections, like an unplugged cable.
     pub fn disconnect_all(&self) {
         for session in self.shared.sessions().iter() {
-            // It may be gone already.
+            // It may be closed already.
             let _ = session.shutdown(Shutdown::Both);
         }
     }
@@ -172,13 +171,13 @@ impl Drop for Simulator {
         // Wakes the listener.
         drop(TcpStream::connect(self.address));
         for thread in self.threads.drain(..) {
-            // A panic of a thread has been told by its own message.
+            // The panic message was already printed.
             let _ = thread.join();
         }
     }
 }
 
-/// Runs the scans of the control, at its own pace: a scan that comes late is made up for, but not many.
+/// Runs the scans of the control at its own pace. Late scans are made up for, up to a limit.
 fn scan(shared: &Shared) {
     const MOST_BEHIND: u32 = 5;
     let mut due = Instant::now();
@@ -207,7 +206,7 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         let started = thread::Builder::new()
             .name("focas-session".to_owned())
             .spawn(move || {
-                // A session ends with its connection, however that goes.
+                // A session ends with its connection, with or without an error.
                 let _ = serve(stream, &served);
             });
         if started.is_err() {
@@ -263,7 +262,7 @@ fn answer_all(stream: &mut TcpStream, shared: &Shared) -> std::io::Result<()> {
     }
 }
 
-/// Waits while the control answers nothing.
+/// Waits while the control is paused.
 fn wait_out_silence(shared: &Shared) {
     while !shared.stop.load(Ordering::SeqCst) {
         let Some(left) = shared.world().silence() else {
@@ -294,7 +293,7 @@ fn send(
         0 => stream.write_all(&bytes),
         pieces => bytes.chunks(pieces).try_for_each(|piece| {
             stream.write_all(piece)?;
-            // So that the pieces do not travel together.
+            // So that the pieces are not sent together.
             thread::sleep(Duration::from_micros(200));
             Ok(())
         }),

@@ -1,5 +1,5 @@
-//! The machine behind the simulated control, its memory, and the programs that run in it. Coordinates are as the control counts: mm for linear, deg
-//! for rotary axes.
+//! The machine behind the simulated control, its memory, and the programs that run in it. Units are those of the control: mm for linear, deg for
+//! rotary axes.
 
 use std::{
     collections::BTreeMap,
@@ -15,60 +15,60 @@ use crate::{
     units,
 };
 
-/// The number of bytes of each PMC area.
+/// Size of each PMC area, bytes.
 const AREA: usize = 10_000;
 
-/// Where the machine zero point shifts of the axes stand.
+/// Words of the machine zero point shifts of the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShiftArea {
     /// The area of PMC memory.
     pub area: PmcArea,
-    /// The byte at which the number of the first axis begins.
+    /// First byte of the word of the first axis.
     pub first: usize,
-    /// The number of bytes of each number.
+    /// Size of each word.
     pub width: Width,
-    /// How far one count moves an axis, mm or deg.
+    /// Displacement of an axis by one count, mm or deg.
     pub count: f64,
-    /// Whether the positions that are told contain the shift.
+    /// True if reported positions include the shift.
     pub in_positions: bool,
 }
 
-/// Where the axes are after moving for a time, mm or deg.
+/// Positions of the axes after moving for a time, mm or deg.
 pub type Motion = Arc<dyn Fn(Duration) -> Vec<f64> + Send + Sync>;
 
-/// What is told of one scan of the control.
+/// Log entry of one scan of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan<'a> {
     /// The shifts of all axes after the scan, counts.
     pub shifts: &'a [i64],
-    /// Whether the control was switched off and on since the scan before: what its axes did meanwhile is no step.
+    /// True if the control was power-cycled since the previous scan: movements of its axes meanwhile do not count as steps.
     pub switched_on: bool,
 }
 
-/// What is called with every scan. The world is held meanwhile, so it must not wait.
+/// Callback for every scan. It must not block, because the world is locked meanwhile.
 pub type ScanLog = Box<dyn FnMut(Scan<'_>) + Send>;
 
 /// The machine and the memory of the control.
 pub struct World {
-    /// The letters of the axes, in the control's order.
+    /// Axis letters, in the control's order.
     pub axes: Vec<char>,
     /// How the axes move.
     pub motion: Motion,
-    /// Where the shifts are taken from.
+    /// Where the shifts are read from.
     pub shift: ShiftArea,
-    /// The time after which a write to PMC memory can be read back and takes effect.
+    /// Delay after which a write to PMC memory can be read back and takes effect.
     pub readback_delay: Duration,
-    /// The program that runs in the control; `None`: the axes take the words of the shifts as they are written.
+    /// The program that runs in the control; `None`: the axes take the shift words as written.
     pub ladder: Option<Ladder>,
-    /// The time from one scan of the control to the next.
+    /// Scan period of the control.
     pub scan: Duration,
-    /// The time that an answer takes besides that of the options.
+    /// Delay of a response, in addition to that of the options.
     pub latency: Duration,
-    /// Whether the control tells from which words it takes the shifts, by parameters 1203 and 1280.
+    /// True if the control reports the source of the shifts by parameters 1203 and 1280.
     pub tells_shift_source: bool,
-    /// The alarms that are on: number and text.
+    /// Active alarms: number and text.
     pub alarms: Vec<(i32, String)>,
-    /// What hears of every scan.
+    /// Callback for every scan.
     pub scan_log: Option<ScanLog>,
     /// Macro variables by number.
     pub macros: BTreeMap<i32, f64>,
@@ -77,31 +77,31 @@ pub struct World {
     /// Work offsets by number and slot, mm or deg.
     pub offsets: BTreeMap<(i32, usize), f64>,
     started: Instant,
-    /// The time of the motion at which the emergency stop was pressed; `None` where it is released.
+    /// Motion time at which the emergency stop was pressed; `None` if it is released.
     stopped_at: Option<Duration>,
-    /// How long the emergency stop was pressed, all times together.
+    /// Total time for which the emergency stop was pressed.
     stood: Duration,
     silent_until: Option<Instant>,
-    /// What lies on plain lines that lead to the control, too: level of the latch, place of the axis, counts.
+    /// Signals on digital lines to the control: latch level, axis index, counts.
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// The bytes of the next longer write that come at once.
+    /// Number of bytes of the next longer write that arrive immediately.
     tear: Option<usize>,
-    /// The positions that are told while they are frozen.
+    /// The positions reported while they are frozen.
     frozen: Option<Vec<f64>>,
-    /// Positions of linear axes are told in inches.
+    /// True if positions of linear axes are reported in inches.
     inches: bool,
-    /// The shifts at the last scan, counts.
+    /// Shifts at the last scan, counts.
     scanned: Vec<i64>,
-    /// The largest change of each shift from one scan to the next, counts.
+    /// Maximum change of each shift between two scans, counts.
     largest_steps: Vec<i64>,
-    /// Whether it was switched off and on since the last scan.
+    /// True if it was power-cycled since the last scan.
     switched_on: bool,
 }
 
 impl World {
-    /// Axes that stand at 0, referenced, shifts in words of 0.001 from R100 on.
+    /// Axes at 0, referenced, with shifts in words of 0.001 from R100.
     pub fn new(axes: &[char]) -> Self {
         let count = axes.len();
         let mut world = Self {
@@ -142,12 +142,12 @@ impl World {
         world
     }
 
-    /// Says by the bits of F120 whether the axes are referenced: all of them, or none.
+    /// Sets the bits of F120 that report the axes as referenced: all of them, or none.
     pub fn set_referenced(&mut self, referenced: bool) {
         self.set(PmcArea::F, 120, &[if referenced { 0xff } else { 0 }]);
     }
 
-    /// The same control with a barrier of all its axes: one mailbox from R200 on, the report from R240 on.
+    /// The same control with a barrier of all its axes: one mailbox from R200, the report from R240.
     #[must_use]
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
@@ -155,7 +155,7 @@ impl World {
         self
     }
 
-    /// One scan of the control: its program runs, and the axes take their shifts.
+    /// Runs one scan: the program runs, and the axes take their shifts.
     pub(super) fn run_scan(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
             ladder.scan(self);
@@ -180,29 +180,29 @@ impl World {
         self.scanned = now;
     }
 
-    /// Plain lines that lead to the control, too, carry this word (counts) for the axis at this place of its program, and
-    /// this level of the line that turns when they have settled. The program takes it as it sees fit.
+    /// Sets the digital lines to the control: this word (counts) for the axis at this index of its program, and this level of the latch line, which
+    /// toggles when they have settled. The program decides how to use them.
     pub fn set_lines(&mut self, latch: bool, axis: usize, value: i16) {
         self.lines = Some((latch, axis, value));
     }
 
-    /// What lies on the lines.
+    /// State of the digital lines.
     pub(super) fn lines(&self) -> Option<(bool, usize, i16)> {
         self.lines
     }
 
-    /// The largest change of the shift of each axis from one scan to the next, counts, since the start or since
+    /// Maximum change of each axis's shift between two scans, counts, since the start or the last call of
     /// [`reset_largest_steps`](Self::reset_largest_steps).
     pub fn largest_steps(&self) -> &[i64] {
         &self.largest_steps
     }
 
-    /// Forgets the largest steps so far.
+    /// Restarts the measurement of [`largest_steps`](Self::largest_steps).
     pub fn reset_largest_steps(&mut self) {
         self.largest_steps.fill(0);
     }
 
-    /// A reset of the control: its program begins anew, the words of the axes stay as they are.
+    /// Resets the control: its program restarts, the shift words of the axes are kept.
     pub fn reset(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
             ladder.restart(self);
@@ -210,8 +210,8 @@ impl World {
         }
     }
 
-    /// The control is switched off and on: the memory in R is cleared, and its program begins anew with nothing
-    /// applied. What the axes do meanwhile is no step: their drives are off.
+    /// Power-cycles the control: the memory in R is cleared, and its program restarts with nothing applied. Movements of the axes meanwhile do not
+    /// count as steps, because their drives are off.
     pub fn power_up(&mut self) {
         self.pending.clear();
         if let Some(memory) = self.memory.get_mut(PmcArea::R as usize) {
@@ -220,7 +220,7 @@ impl World {
         self.clear_shifts();
     }
 
-    /// Sets the shifts of all axes to zero, as a control does that is switched off and on.
+    /// Sets the shifts of all axes to zero, as after a power cycle.
     pub fn clear_shifts(&mut self) {
         let bytes = vec![0; self.axes.len() * usize::from(self.shift.width.bytes())];
         self.pending.clear();
@@ -230,13 +230,13 @@ impl World {
         self.switched_on = true;
     }
 
-    /// Lets the control tell the positions of this moment from now on, or the true ones again.
+    /// Freezes the reported positions at their present values, or reports the true ones again.
     pub fn freeze_positions(&mut self, frozen: bool) {
         self.frozen = None;
         self.frozen = frozen.then(|| self.positions());
     }
 
-    /// Tells the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
+    /// Reports the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
     pub fn tell_inches(&mut self, inches: bool) {
         self.inches = inches;
         let [_, in_unit_of_program, program] = units::NUMBERS;
@@ -245,43 +245,42 @@ impl World {
         self.parameters.insert((program, 0), unit);
     }
 
-    /// Tears the next write of more than `bytes` bytes: so many are there at once, the others two scans later.
+    /// Tears the next write of more than `bytes` bytes: that many arrive immediately, the others two scans later.
     pub fn tear_next_write(&mut self, bytes: usize) {
         self.tear = Some(bytes);
     }
 
-    /// Whether the control keeps its axes where they are: emergency stop, alarm, or an axis that is not referenced.
+    /// True if the control holds its axes: emergency stop, alarm, or an axis that is not referenced.
     pub fn holds(&mut self) -> bool {
         let bits = self.read(PmcArea::F, 120, 1);
         let bits = bits.and_then(|bytes| bytes.first().copied()).unwrap_or(0);
-        // A byte tells of eight axes.
+        // A byte covers eight axes.
         let referenced = (0..self.axes.len().min(8)).all(|slot| bits >> slot & 1 == 1);
         self.emergency_stop() || !self.alarms.is_empty() || !referenced
     }
 
-    /// Lets the control answer nothing for this time from now on, new sessions included. What was asked meanwhile
-    /// is answered afterwards.
+    /// Pauses all responses for this time from now on, including new sessions. Requests received meanwhile are answered afterwards.
     pub fn pause(&mut self, time: Duration) {
         self.silent_until = Instant::now().checked_add(time);
     }
 
-    /// For how long the control still answers nothing; `None` where it answers.
+    /// Remaining time of the pause; `None` if the control responds.
     pub(super) fn silence(&self) -> Option<Duration> {
         let left = self.silent_until?.checked_duration_since(Instant::now())?;
         (!left.is_zero()).then_some(left)
     }
 
-    /// Time since the machine was made.
+    /// Time since the machine was created.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
 
-    /// Whether the emergency stop is pressed.
+    /// True if the emergency stop is pressed.
     pub fn emergency_stop(&self) -> bool {
         self.stopped_at.is_some()
     }
 
-    /// Presses or releases the emergency stop. While it is pressed the axes stand; afterwards they go on from there.
+    /// Presses or releases the emergency stop. The axes stop while it is pressed and continue from there.
     pub fn set_emergency_stop(&mut self, pressed: bool) {
         if pressed {
             self.stopped_at = Some(self.moved_for());
@@ -290,18 +289,18 @@ impl World {
         }
     }
 
-    /// How long the axes have been moving: the time since the start without emergency stops.
+    /// Motion time: the time since the start without emergency stops.
     pub fn moved_for(&self) -> Duration {
         let moves = || self.elapsed().saturating_sub(self.stood);
         self.stopped_at.unwrap_or_else(moves)
     }
 
-    /// Where the axes are commanded to be, without shifts, mm or deg.
+    /// Commanded positions of the axes, without shifts, mm or deg.
     pub fn commanded(&self) -> Vec<f64> {
         (self.motion)(self.moved_for())
     }
 
-    /// Where the axes are, as reported, mm or deg.
+    /// Reported positions of the axes, mm or deg.
     pub fn positions(&mut self) -> Vec<f64> {
         if let Some(frozen) = &self.frozen {
             return frozen.clone();
@@ -326,7 +325,7 @@ impl World {
         positions
     }
 
-    /// The shifts that are in force, mm or deg.
+    /// Active shifts, mm or deg.
     pub fn shifts(&mut self) -> Vec<f64> {
         let count = self.shift.count;
         #[expect(clippy::cast_precision_loss, reason = "four bytes at the most")]
@@ -334,7 +333,7 @@ impl World {
         self.shift_counts().into_iter().map(shift).collect()
     }
 
-    /// The shifts that are in force, counts.
+    /// Active shifts, counts.
     pub fn shift_counts(&mut self) -> Vec<i64> {
         let shift = self.shift;
         let width = usize::from(shift.width.bytes());
@@ -355,14 +354,14 @@ impl World {
             .collect()
     }
 
-    /// Sets the shift of an axis by its place among the control's axes, counts.
+    /// Sets the shift of an axis by its index in the control, counts.
     pub fn set_shift(&mut self, slot: usize, counts: i64) {
         let (shift, width) = (self.shift, usize::from(self.shift.width.bytes()));
         let bytes = counts.to_le_bytes();
         self.set(shift.area, shift.first + slot * width, &bytes[..width]);
     }
 
-    /// Words of PMC memory, the low byte first; beyond the end of the memory none.
+    /// Words of PMC memory, low byte first; empty beyond the end of the memory.
     pub fn words(&mut self, first: PmcAddress, count: usize) -> Vec<u16> {
         let bytes = self.read(first.area, first.at.into(), 2 * count);
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
@@ -373,13 +372,13 @@ impl World {
             .collect()
     }
 
-    /// Sets words of PMC memory at once.
+    /// Sets words of PMC memory immediately.
     pub fn set_words(&mut self, first: PmcAddress, words: &[u16]) {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         self.set(first.area, first.at.into(), &bytes);
     }
 
-    /// Bytes of PMC memory as they are seen now.
+    /// Reads bytes of PMC memory as visible now.
     pub fn read(&mut self, area: PmcArea, at: usize, length: usize) -> Option<Vec<u8>> {
         let now = Instant::now();
         let (due, later) = std::mem::take(&mut self.pending)
@@ -393,7 +392,7 @@ impl World {
         memory.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
     }
 
-    /// Writes PMC memory; `false` outside it.
+    /// Writes PMC memory; returns `false` outside it.
     pub fn write(&mut self, area: PmcArea, at: usize, bytes: &[u8]) -> bool {
         if at.checked_add(bytes.len()).is_none_or(|end| end > AREA) {
             return false;
@@ -420,7 +419,7 @@ impl World {
         true
     }
 
-    /// Sets bytes of PMC memory at once, whatever `readback_delay` says; outside the memory nothing happens.
+    /// Sets bytes of PMC memory immediately, ignoring `readback_delay`; has no effect outside the memory.
     pub fn set(&mut self, area: PmcArea, at: usize, bytes: &[u8]) {
         if let Some(memory) = self.memory.get_mut(area as usize)
             && let Some(end) = at.checked_add(bytes.len())
@@ -433,35 +432,35 @@ impl World {
 
 /// The program of the simulated control, which runs once in each scan.
 pub enum Ladder {
-    /// A barrier: it judges frames, moves the shifts at its own rate, and reports.
+    /// A barrier: it validates frames, moves the shifts at its own rate, and reports.
     Barrier(BarrierLadder),
     /// Another program.
     Own(Box<dyn LadderProgram>),
 }
 
-/// A program of one's own for the simulated control.
+/// A custom program for the simulated control.
 pub trait LadderProgram: Send {
-    /// One scan: the program reads and writes the memory of the PMC, and sets the shifts of the axes.
+    /// Runs one scan: the program reads and writes PMC memory, and sets the shifts of the axes.
     fn scan(&mut self, world: &mut World);
 
-    /// The program begins anew, as after a reset, with the axes where their words have them.
+    /// Restarts the program, as after a reset, with the axes at the shifts in their words.
     fn restart(&mut self, world: &mut World);
 }
 
-/// A barrier in the control, and where its words lie.
+/// A barrier in the control, with its memory addresses.
 pub struct BarrierLadder {
     /// The barrier.
     pub program: Box<dyn ControlProgram>,
-    /// The first byte of each mailbox for frames.
+    /// First byte of each mailbox for frames.
     pub frames: Vec<PmcAddress>,
-    /// The first byte of the report.
+    /// First byte of the report.
     pub report: PmcAddress,
-    /// For each axis of the barrier, in channel order: its place among the control's axes, from 0.
+    /// Index in the control of each axis of the barrier, in channel order, from 0.
     pub slots: Vec<usize>,
 }
 
 impl BarrierLadder {
-    /// A barrier of the control's first `axes` axes: one mailbox from R200 on, the report from R240 on.
+    /// A barrier of the control's first `axes` axes: one mailbox from R200, the report from R240.
     pub fn new(program: Box<dyn ControlProgram>, axes: usize) -> Self {
         let address = |at| PmcAddress {
             area: PmcArea::R,
@@ -477,7 +476,7 @@ impl BarrierLadder {
 
     fn scan(&mut self, world: &mut World) {
         let words = BarrierArea::frame_words(self.slots.len());
-        // Copied first, then judged.
+        // Copied first, then validated.
         let frames: Vec<Vec<u16>> = self
             .frames
             .iter()
@@ -495,7 +494,6 @@ impl BarrierLadder {
         }
     }
 
-    /// The program begins anew, with the axes where their words have them.
     fn restart(&mut self, world: &mut World) {
         let shifts = world.shift_counts();
         let of = |axis: usize| {
