@@ -424,8 +424,8 @@ pub struct FitQuality<U> {
     pub residual_max: U,
     /// Root mean square of reading minus curve.
     pub residual_rms: U,
-    /// Leave-one-out error: root mean square of each reading minus the curve fitted without it; `None` if one of them
-    /// cannot be predicted from the others.
+    /// Leave-one-out error: root mean square of each reading minus the curve fitted to the others; `None` if one of
+    /// them cannot be predicted from the others.
     pub leave_one_out: Option<U>,
     /// Largest difference forward − backward of the curves over the targets, with its sign; `None` if one curve holds for both directions.
     pub reversal: Option<U>,

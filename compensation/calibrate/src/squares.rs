@@ -103,8 +103,8 @@ fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
     })
 }
 
-/// Slope of a line due to all known errors of the machine at the held positions except those of its own travel: the
-/// reading of a perfect instrument along an axis that is straight and has the right direction.
+/// Slope of a line due to all known errors of the machine at the held positions except those of the travel along the
+/// line: the reading of a perfect instrument along an axis that is straight and has the right direction.
 fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, ModelError> {
     /// Half the distance over which the slope is read, mm; the reading is a straight line.
     const REACH_MM: f64 = 500.0;

@@ -282,9 +282,9 @@ impl Products {
         self.pairs.iter().map(|&(i, j)| own[i] * second[j])
     }
 
-    /// Grid of the error with these coefficients of its own modes and of the products, µm or µrad. It is refined until
-    /// the interpolation error half-way between nodes is within [`MISSES`], or to [`MOST_PARTS`] along an axis.
-    /// `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second one have a
+    /// Grid of the error with these coefficients of its curve's modes and of the products, µm or µrad. It is refined
+    /// until the interpolation error half-way between its nodes is within [`MISSES`], or to [`MOST_PARTS`] along an
+    /// axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second one have a
     /// modulo.
     pub(crate) fn grid(
         &self,

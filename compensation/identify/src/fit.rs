@@ -199,7 +199,7 @@ pub(crate) struct Uncertain {
 
 impl Uncertain {
     /// The kept unknown to fix at zero first; `jacobian` has the derivatives of all readings, each divided by its
-    /// uncertainty. Of similarly uncertain unknowns it is the last, because without it more is known of the others.
+    /// uncertainty. Of similarly uncertain unknowns it is the last, because fixing it leaves more known of the others.
     /// `None` if all are sufficiently certain.
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);

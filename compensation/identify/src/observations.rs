@@ -66,7 +66,7 @@ impl Unknown {
     }
 }
 
-/// Second axis on which an error depends: products of the modes of its own curve and of a curve along this axis are identified, too.
+/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
     /// The axis.

@@ -203,7 +203,7 @@ impl SideBySide {
     }
 }
 
-/// Value of a profile at a target within it, linearly interpolated, and whether the target lies between two of its own.
+/// Value of a profile at a target within it, linearly interpolated, and whether the target lies between two of the profile's.
 fn value_at(points: &[(f64, f64)], target: f64) -> (f64, bool) {
     let after = points.partition_point(|(q, _)| *q < target);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {
