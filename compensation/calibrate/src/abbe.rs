@@ -1,4 +1,4 @@
-//! Abbe's principle on a measured line: what the tilts of its axis add to its readings.
+//! Abbe's principle on a measured line: the contribution of the tilts of its axis to its readings.
 
 use volcomp_kinematics::{ErrorSource, Joint, Side, State, nalgebra::Vector3};
 use volcomp_metrology::{CarriedSide, MotionKind, Rides, Travel, abbe_um, lever_mm};
@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisKind, Direction, Displacement};
 
 use crate::{calibration_file::Line, profile::Profile};
 
-/// δ = δ_measured − ε × lever, with the tilts ε of the axis that `tilted` has.
+/// Removes the Abbe error: δ = δ_measured − ε × lever, with the tilts ε of the axis on the machine `tilted`.
 pub(crate) fn without_abbe<'a>(
     mut profile: Profile<'a>,
     tilted: &Machine,
@@ -22,13 +22,13 @@ pub(crate) fn without_abbe<'a>(
     Ok(profile)
 }
 
-/// The lever of a measured line, in the frame of what carries the axis: MCS at machine zero, brought
-/// by the held axes to where the axis was during the test.
+/// Lever arm of a measured line, in the frame of what carries the axis: MCS at machine zero, moved by the held axes to
+/// where the axis was during the test.
 pub(crate) struct Lever {
     point: [f64; 3],
     rides: Rides,
     joint: Joint,
-    /// Weights that turn a displacement into a reading: the direction of the axis for positioning, one axis of the
+    /// Weights that convert a displacement into a reading: the direction of the axis for positioning, one axis of the
     /// frame for the other errors.
     sense: Vector3<f64>,
 }
@@ -41,10 +41,9 @@ impl Lever {
         let mut component = Vector3::zeros();
         component[setup.error.component.mcs_index()] = 1.0;
         Ok(Self {
-            // Measured at the axis's own point unless stated; on the other side of the joint the
-            // travel is a lever still.
+            // Measured at the axis's own point unless stated; if that is on the other side of the joint, the travel still changes the lever arm.
             point: measured_point(line, machine)?.into(),
-            // A rotary axis does not carry its own point along: the lever stays as it is.
+            // A rotary axis does not move its own point, so the lever arm is constant.
             rides: match joint.kind {
                 AxisKind::Linear => setup.rides,
                 AxisKind::Rotary => Rides::Carriage,
@@ -57,7 +56,7 @@ impl Lever {
         })
     }
 
-    /// m − c with the travel on the other side of the joint, mm along the axes of the frame.
+    /// m − c, including the travel if the point is on the other side of the joint, mm along the axes of the frame.
     fn at_mm(&self, position_mm: f64) -> [f64; 3] {
         let travel = Travel {
             side: match self.joint.side {
@@ -70,13 +69,13 @@ impl Lever {
         lever_mm(self.point, self.joint.point_mm.into(), self.rides, travel)
     }
 
-    /// The Abbe error that the tilts of the axis (µrad) add to a reading at a position (mm), µm.
+    /// Abbe error that the tilts of the axis (µrad) add to a reading at a position (mm), µm.
     fn abbe_um(&self, tilts_urad: [f64; 3], position_mm: f64) -> f64 {
         let added = abbe_um(tilts_urad, self.at_mm(position_mm));
         self.sense.dot(&Vector3::from(added))
     }
 
-    /// The reading that 1 mrad of each tilt adds at a position, µm: A, B, C; the lever in mm, with its sign.
+    /// Reading that 1 mrad of each tilt adds at a position, µm: A, B, C. It equals the lever arm in mm, with its sign.
     pub(crate) fn um_of_mrad(&self, position_mm: f64) -> [f64; 3] {
         std::array::from_fn(|about| {
             let mut tilt = [0.0; 3];
@@ -85,7 +84,7 @@ impl Lever {
         })
     }
 
-    /// The largest reading that 1 mrad of each tilt would add at any of the positions, µm: A, B, C.
+    /// Largest reading that 1 mrad of each tilt would add at any of the positions, µm: A, B, C.
     pub(crate) fn um_by_mrad(&self, positions_mm: impl Iterator<Item = f64>) -> [f64; 3] {
         positions_mm.fold([0.0; 3], |largest, position_mm| {
             let here = self.um_of_mrad(position_mm);
@@ -94,8 +93,8 @@ impl Lever {
     }
 }
 
-/// The measured point of a line in the frame that carries its axis, mm: MCS at machine zero, brought by the held axes to
-/// where the axis was during the test. The axis's own point unless stated.
+/// Measured point of a line in the frame that carries its axis, mm: MCS at machine zero, moved by the held axes to
+/// where the axis was during the test. It is the axis's own point unless stated.
 pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f64>, ModelError> {
     let index = machine.index_of(line.setup.error.axis)?;
     let own = machine.chain().joints()[index].point_mm;
@@ -108,7 +107,7 @@ pub(crate) fn measured_point(line: &Line, machine: &Machine) -> Result<Vector3<f
     Ok(carried.inverse().transform_point(&Vector3::from(point_mcs)))
 }
 
-/// ε of the measured axis at a target, µrad, on the branch of the direction.
+/// Tilts ε of the measured axis at a target, µrad, on the branch of the direction.
 fn tilts_urad(
     line: &Line,
     machine: &Machine,
@@ -125,7 +124,7 @@ fn tilts_urad(
     Ok((error.angular_rad * 1e6).into())
 }
 
-/// The held axes where they stood, the measured one at 0.
+/// State with the held axes as during the test and the measured axis at 0.
 pub(crate) fn held_state(line: &Line, machine: &Machine) -> Result<State, ModelError> {
     let names = machine.axes().iter().map(|axis| axis.name);
     let coordinates: Vec<_> = names.zip(line.setup.at.iter().copied()).collect();

@@ -1,5 +1,6 @@
-//! First stage: the angular errors, from their readings alone; then tilts that nothing measured, from parallel lines of positioning or
-//! straightness: what lines at different levers differ by is the tilt times the difference of their levers (Abbe's principle).
+//! First stage: the angular errors from their own readings, then unmeasured tilts from parallel lines of positioning or
+//! straightness. Lines at different lever arms differ by the tilt times the difference of their lever arms (Abbe's
+//! principle).
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -20,12 +21,12 @@ use crate::{
     setup::{Method, Setup},
 };
 
-/// The fitted angular errors, and the machine with them.
+/// Fitted angular errors, and the machine with them.
 pub(crate) struct Angular {
     pub(crate) fitted: Vec<Fitted>,
-    /// The machine of the file with its fitted tilts: what Abbe's principle and held tilts are taken from.
+    /// The machine of the file with its fitted tilts, used for Abbe's principle and for the tilts of held axes.
     pub(crate) tilted: Machine,
-    /// The standard deviation of each fitted tilt at a target, µrad, where its readings show it.
+    /// Standard deviation of each fitted tilt at a target, µrad, if its readings show it.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
@@ -34,8 +35,8 @@ pub(crate) struct Angular {
 
 /// Fits every angular error; `step` is called after each.
 ///
-/// `known` is the machine of the file with the errors that are known before. What the location errors and the other axes of
-/// `whole` add is taken off the readings of rotary axes.
+/// `known` is the machine of the file with the errors known before. The contributions of the location errors and of the
+/// other axes of `whole` are subtracted from the readings of rotary axes.
 pub(crate) fn angular(
     file: &CalibrationFile,
     known: &Machine,
@@ -74,13 +75,14 @@ pub(crate) fn angular(
     Ok(result)
 }
 
-/// Levers whose differences are a smaller part of the diagonal of the working space say nothing useful of a tilt that acts
-/// over all of it.
+/// Minimum difference of lever arms, as a share of the diagonal of the working space; a smaller one does not determine
+/// a tilt that acts over all of it.
 const LEAST_PART: f64 = 0.02;
-/// Levers that differ by less are the same, mm.
+/// Lever arms that differ by less are equal, mm.
 const SAME_LEVER_MM: f64 = 1.0;
 
-/// The tilts that several lines show, with notes on those that cannot be told apart. Looks at every linear error of a linear axis with several lines: positioning first, which shows the whole tilt.
+/// Determines tilts from several lines, with notes on those that cannot be separated. Checks every linear error of a
+/// linear axis with several lines, positioning first, because it shows the whole tilt.
 pub(crate) fn from_parallel_lines(
     file: &CalibrationFile,
     tilted: &Machine,
@@ -132,7 +134,7 @@ fn of_error(
         .collect::<Result<_, CalibrateError>>()?;
     let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
     let beside = SideBySide::of(&profiles.iter().collect::<Vec<_>>(), is_straightness);
-    // The inverse is there because the rank is full.
+    // The inverse exists because the rank is full.
     let (Some(beside), Ok(inverse)) = (beside, svd.pseudo_inverse(0.0)) else {
         return Ok(());
     };
@@ -170,8 +172,8 @@ fn of_error(
     Ok(())
 }
 
-/// The tilts of the axis that nothing states and over which the lines have different levers, and these levers, mm, a row
-/// for each line and a column for each tilt, without the mean of each column.
+/// Unstated tilts of the axis over which the lines have different lever arms, and these lever arms, mm: a row for each
+/// line and a column for each tilt, without the mean of each column.
 fn differing_levers(
     file: &CalibrationFile,
     error: ErrorName,
@@ -202,7 +204,7 @@ fn differing_levers(
     Ok((acting, matrix))
 }
 
-/// A note on tilts that the lines do not determine.
+/// Note on tilts that the lines do not determine.
 fn not_separated(
     error: ErrorName,
     lines: &[&Line],
@@ -225,15 +227,15 @@ fn not_separated(
     )
 }
 
-/// A tilt at every place, µrad: what the lines differ by there, by least squares. δ is the same in all lines and drops out
-/// with the mean over them.
+/// Tilt at every place, µrad, by least squares from the differences of the lines there. δ is the same in all lines and
+/// cancels with the mean over them.
 fn readings_of(beside: &SideBySide, inverse: &DMatrix<f64>, column: usize) -> Vec<Reading> {
     let count = beside.lines.len();
     let places = beside.places.iter().enumerate();
     let reading = |(place, (direction, target)): (usize, &(Direction, f64))| {
         let at = DVector::from_iterator(count, beside.lines.iter().map(|line| line[place]));
         let mean = at.mean();
-        // µm by mm: mrad.
+        // µm per mm: mrad.
         let tilt_mrad = (inverse.row(column) * at.add_scalar(-mean)).sum();
         Reading {
             target: *target,
@@ -245,13 +247,13 @@ fn readings_of(beside: &SideBySide, inverse: &DMatrix<f64>, column: usize) -> Ve
     places.map(reading).collect()
 }
 
-/// The names of the files of lines.
+/// File names of the lines, separated by commas.
 fn files_named(lines: &[&Line]) -> String {
     let files: Vec<String> = lines.iter().map(|l| l.file.display().to_string()).collect();
     files.join(", ")
 }
 
-/// Readings of a tilt as if an instrument had given them, fitted with the kind of curve of the lines that they are from.
+/// Line with readings of a tilt as if from an instrument, fitted with the kind of curve of the lines that they come from.
 fn line_of(tilt: ErrorName, readings: Vec<Reading>, lines: &[&Line]) -> Line {
     Line {
         setup: Setup {

@@ -1,5 +1,5 @@
-//! Answers to the open questions of a draft, as the user types them: each answer is checked where it is given, so that
-//! the text of the calibration file is never put together by hand.
+//! Answers to the open questions of a draft, as the user types them. Each answer is checked when it is given, and the
+//! text of the calibration file is generated from them.
 
 use volcomp_document::toml_string;
 use volcomp_metrology::ReadingUnit;
@@ -10,34 +10,33 @@ use crate::{
     proposal::{CHANNEL_KEYS, Proposed, Question, open},
 };
 
-/// The key of an answer that takes a measurement or a squareness out of the draft.
+/// Key of an answer that removes a measurement or a squareness from the draft.
 pub const LEAVE_OUT: &str = "leave_out";
 
-/// The units in which readings can be.
+/// Valid units of readings.
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
 
-/// What a question is about.
+/// Subject of a question.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subject {
-    /// A measurement by its place in [`Draft::proposed`].
+    /// A measurement, by its index in [`Draft::proposed`].
     Measurement(usize),
-    /// A squareness by its error.
+    /// A squareness, by its error.
     Squareness(ErrorName),
 }
 
 /// An answer as the user typed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// The measurement or the squareness.
+    /// The measurement or squareness that it refers to.
     pub of: Subject,
-    /// The key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which takes the measurement
-    /// or the squareness out.
+    /// Key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which removes the measurement or squareness.
     pub key: String,
     /// The value: numbers separated by commas, words without quotation marks.
     pub value: String,
 }
 
-/// An answer that cannot be taken.
+/// Reason why an answer is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
@@ -45,7 +44,7 @@ pub enum AnswerError {
     /// The draft has no such measurement or squareness.
     #[error("{subject}: the draft has no such measurement")]
     Subject { subject: String },
-    /// The draft does not ask for this key there.
+    /// The draft has no open question for this key there.
     #[error("{subject}: {key} is not asked for")]
     Key { subject: String, key: String },
     /// The value is invalid for the key.
@@ -58,22 +57,22 @@ pub enum AnswerError {
     },
 }
 
-/// In which turn an answer is taken: which keys a measurement has follows from its error, and then from its unit.
+/// Order in which answers are applied: the keys of a measurement follow from its error, and then from its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Turn {
     /// The error.
     Error,
     /// The unit of the readings.
     Unit,
-    /// A key that decides nothing of others.
+    /// A key on which no other key depends.
     Other,
 }
 
 impl Turn {
-    /// All of them, in their order.
+    /// All turns, in order.
     pub const ALL: [Self; 3] = [Self::Error, Self::Unit, Self::Other];
 
-    /// The turn of the answer to this key.
+    /// Turn of the answer to this key.
     pub fn of(key: &str) -> Self {
         match key {
             "error" => Self::Error,
@@ -84,7 +83,7 @@ impl Turn {
 }
 
 impl Question {
-    /// The answers that there are; empty: a number, or a text. The files of a measurement to choose from stand in `of`.
+    /// Valid answers; empty: a number or a text. Choices between the files of a measurement are listed in `of`.
     pub fn choices(&self) -> &'static [&'static str] {
         match self.key.as_str() {
             "rides" => &["carriage", "other"],
@@ -99,10 +98,11 @@ impl Question {
 }
 
 impl Draft {
-    /// The draft with these answers in it; what is not answered stays open. The places of measurements are those of this draft.
+    /// Applies these answers to the draft; questions without an answer stay open. Indices of measurements are those of
+    /// this draft.
     ///
     /// # Errors
-    /// The first answer that cannot be taken.
+    /// The first answer that is rejected.
     pub fn answered(&self, answers: &[Answer]) -> Result<Self, AnswerError> {
         let mut proposed: Vec<Option<Proposed>> = self.proposed.iter().cloned().map(Some).collect();
         let mut squares = self.squares.clone();
@@ -137,7 +137,7 @@ impl Draft {
                 }
                 Subject::Squareness(error) => {
                     let Some(at) = squares.iter().position(|square| square.error == *error) else {
-                        // It is gone with one of its straightnesses, or was left out before.
+                        // It was removed with one of its straightnesses, or left out before.
                         if self.squares.iter().any(|square| square.error == *error) {
                             continue;
                         }
@@ -186,8 +186,8 @@ impl Draft {
 }
 
 impl Draft {
-    /// One answer to every open question of a key, each as [`Draft::answered`] takes it: of all measurements and squarenesses, or of
-    /// those whose error or axis is `of` (`EYX`, `Y`). Empty where nothing asks for it.
+    /// One answer to every open question of a key, each as [`Draft::answered`] takes it: for all measurements and
+    /// squarenesses, or for those whose error or axis is `of` (`EYX`, `Y`). Empty if there is no such question.
     pub fn for_all(&self, of: Option<&str>, key: &str, value: &str) -> Vec<Answer> {
         let is_meant = |error: Option<ErrorName>| {
             of.is_none_or(|of| {
@@ -214,7 +214,7 @@ impl Draft {
     }
 }
 
-/// What is said of an answer to a question that another answer has taken away.
+/// Message on an answer to a question that another answer has removed.
 fn not_used(of: &Proposed, answer: &Answer) -> String {
     let error = of.error.map_or_else(
         || "a measurement like this".to_owned(),
@@ -287,7 +287,7 @@ fn set_unit(of: &mut Proposed, unit: &str) {
     of.follow();
 }
 
-/// A value as it stands in the calibration file; or what was expected.
+/// Formats a value for the calibration file; the error is what was expected.
 fn encoded(key: &str, value: &str) -> Result<String, &'static str> {
     let word = |known: &[&str], expected| {
         if known.contains(&value) {

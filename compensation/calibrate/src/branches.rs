@@ -1,4 +1,4 @@
-//! The lines of one error as one curve, or one for each direction, and how well it follows their readings.
+//! Fits the lines of one error to one curve, or to one for each direction, and evaluates the fit.
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{
@@ -13,9 +13,9 @@ use crate::{
     profile::{Points, Profile, Run, files_of},
 };
 
-/// Lines are moved to agree until they move less than this.
+/// Lines are aligned until they move by less than this.
 const LINES_AGREE_UM: f64 = 1e-6;
-/// Each round leaves at most half of the disagreement where lines share their targets.
+/// Maximum number of alignment rounds; each at least halves the disagreement if lines share their targets.
 const ROUNDS: usize = 40;
 
 /// Maximum deviation of a mean reading in standard deviations: one in 370 exceeds it.
@@ -23,7 +23,8 @@ const WITHIN_SIGMAS: f64 = 3.0;
 /// Number of steps in which a curve is sampled.
 const STEPS: usize = 120;
 
-/// What a mean reading scatters by about a curve: what runs differ by in zero and slope moves and turns the curve, and tells nothing of what it misses.
+/// Scatter of a mean reading about a curve. Differences in zero and slope between runs move and rotate the curve and
+/// say nothing about its residuals, so they are excluded.
 fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     let noise = profiles
         .iter()
@@ -31,29 +32,29 @@ fn noise_about_curve(profiles: &[Profile<'_>]) -> Option<Noise> {
     noise.reduce(|a, b| if b.deviation > a.deviation { b } else { a })
 }
 
-/// The fits of an error, forward first; one of them at least.
+/// Fits of an error, forward first; at least one.
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
-    /// The readings of each fit.
+    /// Readings of each fit.
     points: Vec<Points>,
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
-    /// What a mean reading scatters by about the curves.
+    /// Scatter of a mean reading about the curves.
     noise: Option<Noise>,
-    /// The runs of each fit, from which its band is resampled; empty until the lines agree.
+    /// Runs of each fit, from which its band is resampled; empty until the lines are aligned.
     runs: Vec<Option<Vec<Run>>>,
-    /// What the curves were multiplied by.
+    /// Factor by which the curves were multiplied.
     factor: f64,
 }
 
 impl Branches {
-    /// Fits all lines of an error, each direction by itself; the lines come back as they were moved.
+    /// Fits all lines of an error, each direction separately, and returns the lines as aligned.
     ///
-    /// An instrument is set to zero anew for every line, and a straightness reference is aligned
-    /// anew: constants (of straightness also slopes) between lines carry nothing, so lines are moved
-    /// onto the first one by what they differ from the common curve in the mean.
+    /// An instrument is zeroed for every line, and a straightness reference is aligned for every line. Constants
+    /// between lines (for straightness also slopes) therefore carry no information: lines are moved onto the first one
+    /// by their mean difference from the common curve.
     pub(crate) fn fit(
         error: ErrorName,
         choice: CurveChoice,
@@ -114,7 +115,7 @@ impl Branches {
         let read = both.iter().filter(|(x, _)| !x.is_empty());
         let read: Vec<(&[f64], &[f64])> = read.map(|(x, u)| (&x[..], &u[..])).collect();
         let noise = noise_about_curve(profiles);
-        // How far a curve may pass by the mean readings, µm or µrad.
+        // Maximum deviation of a curve from the mean readings, µm or µrad.
         let required = noise.map(|noise| WITHIN_SIGMAS * noise.deviation);
         if read.is_empty() {
             let files = files();
@@ -163,7 +164,7 @@ impl Branches {
         })
     }
 
-    /// The runs of each fit: those of the only line, or of several lines the lines. None where a bridge adds its tilts up.
+    /// Runs of each fit: those of the only line; of several lines, the lines. `None` if a bridge sums its tilts.
     fn runs_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Vec<Run>>> {
         let of = |(direction, _): &(Direction, Fit)| {
             if let [profile] = profiles {
@@ -176,8 +177,8 @@ impl Branches {
         self.fits.iter().map(of).collect()
     }
 
-    /// The mean difference of the readings of one measured line from the fitted curve: a straight line for
-    /// straightness errors, a constant for all others.
+    /// Mean difference of the readings of one measured line from the fitted curve: a straight line for straightness
+    /// errors, a constant for all others.
     fn offset_of(&self, profile: &Profile<'_>) -> Result<ReferenceLine, CalibrateError> {
         let residuals: Points = self
             .fits
@@ -203,7 +204,7 @@ impl Branches {
         values.sum::<f64>() / self.fits.len() as f64
     }
 
-    /// (curve − `zero`) × `factor`, residuals with it.
+    /// Scales the curves to (curve − `zero`) × `factor`, and the residuals by the factor.
     pub(crate) fn scaled(&self, factor: f64, zero: f64) -> Self {
         let mut scaled = self.clone();
         for (_, fit) in &mut scaled.fits {
@@ -230,7 +231,7 @@ impl Branches {
         scaled
     }
 
-    /// How well each branch follows its readings, for the error that the curves are set as.
+    /// Quality of the fit of each branch, for the error that the curves belong to.
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
@@ -274,8 +275,8 @@ impl Branches {
         differences.max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
-    /// The values of each curve at the targets. Where it was read they follow from what it leaves there: moving least squares are slow to
-    /// answer once more.
+    /// Values of each curve at the targets. Where it was read they follow from its residuals, because moving least
+    /// squares are slow to evaluate again.
     fn values_at_targets(&self) -> Vec<Vec<f64>> {
         let of = |((_, fit), points): (&(Direction, Fit), &Points)| {
             let read = points.iter().zip(&fit.residuals);
@@ -300,13 +301,13 @@ impl Branches {
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
             (Some(single), None) => ErrorCurve::Single(single),
-            // `fit_once` makes one fit at least.
+            // `fit_once` makes at least one fit.
             (None, _) => ErrorCurve::Single(Field::Curve(volcomp_curve::Curve::Constant(0.0))),
         }
     }
 }
 
-/// The curve over the span of its readings.
+/// Samples the curve over the span of its readings.
 fn sampled(fit: &Fit, points: &Points) -> Vec<[f64; 2]> {
     let all = || points.iter().map(|(x, _)| *x);
     let (first, last) = (
@@ -336,25 +337,25 @@ fn quality<U>(fit: &Fit, reversal: Option<f64>, unit: fn(f64) -> U) -> FitQualit
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct FittedCurve {
-    /// The error that the curve states.
+    /// The error that the curve describes.
     pub error: ErrorName,
-    /// The direction of travel, `None` when one curve holds for both.
+    /// Direction of travel; `None` if one curve holds for both.
     pub direction: Option<Direction>,
-    /// Kind of curve, as the machine file names it.
+    /// Kind of curve, as named in the machine file.
     pub kind: &'static str,
     /// Number of mean readings: targets times lines.
     pub readings: usize,
-    /// How far the readings are from the curve.
+    /// Deviation of the readings from the curve.
     pub quality: Quality,
-    /// The method that the curve was fitted with.
+    /// Method by which the curve was fitted.
     pub method: Method,
-    /// How it was chosen from the readings, those of both directions; `None` where the calibration file states it. In the unit of the error.
+    /// How the method was chosen from the readings of both directions, in the unit of the error; `None` if the calibration file states it.
     pub choice: Option<Choice>,
-    /// The mean readings that the curve was fitted to, cleared of what does not belong to the error (Abbe, the line of a
-    /// straightness, the zero of each line): coordinate in mm or deg, reading and value of the curve there in the unit of the
-    /// error.
+    /// Mean readings that the curve was fitted to, without what does not belong to the error (Abbe error, the line of a
+    /// straightness, the zero of each line): coordinate in mm or deg, reading and value of the curve there in the unit
+    /// of the error.
     pub points: Vec<[f64; 3]>,
-    /// The curve from the first to the last of its readings, in equal steps: coordinate and value.
+    /// The curve from its first to its last reading, in equal steps: coordinate and value.
     pub sampled: Vec<[f64; 2]>,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) between: Between,
@@ -362,27 +363,27 @@ pub struct FittedCurve {
     pub(crate) resampled: Option<Resampled>,
 }
 
-/// What the band of a curve is resampled from.
+/// Data from which the band of a curve is resampled.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Resampled {
     pub(crate) runs: Vec<Run>,
     pub(crate) targets: Vec<f64>,
-    /// What the readings were multiplied by for this curve.
+    /// Factor by which the readings were multiplied for this curve.
     pub(crate) factor: f64,
 }
 
 impl FittedCurve {
-    /// Whether the curve follows its readings, as far as these repeat.
+    /// Whether the curve follows its readings to within their repeatability.
     pub fn follows(&self) -> bool {
         !self.between.is_not_followed()
     }
 
-    /// The band of 95 % at the targets and between them, of the readings alone, in the unit of the error; `None` where it is not known. It is
-    /// resampled from the runs at each call, which takes longer than the curve.
+    /// 95 % confidence band at the targets and between them, from the readings alone, in the unit of the error; `None`
+    /// if it is not known. It is resampled from the runs at each call, which takes longer than the fit.
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
         let runs: Vec<(&[f64], &[f64])> = of.runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
-        // A method that the readings of some runs do not carry has no band.
+        // A method that the readings of some runs do not support has no band.
         let places = band_places(&of.targets);
         let mut band = band(self.method, &runs, &places, &BandOptions::default()).ok()?;
         for half in &mut band.half_width {
@@ -393,18 +394,18 @@ impl FittedCurve {
     }
 }
 
-/// How far readings are from their curve: lengths of a linear error, angles of an angular one.
+/// Deviation of readings from their curve: lengths for a linear error, angles for an angular one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Quality {
-    /// Of an error in µm.
+    /// For an error in µm.
     Length(FitQuality<Um>),
-    /// Of an error in µrad.
+    /// For an error in µrad.
     Angle(FitQuality<Urad>),
 }
 
 impl Quality {
-    /// The leave-one-out error in the unit of the error.
+    /// Leave-one-out error in the unit of the error.
     pub(crate) fn leave_one_out(&self) -> Option<f64> {
         match self {
             Self::Length(quality) => quality.leave_one_out.map(|Um(um)| um),
@@ -413,20 +414,19 @@ impl Quality {
     }
 }
 
-/// How far readings are from their curve, in the unit of the error.
+/// Deviation of readings from their curve, in the unit of the error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct FitQuality<U> {
-    /// The smallest reading minus curve.
+    /// Smallest value of reading minus curve.
     pub residual_min: U,
-    /// The largest reading minus curve.
+    /// Largest value of reading minus curve.
     pub residual_max: U,
-    /// Root mean square of the readings minus curve.
+    /// Root mean square of reading minus curve.
     pub residual_rms: U,
-    /// Leave-one-out error: root mean square of each reading minus the curve fitted without it; `None` where one cannot be predicted from the
-    /// others.
+    /// Leave-one-out error: root mean square of each reading minus the curve fitted to the others; `None` if one of
+    /// them cannot be predicted from the others.
     pub leave_one_out: Option<U>,
-    /// Largest difference forward − backward of the curves over the targets, with its sign; `None` with one curve for
-    /// both directions.
+    /// Largest difference forward − backward of the curves over the targets, with its sign; `None` if one curve holds for both directions.
     pub reversal: Option<U>,
 }

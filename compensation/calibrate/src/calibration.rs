@@ -1,4 +1,4 @@
-//! A calibration: the stages over the lines of a file, the unknowns from its observations, and notes.
+//! Calibration: the stages over the lines of a file, the unknowns from its observations, and messages.
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
@@ -20,36 +20,36 @@ use crate::{
     stages::Stages,
 };
 
-/// A calibrated machine and how well its curves follow the readings.
+/// A calibrated machine, with the quality of its curves.
 #[derive(Clone, Debug)]
 pub struct Calibration {
     /// The machine with its fitted errors.
     pub machine: Machine,
     /// Each fitted curve, angular errors first.
     pub curves: Vec<FittedCurve>,
-    /// The readings that the curves follow, line by line, in the order of the curves.
+    /// Readings that the curves were fitted to, line by line, in the order of the curves.
     pub lines: Vec<FittedLine>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// Each location error that the calibration file states, with its uncertainty.
+    /// Each location error stated in the calibration file, with its uncertainty.
     pub locations: Vec<Location>,
-    /// What was found from observations of the whole machine; `None` where the file has none.
+    /// Result from observations of the whole machine; `None` if the file has none.
     pub identified: Option<Identified>,
-    /// Messages for the user: errors not measured, levers left in, notes on the measurement files.
+    /// Messages for the user: errors not measured, Abbe errors not removed, notes on the measurement files.
     pub warnings: Vec<String>,
     /// Subset of `warnings`: contradictory measurement lines, with their error.
     pub contradictions: Vec<(ErrorName, String)>,
-    /// Subset of `warnings`: errors that were not measured, each with its largest effect.
+    /// Subset of `warnings`: errors not measured, each with its largest effect.
     pub not_measured: Vec<String>,
 }
 
-/// Turns measurements into a machine. `progress` receives the number of errors done and of all.
+/// Computes a machine from measurements. `progress` receives the number of completed errors and their total.
 ///
 /// Errors of the machine file that were not measured are kept.
 ///
 /// # Errors
 /// Readings that do not fit their error, a squareness without its straightness lines, observations from which the
-/// unknowns cannot be found.
+/// unknowns cannot be identified.
 pub fn calibrate(
     file: &CalibrationFile,
     mut progress: impl FnMut(usize, usize),
@@ -57,7 +57,8 @@ pub fn calibrate(
     calibrated(file, Wanted::Everything, &mut progress)
 }
 
-/// The machine that [`calibrate`] makes, without the uncertainties of what was found from observations, which take longer.
+/// Computes the machine of [`calibrate`] without the uncertainties of what is identified from observations, which take
+/// longer.
 ///
 /// # Errors
 /// As [`calibrate`].
@@ -114,7 +115,7 @@ fn calibrated(
     })
 }
 
-/// The notes from reading the measurement files, each with the names of all files before it that it is about.
+/// Notes from reading the measurement files, each after the names of all files that it concerns.
 fn notes_of(lines: &[Line]) -> Vec<String> {
     with_files(lines.iter().flat_map(|line| {
         let file = line.file.display().to_string();

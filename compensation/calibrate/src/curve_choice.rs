@@ -1,16 +1,16 @@
-//! The kind of curve that an error is fitted with.
+//! Kind of curve that an error is fitted with.
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, choose_and_fit, choose_mls};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// The highest order of a polynomial, a series or harmonics that a file may ask for.
+/// Maximum order of a polynomial or series, or number of harmonics, in a file.
 const HIGHEST_ORDER: usize = 40;
 
-/// The kind of curve that a measurement is fitted with.
+/// Kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
-    /// The kind that [`choose`](volcomp_fit::choose) takes for both directions of the error together.
+    /// The kind that [`choose`](volcomp_fit::choose) selects for both directions of the error together.
     #[default]
     Auto,
     /// A polynomial by least squares.
@@ -29,20 +29,20 @@ pub enum CurveChoice {
         order: usize,
         /// Half width of the weight as a share of the range.
         support: f64,
-        /// How steeply the weight falls off, α of the Gaussian.
+        /// Steepness of the decay of the weight, α of the Gaussian.
         shape: f64,
     },
     /// Moving least squares whose order and support are chosen from the readings of both directions by the leave-one-out
     /// error ([`choose_mls`]).
     AutoMovingLeastSquares {
-        /// How steeply the weight falls off, α of the Gaussian.
+        /// Steepness of the decay of the weight, α of the Gaussian.
         shape: f64,
     },
     /// A cubic smoothing B-spline, smoothed by generalised cross-validation.
     BSpline,
-    /// A table of the mean readings, straight between them.
+    /// A table of the mean readings, with linear interpolation.
     LinearTable,
-    /// A table of the mean readings with a monotone cubic between them.
+    /// A table of the mean readings, with monotone cubic interpolation.
     CubicTable,
     /// A Fourier series, for rotary axes.
     Fourier {
@@ -53,14 +53,14 @@ pub enum CurveChoice {
     },
 }
 
-/// How a method was chosen, with the fits that the choice made.
+/// Choice of a method, with the fits made for the choice.
 type Chosen = (Choice, Vec<Fit>);
 
 impl CurveChoice {
-    /// The choice that the key `curve` of a `[[measurement]]` states, for an error of `axis`.
+    /// Decodes the key `curve` of a `[[measurement]]`, for an error of `axis`.
     ///
     /// # Errors
-    /// A kind or option that has no meaning here.
+    /// An unknown kind, or an option that is invalid for it.
     pub fn decode(value: &Value<'_>, axis: AxisName) -> Result<Self, InputError> {
         if let Ok(word) = value.text() {
             return match word {
@@ -148,7 +148,7 @@ impl CurveChoice {
         })
     }
 
-    /// The value of the key `curve` that is read back as this choice.
+    /// Formats the value of the key `curve` that decodes to this choice.
     pub fn to_toml(self) -> String {
         match self {
             Self::Auto => "\"auto\"".to_owned(),
@@ -173,9 +173,8 @@ impl CurveChoice {
         }
     }
 
-    /// The method that all directions of an error are fitted with, and where it was chosen from the readings how it was, with the fits
-    /// of the directions that the choice made.
-    /// Automatic moving least squares prefer settings that leave no more than `required` of any reading.
+    /// Returns the method for all directions of an error and, if it was chosen from the readings, the choice with the
+    /// fits made for it. Automatic moving least squares prefer settings whose residuals are at most `required`.
     pub(crate) fn settled(
         self,
         directions: &[(&[f64], &[f64])],

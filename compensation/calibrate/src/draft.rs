@@ -1,5 +1,5 @@
-//! A first calibration file from a folder of measurement files: what their headers, endings and names say is proposed, the
-//! rest is asked.
+//! First calibration file from a folder of measurement files: their headers, extensions and names provide proposals,
+//! and the rest becomes questions.
 
 use std::{
     fmt::{self, Write as _},
@@ -75,8 +75,8 @@ impl fmt::Display for LeftOver {
     }
 }
 
-/// Scans a folder and its subfolders, and proposes a calibration file for a machine. `machine_file` and the measurement
-/// files are named as the caller says by `named`: relative to where the draft will stand.
+/// Scans a folder and its subfolders, and proposes a calibration file for a machine. `machine_file` and the names that
+/// `named` gives to measurement files are relative to the future location of the draft.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -90,7 +90,7 @@ pub fn draft(
     Ok(draft_of(paths, machine, machine_file, named))
 }
 
-/// The draft of these files, as [`draft`] makes that of a folder.
+/// Like [`draft`], for these files instead of a folder.
 pub fn draft_of(
     paths: Vec<PathBuf>,
     machine: &Machine,
@@ -181,14 +181,14 @@ pub fn draft_of(
     }
 }
 
-/// What is wrong with a file, without the file's name at its beginning, which stands before the reason.
+/// Message on a file without the file's name at its beginning, which the caller states before the reason.
 fn without_file(said: &str, path: &Path) -> String {
     let Some(rest) = said.strip_prefix(&path.display().to_string()) else {
         return said.to_owned();
     };
     match rest.strip_prefix(": ") {
         Some(what) => what.to_owned(),
-        // The number of a line comes next.
+        // The line number follows.
         None => rest
             .strip_prefix(':')
             .map_or_else(|| said.to_owned(), |line| format!("line {line}")),
@@ -196,8 +196,7 @@ fn without_file(said: &str, path: &Path) -> String {
 }
 
 impl Proposed {
-    /// Whether both are of one error with the axes at the same places, and the measured point as far as it is known of both. Places
-    /// that are open are the same.
+    /// Whether both have the same error, axis positions, and measured point as far as both know it. Open positions count as equal.
     fn is_at_place_of(&self, other: &Self) -> bool {
         let is_one_point = match (self.point(), other.point()) {
             (Some(one), Some(other)) => one == other,
@@ -217,7 +216,7 @@ impl Proposed {
     }
 }
 
-/// Those at the same places become one measurement, whose file is asked for; those of which a place is not known are named.
+/// Merges measurements at the same place into one, whose file becomes a question; those with an open place are only listed as conflicts.
 fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     let mut kept: Vec<Proposed> = Vec::new();
     for of in proposed.drain(..) {
@@ -240,8 +239,7 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
     *proposed = kept;
 }
 
-/// What is said of measurements that answers have brought to the same places. Those of which the draft itself knew it stand in
-/// one measurement already.
+/// Messages on measurements that answers have moved to the same place. Those that the draft already knew of have been merged.
 pub(crate) fn conflicts_of(now: &[Proposed]) -> Vec<String> {
     let conflict = |(place, of): (usize, &Proposed)| {
         let mut before = now[..place].iter();
@@ -264,17 +262,16 @@ fn both_measure(one: &Proposed, other: &Proposed) -> String {
     )
 }
 
-/// A squareness whose two straightnesses a draft has.
+/// A squareness whose two straightnesses are in the draft.
 #[derive(Clone, Debug)]
 pub(crate) struct Square {
     pub(crate) error: ErrorName,
     from: [ErrorName; 2],
-    /// The angle of the references, µrad, once it is stated.
+    /// Angle of the references, µrad, once it is stated.
     pub(crate) reference_angle_urad: Option<f64>,
 }
 
 impl Square {
-    /// Its open question.
     pub(crate) fn question(&self) -> Question {
         Question {
             of: self.error.to_string(),
@@ -284,7 +281,7 @@ impl Square {
     }
 }
 
-/// The squarenesses against X and Y of which both straightnesses are there.
+/// Squarenesses against X and Y whose two straightnesses are both proposed.
 pub(crate) fn squares_of(proposed: &[Proposed]) -> Vec<Square> {
     const PAIRS: [(&str, [&str; 2]); 3] = [
         ("EC0Y", ["EXY", "EYX"]),
@@ -392,7 +389,7 @@ pub(crate) fn text_of(
     text
 }
 
-/// Comment lines; whatever stands in a file, it cannot leave the comment.
+/// Writes comment lines; no content of a file can end the comment.
 fn comment(text: &mut String, said: &str) {
     let clean: String = said
         .chars()
@@ -403,10 +400,12 @@ fn comment(text: &mut String, said: &str) {
     text.push('\n');
 }
 
-/// Files below a folder in the order of their names, without hidden ones, those that are no plain files, and the TOML files that say something of others. Links to folders are
-/// not followed, and the folders `without` not entered. The search ends once it has found more than `most` files.
+/// Files below a folder, ordered by name, without hidden files, special files, and TOML files about other files. Links
+/// to folders are not followed, and the folders `without` are not entered. The search ends when more than `most` files
+/// have been found.
 ///
 /// # Errors
+/// A folder that cannot be read.
 /// A folder that cannot be read.
 pub fn files_below(
     folder: &Path,
@@ -446,7 +445,7 @@ fn list(
                 list(&path, without, depth + 1, most, paths)?;
             }
         } else if path.is_file() {
-            // A pipe or a socket would keep its reader waiting.
+            // A pipe or a socket would block its reader.
             paths.push(path);
         }
     }

@@ -1,4 +1,4 @@
-//! The reasons why a calibration is refused.
+//! Errors of a calibration.
 
 use std::path::PathBuf;
 
@@ -9,33 +9,33 @@ use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-/// Why measurement files do not make a machine file.
+/// Reason why measurement files do not give a machine file.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum CalibrateError {
-    /// The calibration file cannot be read as text.
+    /// The calibration file could not be read as text.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Something in the calibration file is wrong.
+    /// Invalid entry in the calibration file.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Something in the machine file is wrong.
+    /// Invalid machine file.
     #[error(transparent)]
     Machine(#[from] ModelError),
-    /// The unknowns cannot be found from the observations.
+    /// The unknowns cannot be identified from the observations.
     #[error(transparent)]
     Identify(IdentifyError),
-    /// The hash of a file that was read before cannot be made.
+    /// The hash of a file that was read before cannot be computed.
     #[error("{}: {source}", .file.display())]
     Hash {
         file: PathBuf,
         source: std::io::Error,
     },
-    /// A measurement file cannot be read, or what it holds is broken.
+    /// A measurement file cannot be read, or its content is invalid.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),
-    /// The readings of a file cannot become the profile or the slope of the error that they measure.
+    /// The readings of a file cannot be converted to the profile or slope of the error that they measure.
     #[error("{error} from {}: {source}", .file.display())]
     Profile {
         error: ErrorName,
@@ -55,7 +55,7 @@ pub enum CalibrateError {
         files: Vec<PathBuf>,
         source: FitError,
     },
-    /// The positioning deviation of an oblique axis fills a second error, and that one was measured too.
+    /// The positioning deviation of an oblique axis determines a second error, too, and that one was measured as well.
     #[error(
         "{error} from {}: along the oblique axis {axis} it fills {other} too, which was measured by itself",
         named(.files)
@@ -66,7 +66,7 @@ pub enum CalibrateError {
         axis: AxisName,
         other: ErrorName,
     },
-    /// The unknowns and the lines that are cleared of them do not settle.
+    /// The alternation of unknowns and lines corrected for them does not converge.
     #[error(
         "the unknowns did not settle in {rounds} rounds, each with the lines cleared of what was found before: the last moved one by {moved:.2} of its standard uncertainty; expected lines and observations that hold the unknowns apart: measure the other tilt of the rotary axis, too, or leave out the unknown that the lines contain"
     )]
@@ -80,7 +80,7 @@ pub enum CalibrateError {
         error: ErrorName,
         files: Vec<PathBuf>,
     },
-    /// A squareness is to come from slopes, and one of its straightness errors has no line.
+    /// A squareness is computed from slopes, but one of its straightness errors has no line.
     #[error("{squareness}: {straightness} was not measured, expected its line or `value_urad`")]
     NoSlope {
         squareness: ErrorName,
@@ -89,7 +89,7 @@ pub enum CalibrateError {
 }
 
 impl From<IdentifyError> for CalibrateError {
-    /// A wrong file is reported alike by both readers.
+    /// Errors in a file get the same variants from both readers.
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Read(error) => Self::Read(error),

@@ -1,4 +1,4 @@
-//! The curves that the lines of one error make, and the readings that these curves follow.
+//! Curves from the lines of one error, and the readings that they were fitted to.
 
 use volcomp_kinematics::{Joint, nalgebra::Vector3};
 use volcomp_metrology::MotionKind;
@@ -16,24 +16,23 @@ use crate::{
 pub(crate) struct Fitted {
     pub(crate) error: ErrorName,
     pub(crate) branches: Branches,
-    /// The readings that the curves follow.
+    /// Readings that the curves were fitted to.
     pub(crate) lines: Vec<FittedLine>,
 }
 
 impl Fitted {
-    /// The machine with this error in place of what it had.
+    /// Sets this error in the machine, in place of the previous one.
     pub(crate) fn set_in(&self, machine: &mut Machine) -> Result<(), ModelError> {
         machine.set_error(self.error, self.branches.clone().into_curve())
     }
 }
 
-/// The joint of the axis of an error.
 pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, ModelError> {
     Ok(machine.chain().joints()[machine.index_of(error.axis)?])
 }
 
-/// The period of what repeats along an axis, deg: that of one that turns all the way round. On an axis that does not, the error at one
-/// end of the travel has nothing to do with that at the other.
+/// Period of errors along an axis, deg: that of an axis that turns all the way round. On any other axis, the errors at
+/// both ends of the travel are unrelated.
 fn period_of(axis: &Axis) -> Option<f64> {
     let [low, high] = axis.travel;
     let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);
@@ -42,9 +41,9 @@ fn period_of(axis: &Axis) -> Option<f64> {
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Fits the profiles of an error: its curves, zero at the reference (a straightness has lost its constant with its
-/// line), and the profiles as they were moved to agree. A positioning deviation along an oblique axis makes a curve
-/// for each component of the axis's direction.
+/// Fits the profiles of an error. Returns its curves, zero at the reference (a straightness has lost its constant with
+/// its line), and the profiles as aligned. A positioning deviation along an oblique axis gives a curve for each
+/// component of the axis's direction.
 pub(crate) fn fit<'a>(
     file: &CalibrationFile,
     error: ErrorName,
@@ -89,8 +88,8 @@ pub(crate) fn fit<'a>(
     Ok((fitted, profiles))
 }
 
-/// The errors that readings of `error` make, with the factor of each: a positioning deviation p of
-/// the coordinate enters as δ = u·p (rotary: ε = u·p), u the direction of the axis.
+/// Errors that readings of `error` give, with the factor of each: a positioning deviation p of the coordinate enters as
+/// δ = u·p (rotary: ε = u·p), where u is the direction of the axis.
 fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
     if MotionKind::of(error) != MotionKind::Positioning {
         return vec![(error, 1.0)];
@@ -104,26 +103,25 @@ fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
     shares.filter(|(_, share)| share.abs() > 1e-12).collect()
 }
 
-/// One measured line of an error, brought to where its curve is.
+/// One measured line of an error, aligned with its curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedLine {
-    /// The error that the curve states.
+    /// The error that the curve describes.
     pub error: ErrorName,
-    /// The place of the line in [`CalibrationFile::measurements`]; `None` where the error was found from several other
-    /// lines.
+    /// Index of the line in [`CalibrationFile::measurements`]; `None` if the error was computed from several other lines.
     pub line: Option<usize>,
-    /// The files that its readings come from.
+    /// Files of its readings.
     pub sources: Vec<Source>,
-    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without what tilts and other
-    /// axes add, a straightness without its line, moved onto the first line of its error, with the zero of the curve.
-    /// Empty in a direction that was not run.
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without the contributions
+    /// of tilts and other axes, a straightness without its line, aligned with the first line of its error, with the
+    /// zero of the curve. Empty for a direction that was not run.
     pub points: [Vec<(f64, f64)>; 2],
-    /// How many times a difference of readings counts in the error: 1, or along an oblique axis the share of a component.
+    /// Factor from a difference of readings to one of the error: 1, or along an oblique axis the share of a component.
     pub factor: f64,
 }
 
 impl FittedLine {
-    /// The line of a profile, with the factor and the zero of its curve.
+    /// Line of a profile, with the factor and the zero of its curve.
     pub(crate) fn new(
         file: &CalibrationFile,
         error: ErrorName,

@@ -1,6 +1,6 @@
-//! The last stage: unknown errors from observations of the whole machine, with the measured ones held, and the measured
-//! ones fitted again without what the found ones add to their lines, until both settle; where the lines contain so much of the
-//! unknowns that this leads nowhere soon, both together.
+//! Last stage: unknown errors are identified from observations of the whole machine with the measured errors held, and
+//! the measured errors are fitted again without the contributions of the identified ones, until both converge. If the
+//! lines depend so strongly on the unknowns that this converges slowly or not at all, both are solved together.
 
 use volcomp_identify::{Follower, Identification, Observations, Parameter, identify_followed};
 use volcomp_model::Machine;
@@ -13,13 +13,13 @@ use crate::{
     stages::Stages,
 };
 
-/// What is found has settled when nothing moves by more than this part of its standard uncertainty.
+/// Convergence limit on the change of any parameter, as a share of its standard uncertainty.
 const SETTLED: f64 = 0.01;
-/// Smallest uncertainty that counts, in the unit of the parameter.
+/// Minimum uncertainty for this limit, in the unit of the parameter.
 const LEAST: f64 = 1e-6;
 /// Maximum number of rounds.
 const ROUNDS: usize = 60;
-/// Where one round carries a larger share into the next, unknowns and lines do not settle by turns: they are found together.
+/// Share of a change carried into the next round above which unknowns and lines are solved together instead of alternately.
 const TOGETHER_ABOVE: f64 = 0.9;
 
 /// Errors found from observations.
@@ -34,17 +34,16 @@ pub struct Identified {
     pub rounds: usize,
 }
 
-/// What is wanted of a calibration.
+/// Requested results of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wanted {
-    /// The machine alone.
+    /// The machine only.
     Machine,
-    /// Its uncertainties too.
+    /// The machine and its uncertainties.
     Everything,
 }
 
-/// Finds the unknowns of a file, whose lines were fitted with the errors of `known`; the stages come back as they were
-/// fitted last.
+/// Identifies the unknowns of a file whose lines were fitted with the errors of `known`; returns the stages as last fitted.
 pub(crate) fn settled(
     file: &CalibrationFile,
     observations: &Observations,
@@ -72,7 +71,7 @@ pub(crate) fn settled(
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
-        // What one round changes in the lines, and with them in the next: beyond the noise of the numbers a constant share.
+        // Change that one round makes in the lines, and so in the next round: a constant share, once beyond rounding.
         let share = match (last_moved, moved) {
             (Some(before), Some(moved)) if moved > SETTLED => moved / before,
             _ => 0.0,
@@ -129,10 +128,10 @@ pub(crate) fn settled(
             observations,
             known: &known,
             response: &response,
-            // Where the lines follow the unknowns in the equations themselves, or hold nothing of them, nothing is carried on.
+            // Nothing is carried over if the lines follow the unknowns in the equations themselves, or do not depend on them.
             carries: followers.is_empty() && rounds > 1,
         };
-        // A value that is wrong makes rows look wrong that are not: it comes first.
+        // First, because a wrong value makes correct rows look wrong.
         let contradicted = contradicted_values(&lines)?;
         let errors = contradicted.iter().map(|(error, _)| *error);
         found.machine.leave_undecided(errors);
@@ -143,7 +142,7 @@ pub(crate) fn settled(
     Ok((Identified { found, rounds }, stages, notes))
 }
 
-/// How the lines follow each unknown: they are fitted again with the unknown changed, from where all were found last.
+/// How the lines follow each unknown: they are fitted again with the unknown changed from its last identified value.
 fn following(
     file: &CalibrationFile,
     observations: &Observations,
@@ -163,7 +162,7 @@ fn following(
     Ok(followers)
 }
 
-/// The largest change of a determined parameter in its standard uncertainties.
+/// Largest change of a determined parameter, in its standard uncertainty.
 fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
     let pairs = before.iter().zip(after);
     let changes = pairs.filter_map(|(before, after)| {

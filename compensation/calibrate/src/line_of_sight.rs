@@ -1,4 +1,4 @@
-//! The readings of a perfect instrument along a line on a machine with errors, and what of them the other axes add.
+//! Readings of a perfect instrument along a line on a machine with errors, and the contributions of the other axes to them.
 
 use volcomp_kinematics::{
     Chain, ErrorMotion, ErrorSource, Pose, Side, State, actual_pose,
@@ -13,29 +13,28 @@ use crate::{
     abbe::held_state, calibration_file::Line, profile::Profile, set_up::SetUp, setup::Setup,
 };
 
-/// A measured line laid through a machine: the tool side relative to the workpiece side at the
-/// measured point, from the whole chain with every error in it.
+/// A measured line on a machine: the tool side relative to the workpiece side at the measured point, from the whole chain with every error.
 #[derive(Clone, Debug)]
 pub struct LineOfSight<'a> {
     machine: &'a Machine,
     chain: &'a Chain,
     setup: &'a Setup,
-    /// The held axes, the measured one at 0.
+    /// State with the held axes in position and the measured axis at 0.
     held: State,
     axis: usize,
-    /// Where the held axes have carried the measured one: its frame in MCS.
+    /// Frame of the measured axis in MCS, as moved by the held axes.
     carried: Pose,
     /// The measured point m, mm in MCS with the measured axis at 0.
     point_mcs: Vector3<f64>,
-    /// Where the artefacts stand on the workpiece side and on the tool side.
+    /// Poses of the artefacts on the workpiece side and on the tool side.
     artefacts: [Pose; 2],
 }
 
 impl<'a> LineOfSight<'a> {
-    /// The line of a set-up on a machine.
+    /// Creates the line of a set-up on a machine.
     ///
     /// # Errors
-    /// An axis that the machine does not have, coordinates that are not finite.
+    /// An axis that the machine does not have, or coordinates that are not finite.
     pub fn new(machine: &'a Machine, setup: &'a Setup) -> Result<Self, ModelError> {
         let axis = machine.index_of(setup.error.axis)?;
         let names = machine.axes().iter().map(|axis| axis.name);
@@ -56,20 +55,19 @@ impl<'a> LineOfSight<'a> {
         })
     }
 
-    /// The same line with artefacts that are set up on the machine, in place of ones that stand along the workpiece axes and
-    /// the tool's.
+    /// The same line with artefacts that are set up on the machine, instead of artefacts aligned to the workpiece axes and the tool axes.
     #[must_use]
     pub fn with_artefacts(mut self, set_up: &SetUp) -> Self {
         self.artefacts = [set_up.workpiece, set_up.tool];
         self
     }
 
-    /// The index of the measured axis.
+    /// Index of the measured axis.
     pub fn axis(&self) -> usize {
         self.axis
     }
 
-    /// The ideal command for a coordinate of the measured axis (mm or deg), approached in a direction.
+    /// Ideal command for a coordinate of the measured axis (mm or deg), approached in a direction.
     pub fn state(&self, coordinate: f64, direction: Direction) -> State {
         let mut state = self.held;
         let kind = self.chain.joints()[self.axis].kind;
@@ -78,9 +76,9 @@ impl<'a> LineOfSight<'a> {
         state
     }
 
-    /// The reading at a target when `command` is commanded for it, µm or µrad, in the sign of the
-    /// error; positioning along the axis (ISO 230-2), other errors along or about the axes of the frame in which the
-    /// errors of the axis are stated.
+    /// Reading at a target when `command` is commanded for it, µm or µrad, in the sign of the error. Positioning is
+    /// along the axis (ISO 230-2); other errors are along or about the axes of the frame in which the errors of the
+    /// axis are stated.
     pub fn reading(&self, errors: &impl ErrorSource, target: &State, command: &State) -> f64 {
         let [workpiece, tool] = self.sides(target);
         let measured = self.measured_point_mcs(target);
@@ -103,8 +101,8 @@ impl<'a> LineOfSight<'a> {
             }
     }
 
-    /// The slope that a straightness shows because its reference stands on the tool side, µrad: the turn of that reference. 0
-    /// where the measured point is on the tool side and the reference on the workpiece, and for all other errors.
+    /// Slope of a straightness due to a reference on the tool side, µrad: the rotation of that reference. It is 0 if
+    /// the measured point is on the tool side and the reference on the workpiece, and for all other errors.
     pub fn reference_slope_urad(&self, errors: &impl ErrorSource) -> f64 {
         let name = self.setup.error;
         let joint = &self.chain.joints()[self.axis];
@@ -118,9 +116,9 @@ impl<'a> LineOfSight<'a> {
         turn.cross(&joint.direction)[name.component.mcs_index()] * 1e6
     }
 
-    /// How far a straightness reference on the tool side is turned against the workpiece, rad in workpiece axes: it was aligned
-    /// to the workpiece with the linear axes at 0 (or at the end of their travel that is nearest to it) and the rotary axes where
-    /// they are held, and holds what the errors turn the tool by there.
+    /// Rotation of a straightness reference on the tool side relative to the workpiece, rad in workpiece axes. The
+    /// reference was aligned to the workpiece with the linear axes at 0 (or at the end of their travel that is nearest
+    /// to it) and the rotary axes where they are held, and contains the tool rotation caused by errors there.
     fn reference_turn(&self, errors: &impl ErrorSource) -> Vector3<f64> {
         let mut aligned = self.held;
         for (axis, q) in self.machine.axes().iter().zip(&mut aligned.q) {
@@ -133,19 +131,19 @@ impl<'a> LineOfSight<'a> {
         vector_from_rotation(&(actual.rotation * ideal.rotation.transpose()))
     }
 
-    /// The tool side as the artefacts have it.
+    /// Actual pose of the tool side, relative to the artefacts.
     fn actual(&self, errors: &impl ErrorSource, command: &State) -> Pose {
         let [workpiece, tool] = self.artefacts;
         workpiece * actual_pose(self.chain, errors, command) * tool
     }
 
-    /// Workpiece axes to the frame in which the errors of the axis are stated: the instrument stands along the axis as the
-    /// held axes have turned it. `workpiece` is the ideal pose of the workpiece side.
+    /// Rotation from workpiece axes to the frame in which the errors of the axis are stated: the instrument is aligned
+    /// along the axis as rotated by the held axes. `workpiece` is the ideal pose of the workpiece side.
     fn to_frame(&self, workpiece: &Pose) -> Matrix3<f64> {
         self.carried.rotation.transpose() * workpiece.rotation.transpose()
     }
 
-    /// Where the measured point is: it moves with the component that it stands on.
+    /// Position of the measured point, which moves with the component that carries it.
     fn measured_point_mcs(&self, state: &State) -> Vector3<f64> {
         let joint = &self.chain.joints()[self.axis];
         let moves = match (joint.side, self.setup.rides) {
@@ -162,8 +160,7 @@ impl<'a> LineOfSight<'a> {
         }
     }
 
-    /// The ideal poses of the workpiece side (MCS in workpiece axes) and of the tool side (tool in
-    /// MCS).
+    /// Ideal poses of the workpiece side (MCS in workpiece axes) and of the tool side (tool in MCS).
     fn sides(&self, state: &State) -> [Pose; 2] {
         let mut sides = [Pose::identity(), Pose::identity()];
         for (joint, &q) in self.chain.joints().iter().zip(&state.q) {
@@ -174,8 +171,8 @@ impl<'a> LineOfSight<'a> {
     }
 }
 
-/// A machine on which one axis has no error motion, and the errors of the others stay what they are at the held positions. A
-/// linear axis goes where it should; of a rotary axis its line stays where it lies.
+/// A machine on which one axis has no error motion, and the errors of the others keep their values at the held
+/// positions. A linear axis moves ideally; the line of a rotary axis keeps its location.
 struct Others<S> {
     of: S,
     own: usize,
@@ -223,7 +220,7 @@ impl<'a> OtherErrors<'a> {
         })
     }
 
-    /// The readings at targets, µm or µrad; of a linear axis a straight line.
+    /// Readings at targets, µm or µrad; those of a linear axis are a straight line.
     pub(crate) fn readings(
         &self,
         targets: impl Iterator<Item = f64>,
@@ -243,15 +240,15 @@ impl<'a> OtherErrors<'a> {
         Ok(targets.map(reading).collect())
     }
 
-    /// The slope that the reference of a straightness adds, µrad.
+    /// Slope due to the reference of a straightness, µrad.
     pub(crate) fn reference_slope_urad(&self) -> f64 {
         let none = Temperatures::new();
         self.sight.reference_slope_urad(&self.machine.source(&none))
     }
 }
 
-/// A profile of a rotary axis without what its location errors and the errors of the other axes add; unchanged for a linear
-/// axis, and where the readings were taken against the axis itself.
+/// Profile of a rotary axis without the contributions of its location errors and of the errors of the other axes;
+/// unchanged for a linear axis, and if the readings were taken against the axis itself.
 pub(crate) fn without_others<'a>(
     mut profile: Profile<'a>,
     machine: &Machine,

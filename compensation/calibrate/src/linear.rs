@@ -1,5 +1,4 @@
-//! Second stage: the linear errors, cleared of what the tilts of their axis add to the readings, straightness without
-//! its line.
+//! Second stage: the linear errors without the contributions of the tilts of their axis, straightness without its line.
 
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
@@ -17,20 +16,21 @@ use crate::{
     squares::Removed,
 };
 
-/// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
+/// Minimum effect of 1 mrad, µm, at which an unmeasured tilt is reported: a lever arm of 1 mm.
 const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
 
-/// The fitted linear errors, and the slopes of the straightness lines that were removed.
+/// Fitted linear errors, and the slopes of the straightness lines that were removed.
 pub(crate) struct Linear<'a> {
     pub(crate) fitted: Vec<Fitted>,
-    /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
+    /// Each measured straightness line with the total slope removed from it, along its own coordinate.
     pub(crate) removed: Vec<Removed<'a>>,
     pub(crate) notes: Vec<String>,
     /// Subset of `notes`: contradictory measurement lines.
     pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
-/// Fits every linear error, with the tilts that the machine of `tilts` has and what the other axes of `whole` add to rotary ones; `step` is called after each.
+/// Fits every linear error, with the tilts of the machine in `tilts` and, for rotary axes, without the contributions of
+/// the other axes of `whole`; `step` is called after each.
 pub(crate) fn linear<'a>(
     file: &'a CalibrationFile,
     tilts: &Tilts<'_>,
@@ -78,7 +78,7 @@ pub(crate) fn linear<'a>(
     Ok(result)
 }
 
-/// Notes on the tilts of the axis that would act on a line and are not known.
+/// Notes on tilts of the axis that would act on a line and are not known.
 fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>, ModelError> {
     let line = profile.line;
     let targets = profile.all().map(|point| point.0);

@@ -1,5 +1,5 @@
-//! What the lines add to the uncertainty of the unknowns that rest on them: other readings of the lines would have given
-//! other curves, and beside these the observations other unknowns.
+//! Contribution of the lines to the uncertainty of the unknowns that depend on them: with other readings, the lines
+//! would give other curves, and with these the observations would give other unknowns.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,25 +16,25 @@ use crate::{
     varied::{Part, normal},
 };
 
-/// Maximum number of independent shifts that are propagated one by one; more of them are drawn together.
+/// Maximum number of independent shifts that are propagated individually; more of them are sampled together.
 const ALONE: usize = 60;
-/// How often many shifts are drawn together: the standard deviation is then known to some 5 %.
+/// Number of joint samples: the standard deviation is then known to some 5 %.
 const DRAWS: u64 = 200;
 
-/// What is needed to see what lines do to unknowns.
+/// Data for the effect of lines on unknowns.
 pub(crate) struct LinesShare<'a> {
     pub(crate) file: &'a CalibrationFile,
     pub(crate) observations: &'a Observations,
-    /// The machine of the file with the unknowns as they were found.
+    /// The machine of the file with the unknowns as identified.
     pub(crate) known: &'a Machine,
     pub(crate) response: &'a Response,
-    /// Whether the lines hold something of the unknowns, which were found by turns with them: what changes an unknown then
-    /// changes the lines, and these the unknown again.
+    /// Whether the lines depend on the unknowns, which were identified alternately with them: a change of an unknown
+    /// then changes the lines, and these change the unknown again.
     pub(crate) carries: bool,
 }
 
 impl LinesShare<'_> {
-    /// Adds the share of the lines to the covariance of what was found and to the uncertainties of its parameters.
+    /// Adds the contribution of the lines to the covariance of the result and to the uncertainties of its parameters.
     pub(crate) fn add_to(
         &self,
         found: &mut Identification,
@@ -76,7 +76,7 @@ impl LinesShare<'_> {
         Ok(())
     }
 
-    /// What the unknowns change by where the lines have these readings, in one round.
+    /// Change of the unknowns if the lines have these readings, in one round.
     fn shift(
         &self,
         file: &CalibrationFile,
@@ -85,7 +85,7 @@ impl LinesShare<'_> {
         Ok(self.response.to(&self.fitted(file)?.machine)? - base)
     }
 
-    /// The lines of another file fitted beside the unknowns as they were found.
+    /// Fits the lines of another file, with the unknowns as identified.
     pub(crate) fn fitted(&self, file: &CalibrationFile) -> Result<Stages, CalibrateError> {
         let mut known = located(file)?;
         for unknown in &self.observations.unknown {
@@ -94,9 +94,9 @@ impl LinesShare<'_> {
         Stages::of(file, &known, || ())
     }
 
-    /// The covariance by what the file states of its instruments: all that is not the scatter of runs.
+    /// Covariance due to what the file states of its instruments: everything except the scatter of runs.
     fn stated(&self, base: &DVector<f64>) -> Result<DMatrix<f64>, CalibrateError> {
-        // The observations have their share already.
+        // The contribution of the observations is already included.
         let mut without = self.file.clone();
         without.observations = None;
         let mut sizes = Vec::new();
@@ -120,7 +120,7 @@ impl LinesShare<'_> {
         };
         let alone = |own: usize| shifted(&mut |place| if place == own { 1.0 } else { 0.0 });
         let stated = (0..sizes.len()).filter(|&place| sizes[place] == Part::Stated);
-        // Where nothing is stated a shift is none.
+        // Without a stated uncertainty there is no shift.
         let files: Vec<CalibrationFile> = stated
             .map(alone)
             .filter(|file| !file.reads_as(&without))
@@ -143,8 +143,7 @@ impl LinesShare<'_> {
         Ok(covariance)
     }
 
-    /// What a change of the unknowns becomes in the end by what the lines carry from round to round: 1/(1 − A), A the
-    /// change that one round makes of it.
+    /// Total effect of a change of the unknowns that the lines carry from round to round: 1/(1 − A), where A is the effect of one round.
     fn carried(
         &self,
         found: &Identification,
@@ -166,19 +165,18 @@ impl LinesShare<'_> {
             }
             column += 1;
         }
-        // Rounds that settle carry less than all of it on.
+        // Rounds that converge carry over less than the whole change.
         Ok(round
             .try_inverse()
             .unwrap_or(DMatrix::identity(count, count)))
     }
 }
 
-/// By how much an unknown is changed to see how the lines follow it, µm or µrad. That is of the size of errors, and the lines follow
-/// an error of this size in proportion, so that any other change would show the same.
+/// Change of an unknown that shows how the lines follow it, µm or µrad. It has the size of real errors, to which the
+/// lines respond in proportion, so that any other change would show the same.
 pub(crate) const CHANGE: f64 = 10.0;
 
-/// The lines fitted again with one unknown larger by [`CHANGE`]; `None` for a number of a set-up, which changes nothing of the
-/// machine.
+/// Fits the lines again with one unknown larger by [`CHANGE`]; `None` for a number of a set-up, which does not affect the machine.
 pub(crate) fn changed(
     file: &CalibrationFile,
     observations: &Observations,
@@ -198,7 +196,8 @@ pub(crate) fn changed(
     Stages::of(file, &there, || ()).map(Some)
 }
 
-/// Gives `to` an error of another machine: a location error that this one has not becomes 0, and a curve that it has not stays as it is.
+/// Copies an error of another machine into `to`: a location error missing in `from` becomes 0, and for a curve missing
+/// in `from` that of `to` is kept.
 pub(crate) fn take(
     to: &mut Machine,
     from: &Machine,
@@ -213,38 +212,40 @@ pub(crate) fn take(
     Ok(())
 }
 
-/// What the scatters of lines, each of a few runs, add to a variance, and how well all of them together are known.
+/// Variance contributed by the scatters of lines, each of a few runs, and how well all of them together are known.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FewRuns {
     variance: f64,
-    /// The sums of the squares of the parts over ν and over ν + 2, ν the degrees of freedom of each.
+    /// Sums of the squared contributions over ν and over ν + 2, where ν are the degrees of freedom of each.
     over_degrees: f64,
     over_two_more: f64,
 }
 
 impl FewRuns {
-    /// Adds a part of the variance that comes from a scatter with these degrees of freedom.
+    /// Adds a variance that comes from a scatter with these degrees of freedom.
     pub(crate) fn add(&mut self, variance: f64, degrees: f64) {
         self.variance += variance;
         self.over_degrees += variance * variance / degrees;
         self.over_two_more += variance * variance / (degrees + 2.0);
     }
 
-    /// The factor by which a standard uncertainty of this variance, of which the scatters are a part, has to be wider, so that
-    /// ±1.96 of it are a band of 95 %.
+    /// Widening factor for a standard uncertainty of this variance, which includes the scatters, so that ±1.96 of it is
+    /// a 95 % band.
     ///
-    /// The formula of Welch and Satterthwaite (JCGM 100, G.4) takes each estimated variance for the true one. A scatter of two
-    /// runs is by chance often much less than it should be; its share of the whole then looks small and the whole looks well known just
-    /// where the band is too narrow: with one scatter of two runs beside what is known well such bands hold down to 87 %. Here the degrees of freedom
-    /// are those of the scatters alone, and the factor is Student's for these to the power of their share of the variance: so bands hold 91.5 to 97.5 % in
-    /// mixtures of one to ten scatters of two to five runs and what is known well.
+    /// The formula of Welch and Satterthwaite (JCGM 100, G.4) takes each estimated variance as the true one. The
+    /// scatter of two runs is often much too small by chance. Its share of the total then looks small, and the total
+    /// looks well known, exactly when the band is too narrow: with one scatter of two runs and well-known
+    /// contributions, such bands cover down to 87 %. Here the degrees of freedom are those of the scatters alone, and
+    /// the factor is Student's for these to the power of their share of the variance. Such bands cover 91.5 to 97.5 %
+    /// in mixtures of one to ten scatters of two to five runs and well-known contributions.
     pub(crate) fn widening(&self, variance: f64) -> f64 {
         let square = self.variance * self.variance;
         if square <= 0.0 || self.over_degrees <= 0.0 {
             return 1.0;
         }
-        // The square of an estimated variance is on average 1 + 2/ν times that of the true one. Left as it is it makes the degrees too few,
-        // without it they are too many where there are few scatters: between both.
+        // The square of an estimated variance is on average 1 + 2/ν times that of the true one. Uncorrected it gives
+        // too few degrees of freedom; corrected it gives too many if there are few scatters. The geometric mean lies
+        // between both.
         let few = square / self.over_degrees;
         let many = square / self.over_two_more - 2.0;
         let degrees = (few * many.max(1.0)).sqrt();

@@ -1,4 +1,4 @@
-//! Notes on the errors that nothing measured.
+//! Notes on errors that were not measured.
 
 use volcomp_identify::Observations;
 use volcomp_model::Machine;
@@ -12,8 +12,8 @@ use crate::{
     stages::Stages,
 };
 
-/// Nodes on a rotary axis at which the effect of an error is looked at. On a linear axis the largest effect is at an end,
-/// because a displacement that grows with the coordinate is never longer between two places than at both.
+/// Number of nodes on a rotary axis at which the effect of an error is evaluated. On a linear axis the largest effect
+/// is at an end, because a displacement that grows with the coordinate is never longer between two places than at both.
 const ROTARY_NODES: usize = 8;
 /// Size of the error whose effect is stated, µm or µrad.
 const EXAMPLE: f64 = 10.0;
@@ -41,7 +41,7 @@ pub(crate) fn not_measured(file: &CalibrationFile, stages: &Stages) -> Vec<Strin
     )
 }
 
-/// Notes on the errors of a machine that observations do not ask for, in the words of a calibration.
+/// Notes on the errors of a machine that are not among the unknowns of the observations, worded as for a calibration.
 pub fn not_observed(observations: &Observations) -> Vec<String> {
     let unknown: Vec<ErrorName> = unknown(observations).collect();
     let is_measured = |name: ErrorName| unknown.contains(&name);
@@ -50,7 +50,7 @@ pub fn not_observed(observations: &Observations) -> Vec<String> {
     notes(&observations.machine, axes, &is_measured, &is_stated)
 }
 
-/// Notes on the errors that a machine does not state, in the words of a calibration.
+/// Notes on the errors that a machine does not state, worded as for a calibration.
 pub fn not_stated(machine: &Machine) -> Vec<String> {
     let stated: Vec<ErrorName> = machine.locations().keys().copied().collect();
     let is_measured = |name: ErrorName| machine.error(name).is_some();
@@ -59,8 +59,8 @@ pub fn not_stated(machine: &Machine) -> Vec<String> {
     notes(machine, axes, &is_measured, &is_stated)
 }
 
-/// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
-/// location errors, those of squareness among them, each with what it can do.
+/// Notes on the errors that were not measured, and whether the machine file has them: error motions by axis, then
+/// location errors including squareness, each with its possible effect.
 fn notes(
     machine: &Machine,
     reference_axes: [AxisName; 2],
@@ -110,13 +110,13 @@ fn notes(
     notes
 }
 
-/// The errors that are to be found from observations.
+/// Errors to be identified from observations.
 fn unknown(observations: &Observations) -> impl Iterator<Item = ErrorName> {
     observations.unknown.iter().map(|unknown| unknown.error)
 }
 
-/// The location errors that move something and that nothing states: of the two tilts that make a squareness the one that is
-/// not zero by definition, and the other where the machine file has it all the same.
+/// Location errors that have an effect and are not stated. Of the two tilts that form a squareness, it is the one that
+/// is not zero by definition, and also the other one if the machine file has it.
 fn locations_not_measured(
     machine: &Machine,
     reference_axes: [AxisName; 2],
@@ -145,8 +145,7 @@ fn locations_not_measured(
     names
 }
 
-/// The largest displacement of the tool over the travels for 1 µm or 1 µrad of each error, µm; to first order, with the
-/// tool of the machine file.
+/// Largest displacement of the tool over the travels for 1 µm or 1 µrad of each error, µm: first order, with the tool of the machine file.
 fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
     let terms: Vec<ErrorTerm> = names.iter().copied().map(ErrorTerm::Named).collect();
     let nodes = machine.axes().iter().map(|axis| {

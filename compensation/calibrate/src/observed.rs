@@ -1,5 +1,5 @@
-//! The keys `unknown` and `[[observation]]` of a calibration file: what is to be found from observations of the whole
-//! machine, beside what lines and instruments give.
+//! Keys `unknown` and `[[observation]]` of a calibration file: errors to be identified from observations of the whole
+//! machine, in addition to those from lines and instruments.
 
 use std::path::Path;
 
@@ -17,17 +17,17 @@ use crate::{
     squareness::square_of,
 };
 
-/// An error that a location error adds to by less than this part of what it adds to others holds nothing of it.
+/// Share of its effect on other error motions below which a location error counts as not affecting an error motion.
 const NOTHING: f64 = 1e-6;
 
-/// What a calibration file states directly: lines, squareness and location errors.
+/// Errors that a calibration file states directly: lines, squareness and location errors.
 pub(crate) struct Direct<'a> {
     pub(crate) measurements: &'a [Line],
     pub(crate) squareness: &'a [Squareness],
     pub(crate) locations: &'a [Location],
 }
 
-/// The unknowns and observations of a calibration file; `None` where it has none.
+/// Unknowns and observations of a calibration file; `None` if it has none.
 pub(crate) fn decode_observations(
     root: &Section<'_>,
     machine: &Machine,
@@ -61,7 +61,7 @@ pub(crate) fn decode_observations(
     Ok(Some(found))
 }
 
-/// Refuses an unknown that is stated directly too. A reversal value may be unknown where the lines ran in one direction.
+/// Rejects an unknown that is also stated directly. A reversal value may be unknown if the lines ran in one direction.
 fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Result<(), InputError> {
     let error = unknown.error;
     let square = square_of(error);
@@ -93,8 +93,8 @@ fn refuse_twice(name: &Value<'_>, unknown: Unknown, direct: &Direct<'_>) -> Resu
     )))
 }
 
-/// Refuses a location error of a rotary axis that every error motion which it adds to was measured together with: the
-/// lines then hold it, and no observation tells the two apart.
+/// Rejects a location error of a rotary axis if it was measured as part of every error motion that it adds to: the
+/// lines then contain it, and no observation can separate the two.
 fn refuse_held(
     name: &Value<'_>,
     error: ErrorName,
@@ -129,7 +129,7 @@ fn refuse_held(
     }
 }
 
-/// The error motions that a location error of a rotary axis adds to, at the point of the axis over its travel.
+/// Error motions that a location error of a rotary axis adds to, at the point of the axis over its travel.
 fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> {
     const NODES: usize = 8;
     const SIZE: f64 = 1.0;
@@ -155,9 +155,9 @@ fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> 
         .collect()
 }
 
-/// How far a rotary axis at the angle `q_rad` stands from the commanded pose because its line lies elsewhere, in the frame
-/// that carries it: M·M_ideal⁻¹ on the tool side, M_ideal⁻¹·M on the workpiece side, where the axis turns the other way
-/// as the bed sees it. The identity for a linear axis, and at 0.
+/// Displacement of a rotary axis at the angle `q_rad` from the commanded pose due to the location of its line, in the
+/// frame that carries it: M·M_ideal⁻¹ on the tool side, M_ideal⁻¹·M on the workpiece side, where the axis rotates in
+/// the opposite sense as seen from the bed. Identity for a linear axis, and at 0.
 fn displaced(joint: &Joint, location: &ErrorMotion, q_rad: f64) -> Pose {
     if joint.kind == AxisKind::Linear {
         return Pose::identity();

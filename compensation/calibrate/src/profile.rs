@@ -1,4 +1,4 @@
-//! The mean readings of one line on their way to a curve.
+//! Mean readings of one line, during processing into a curve.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -18,17 +18,17 @@ pub(crate) type Points = Vec<(f64, f64)>;
 /// Targets and readings of one run.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
-/// The mean readings of one line, forward and backward; empty in a direction that was not run.
+/// Mean readings of one line, forward and backward; empty in a direction that was not run.
 #[derive(Clone)]
 pub(crate) struct Profile<'a> {
     pub(crate) line: &'a Line,
     pub(crate) points: [Points; 2],
-    /// Slope of all lines removed so far.
+    /// Total slope of all lines removed so far.
     pub(crate) removed: Urad,
 }
 
 impl<'a> Profile<'a> {
-    /// The mean readings of a line along `joint`; of a bridge, the profile that its tilts add up to.
+    /// Mean readings of a line along `joint`; for a bridge, the profile from the sum of its tilts.
     pub(crate) fn new(line: &'a Line, joint: &Joint) -> Result<Self, CalibrateError> {
         let mut points = Direction::BOTH.map(|direction| line.readings.mean_curve_in(direction));
         if let Method::Angular { bridge_mm, reading } = line.setup.method {
@@ -36,7 +36,7 @@ impl<'a> Profile<'a> {
             for branch in points.iter_mut().filter(|branch| !branch.is_empty()) {
                 *branch = angular_method_um(name, reading, branch, bridge_mm)
                     .map_err(|source| wrong(line, source))?;
-                // On a reversed axis the same tilt lifts the bridge the other way along the coordinate.
+                // On a reversed axis, the same tilt raises the bridge in the opposite sense along the coordinate.
                 let own = joint.direction[name.axis.mcs_index()];
                 if reading == TiltReading::RightHand && own < 0.0 {
                     for (_, h) in branch.iter_mut() {
@@ -52,10 +52,9 @@ impl<'a> Profile<'a> {
         })
     }
 
-    /// The profile with its targets within the travel of an axis that goes round, where its curve is looked up: a target
-    /// beyond is brought into it by whole periods, the mean counts where several come to stand at one place, and an end
-    /// of travel at which nothing was measured takes the reading of the other end where that is the same angle and the targets
-    /// go round.
+    /// The profile with its targets within the travel of a periodic axis, where its curve is evaluated. A target
+    /// outside is moved by whole periods, targets at the same place are averaged, and an end of the travel without a
+    /// measurement takes the reading of the other end if that is the same angle and the targets go all the way round.
     pub(crate) fn within_travel(mut self, axis: &Axis) -> Self {
         let Some(period) = axis.modulo else {
             return self;
@@ -76,7 +75,7 @@ impl<'a> Profile<'a> {
                 (Some((first, _)), Some((last, _))) => (first - low).max(high - last),
                 _ => f64::INFINITY,
             };
-            // What is closed is no wider than what lies between other targets: a part of a turn stays one.
+            // The closed gap is no wider than those between other targets: a part of a turn stays open.
             let whole_turn = (high - low - period).abs() <= COORDINATE_ROUNDING
                 && ends <= 1.5 * widest + COORDINATE_ROUNDING;
             match [at(low), at(high)] {
@@ -88,7 +87,7 @@ impl<'a> Profile<'a> {
         self
     }
 
-    /// How unevenly it runs from target to target, each direction by itself ([`unevenness`]); `None` of fewer than three targets.
+    /// Unevenness from target to target, each direction separately ([`unevenness`]); `None` for fewer than three targets.
     pub(crate) fn unevenness(&self) -> Option<f64> {
         let branches = self.points.iter();
         branches
@@ -96,7 +95,7 @@ impl<'a> Profile<'a> {
             .reduce(f64::max)
     }
 
-    /// What a mean reading scatters by; `None` also where readings are summed up.
+    /// Scatter of a mean reading; also `None` if readings are summed.
     pub(crate) fn scatter_of_mean(&self, of_run: OfRun) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
@@ -108,7 +107,7 @@ impl<'a> Profile<'a> {
         })
     }
 
-    /// The standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
+    /// Standard deviation of a mean reading without what is removed from each line: its zero, and the slope of a straightness.
     pub(crate) fn noise_of_shape(&self) -> Option<f64> {
         let of_run = if MotionKind::of(self.line.setup.error) == MotionKind::Straightness {
             OfRun::Line
@@ -118,8 +117,8 @@ impl<'a> Profile<'a> {
         self.scatter_of_mean(of_run).map(|noise| noise.deviation)
     }
 
-    /// Targets and readings of every run in a direction, about the mean readings as this profile has them; none where readings are summed
-    /// up, or where a target was brought to another place.
+    /// Targets and readings of every run in a direction, about the mean readings of this profile; `None` if readings
+    /// are summed, or if a target was moved.
     pub(crate) fn runs_in(&self, direction: Direction) -> Option<Vec<Run>> {
         if self.line.setup.method != Method::Direct {
             return None;
@@ -145,19 +144,19 @@ impl<'a> Profile<'a> {
         Some(runs.into_values().collect())
     }
 
-    /// The points of both directions, forward first.
+    /// Points of both directions, forward first.
     pub(crate) fn all(&self) -> impl Iterator<Item = &(f64, f64)> {
         self.points.iter().flatten()
     }
 
-    /// The reference line of its kind through the mean of all runs of each target.
+    /// Reference line of the stated kind through the mean of all runs at each target.
     pub(crate) fn reference_line(&self) -> Result<ReferenceLine, CalibrateError> {
         let points = means(self.all().copied().collect());
         ReferenceLine::of(self.line.reference_line, &points)
             .map_err(|source| wrong(self.line, source))
     }
 
-    /// The least-squares line through points of this profile, the mean of those of the same target counted once.
+    /// Least-squares line through points of this profile; points at the same target are averaged and count once.
     pub(crate) fn line_through(&self, points: Points) -> Result<ReferenceLine, CalibrateError> {
         ReferenceLine::least_squares(&means(points)).map_err(|source| wrong(self.line, source))
     }

@@ -1,4 +1,4 @@
-//! What one file of a folder is proposed as, by what its header, its ending and its name say.
+//! Proposal for one file of a folder, from its header, extension and name.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -63,7 +63,7 @@ pub struct Question {
 }
 
 impl Proposed {
-    /// What is open about it, in the order of its keys.
+    /// Open questions about it, in the order of its keys.
     pub fn questions(&self) -> Vec<Question> {
         let of = self.files.join(", ");
         let mut questions = Vec::new();
@@ -103,32 +103,32 @@ impl Proposed {
     }
 }
 
-/// The keys of `channels` that have no default.
+/// Keys of `channels` without a default.
 pub(crate) const CHANNEL_KEYS: [&str; 4] = ["target", "reading", "reading_is", "unit"];
 
 pub(crate) fn open() -> String {
     format!("\"{OPEN}\"")
 }
 
-/// What header, ending and name of a file state.
+/// Facts stated by the header, extension and name of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FileFacts {
-    /// Every axis of the machine, with the place that a name or a text gives it.
+    /// Every axis of the machine, with its position if a name or a text states it.
     pub(crate) places: Vec<(AxisName, Option<f64>)>,
-    /// The axis that moved, where the error is not known.
+    /// Axis that moved, if the error is not known.
     pub(crate) axis: Option<AxisName>,
     pub(crate) quantity: Option<Quantity>,
     pub(crate) format: Option<FileFormat>,
-    /// The unit of the readings, of the file or as it was answered.
+    /// Unit of the readings, from the file or from an answer.
     pub(crate) unit: Option<DeviationUnit>,
     /// Whether the unit is an open question.
     pub(crate) asks_unit: bool,
-    /// Whether it is a log whose channels are not assigned yet.
+    /// Whether the file is a log whose channels are not assigned yet.
     pub(crate) is_log: bool,
 }
 
 impl Proposed {
-    /// Gives it the places and the keys that follow from what is known now; what was stated or answered of them stays.
+    /// Adds the positions and keys that follow from the current facts; stated or answered ones are kept.
     pub(crate) fn follow(&mut self) {
         let own = self.error.map(|error| error.axis).or(self.facts.axis);
         let held = self
@@ -152,12 +152,12 @@ impl Proposed {
         self.keys = keys;
     }
 
-    /// Whether the error or the unit, or what else decides which keys there are, was left to be answered.
+    /// Whether the error, the unit, or another fact that decides which keys exist is still open.
     pub(crate) fn may_lose_keys(&self) -> bool {
         self.error.is_none() || self.facts.asks_unit || self.facts.is_log
     }
 
-    /// Whether this is a key of other errors or units that this measurement does not have.
+    /// Whether this key belongs to other errors or units and does not exist for this measurement.
     pub(crate) fn has_lost(&self, key: &str) -> bool {
         if let Some(letter) = key.strip_prefix("at.") {
             let is_it = |(axis, _): &(AxisName, Option<f64>)| axis.to_string() == letter;
@@ -167,7 +167,7 @@ impl Proposed {
     }
 }
 
-/// The keys that one error has and another has not.
+/// Keys that exist for some errors only.
 const FOLLOWING: [&str; 6] = [
     "point",
     "rides",
@@ -193,7 +193,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     if facts.asks_unit {
         keys.push(("unit", open()));
     }
-    // Whether the table or the tool moved gives no sign to a positioning alone.
+    // Whether the table or the tool moved only has no effect on the sign of a positioning.
     let is_positioning = match error {
         Some(error) => MotionKind::of(error) == MotionKind::Positioning,
         None => facts.quantity.is_none_or(|q| q == Quantity::Positioning),
@@ -217,7 +217,7 @@ fn keys(error: Option<ErrorName>, facts: &FileFacts) -> Vec<(&'static str, Strin
     keys
 }
 
-/// A log whose channels are not assigned yet.
+/// Proposal for a log whose channels are not assigned yet.
 pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = Hints::of(path, &Metadata::default(), machine);
     let facts = FileFacts {
@@ -230,7 +230,7 @@ pub(crate) fn of_log(name: String, path: &Path, machine: &Machine, channels: &st
     found
 }
 
-/// What a file with readings is proposed as, or why it fits nothing.
+/// Proposal for a file with readings, or the reason why it is not used.
 pub(crate) fn of_measurement(
     name: &str,
     path: &Path,
@@ -312,7 +312,7 @@ pub(crate) fn of_measurement(
     Ok(found)
 }
 
-/// What is said of a file that looks like one of another axis or machine.
+/// Messages on a file that appears to belong to another axis or machine.
 pub(crate) fn out_of_place(
     of: &Proposed,
     measurement: &Measurement,
@@ -328,7 +328,7 @@ pub(crate) fn out_of_place(
 fn facts_of_names(hints: &Hints, machine: &Machine) -> FileFacts {
     let place = |axis: &Axis| {
         let place = hints.places.get(&axis.name).copied();
-        // A place where the axis cannot stand is no hint.
+        // A position that the axis cannot reach is ignored.
         let place = place.filter(|place| axis.check_coordinate(*place).is_ok());
         (axis.name, place)
     };
@@ -351,7 +351,7 @@ fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Propose
     found
 }
 
-/// The errors of an axis that a kind of file may measure.
+/// Errors of an axis that a kind of file may measure.
 pub(crate) fn candidates(axis: AxisName, quantity: Option<Quantity>) -> Vec<ErrorName> {
     let errors = Component::ALL.map(|component| ErrorName::motion(component, axis));
     let is_own = |error: &ErrorName| error.component.mcs_index() == axis.mcs_index();
@@ -408,7 +408,7 @@ fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
     }
 }
 
-/// The header of a file in one line.
+/// Header of a file in one line.
 fn summary(measurement: &Measurement) -> String {
     let mut facts = Vec::new();
     facts.extend(
@@ -438,9 +438,9 @@ fn summary(measurement: &Measurement) -> String {
 pub(crate) struct Hints {
     /// Every error motion that is named, each once.
     pub(crate) errors: Vec<ErrorName>,
-    /// The one axis that stands alone as a word of the file's name.
+    /// The only axis that is a separate word of the file's name.
     pub(crate) axis: Option<AxisName>,
-    /// Where axes stood: `y-z1050`, `X at Y = 0`.
+    /// Positions of axes: `y-z1050`, `X at Y = 0`.
     pub(crate) places: BTreeMap<AxisName, f64>,
     /// Contradictory texts.
     pub(crate) contradictions: Vec<String>,
@@ -472,7 +472,7 @@ impl Hints {
             (Some((axis, _)), None) => Some(axis),
             _ => None,
         };
-        // A minus in a file's name may be a dash: only numbers right behind their letter count.
+        // A minus in a file's name may be a dash: only numbers directly after their letter count.
         let in_name = words.iter().filter_map(|word| {
             let (axis, number) = letter(word, machine)?;
             let plain = number.bytes().all(|b| b.is_ascii_digit() || b == b'.');
@@ -493,12 +493,12 @@ impl Hints {
                 }
             }
         }
-        // Of two places none is the right one.
+        // Of two contradictory positions neither is used.
         hints.places.retain(|axis, _| !contradicted.contains(axis));
         hints
     }
 
-    /// The error, where one is named and no other.
+    /// The error, if exactly one is named.
     pub(crate) fn only_error(&self) -> Option<ErrorName> {
         match self.errors[..] {
             [only] => Some(only),
@@ -515,7 +515,7 @@ fn letter<'w>(word: &'w str, machine: &Machine) -> Option<(AxisName, &'w str)> {
     Some((axis, letters.as_str()))
 }
 
-/// Every `Y = 12.5` of a text.
+/// Every position like `Y = 12.5` in a text.
 fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
     let mut places = Vec::new();
     let parts: Vec<&str> = text.split('=').collect();
@@ -536,7 +536,7 @@ fn stated_places(text: &str) -> Vec<(AxisName, f64)> {
     places
 }
 
-/// Known errors in the order of their names, then the unknown ones; within an error by file.
+/// Sorts known errors by name, then unknown ones; within an error by file.
 pub(crate) fn sort(proposed: &mut [Proposed]) {
     let key = |of: &Proposed| {
         let error = of

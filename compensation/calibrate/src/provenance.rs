@@ -1,4 +1,4 @@
-//! Where the errors of a calibrated machine come from: what stands in `[provenance]` of its machine file.
+//! Origin of the errors of a calibrated machine: the table `[provenance]` of its machine file.
 
 use volcomp_metrology::squareness_parts;
 use volcomp_model::{Machine, ModelError, Origin, Provenance, Source};
@@ -13,11 +13,11 @@ use crate::{
     stages::Stages,
 };
 
-/// The rule of what a person has stated.
+/// Rule of values that the user has stated.
 const STATED: &str = "stated in the calibration file";
 
-/// The machine of the stages with what is known of where its errors come from. What its machine file tells of errors that
-/// were not measured anew stays. No date is added: the same files give the same text.
+/// The machine of the stages with the origin of its errors. Entries of its machine file for errors that were not
+/// measured anew are kept. No date is added: the same files give the same text.
 pub(crate) fn with_provenance(
     file: &CalibrationFile,
     stages: &Stages,
@@ -89,7 +89,7 @@ fn of_curves(file: &CalibrationFile, stages: &Stages) -> Vec<Origin> {
     origins
 }
 
-/// The rule by which the method of a curve was taken.
+/// Rule by which the method of a curve was chosen.
 fn rule(file: &CalibrationFile, curve: &FittedCurve) -> String {
     if let Some(choice) = &curve.choice {
         let follows = choice.chosen().is_none_or(|score| score.follows);
@@ -119,12 +119,12 @@ fn residual(branches: &[&FittedCurve]) -> f64 {
     rounded(f64::sqrt(squares / f64::max(count, 1.0)))
 }
 
-/// Without the rounding of the computation, which says nothing: 1e-6 µm or µrad.
+/// Rounds to 1e-6 µm or µrad, below which values are rounding of the computation.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
 
-/// The leave-one-out error of all directions; `None` where a target cannot be predicted from the others.
+/// Leave-one-out error of all directions; `None` if a target cannot be predicted from the others.
 fn leave_one_out(branches: &[&FittedCurve]) -> Option<f64> {
     let (mut count, mut sum) = (0.0, 0.0);
     for curve in branches {
@@ -156,7 +156,7 @@ fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, Cali
     Ok(plain(error, &method, sources))
 }
 
-/// The origin of an error that is no curve through readings.
+/// Origin of an error that is not a curve through readings.
 fn plain(error: ErrorName, method: &str, sources: Vec<Source>) -> Origin {
     Origin {
         error,

@@ -8,17 +8,16 @@ use volcomp_vocabulary::AxisName;
 /// Placeholder of a value that the user has to state.
 pub const OPEN: &str = "?";
 
-/// The tables in which values may be open.
+/// Tables in which values may be open.
 const TABLES: [&str; 2] = ["measurement", "squareness"];
-/// The tables within a `[[measurement]]` whose values may be open each by itself.
+/// Tables within a `[[measurement]]` whose values may be open individually.
 const INNER: [&str; 3] = ["at", "columns", "channels"];
 
-/// The question for an open value of a key. `key` is that of a `[[measurement]]` or a `[[squareness]]`, `inner` that of a
-/// table in it.
+/// Question for an open value of a key. `key` is that of a `[[measurement]]` or a `[[squareness]]`, `inner` that of a table in it.
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {
-            // Whatever else may stand there is refused by the decoder.
+            // The decoder rejects anything else there.
             let unit = axis
                 .parse::<AxisName>()
                 .map_or("mm or deg", |axis| axis.kind().coordinate_unit());
@@ -57,13 +56,13 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     .to_owned()
 }
 
-/// Refuses a file with open values: names the first question, and how many more there are.
+/// Rejects a file with open values; the message has the first question, and the number of further ones.
 pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
     let mut open = Vec::new();
     for key in TABLES {
         let Some(value) = root.get(key) else { continue };
         for item in value.items()? {
-            // What is no table is told by the decoder.
+            // The decoder reports what is not a table.
             if let Ok(section) = item.section() {
                 collect(&section, &mut open);
             }

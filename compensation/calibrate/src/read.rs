@@ -26,7 +26,7 @@ use crate::{
 };
 
 impl CalibrationFile {
-    /// The keys of the root of a calibration file, besides those of [`Observations::KEYS`] which it may have too.
+    /// Keys at the root of a calibration file, in addition to those of [`Observations::KEYS`], which it may have, too.
     pub const KEYS: [&'static str; 9] = [
         "machine",
         "columns",
@@ -42,7 +42,7 @@ impl CalibrationFile {
     /// Reads a calibration file, its machine file and its measurement files.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// An unreadable file or an invalid entry, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibrateError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut file = Document::read(path)?.decode(|root| decode(&root, folder))?;
@@ -139,7 +139,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     })
 }
 
-/// Refuses a location error that another table states already.
+/// Rejects a location error that another table states already.
 fn check_once(
     item: &Value<'_>,
     error: ErrorName,
@@ -176,14 +176,14 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
     }
 }
 
-/// The key of [`decode_holds_location`].
+/// Key of [`decode_holds_location`].
 pub const HOLDS_LOCATION: &str = "holds_location";
 
-/// Whether the line of an error was taken against the commanded pose, so that it holds what the location errors of its rotary
-/// axis add; true where the section does not say.
+/// Whether the line of an error was taken against the commanded pose, so that it contains the contributions of the
+/// location errors of its rotary axis; true if the section does not state it.
 ///
 /// # Errors
-/// No truth value, or a line of a linear axis.
+/// A value that is not a boolean, or a line of a linear axis.
 pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let value = section.get(HOLDS_LOCATION);
     if let Some(value) = value.filter(|_| !error.axis.is_rotary()) {
@@ -194,15 +194,15 @@ pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<
     section.truth_or(HOLDS_LOCATION, true)
 }
 
-/// What all lines of a calibration file have in common.
+/// Data that all lines of a calibration file share.
 struct Common<'a> {
     folder: &'a Path,
     serial: Option<&'a str>,
-    /// The columns of its tables.
+    /// Columns of its tables.
     columns: Option<Mapping>,
 }
 
-/// Refuses compensation values without a stated sign and unit.
+/// Rejects compensation values without a stated sign and unit.
 fn refuse_unstated_export(
     section: &Section<'_>,
     file: &Value<'_>,
@@ -278,7 +278,7 @@ fn decode_line(
     })
 }
 
-/// The provenance of a measurement file.
+/// Provenance of a measurement file.
 fn source_of(
     value: &Value<'_>,
     path: &Path,
@@ -323,7 +323,7 @@ fn decode_reference_line(
     section.one_of("reference_line", &words, ReferenceKind::LeastSquares)
 }
 
-/// Several lines of one error make one curve, so they cannot ask for different kinds of it.
+/// Rejects different kinds of curve for lines of one error, because these lines make one curve.
 fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Result<(), InputError> {
     let error = line.setup.error;
     let earlier = before
@@ -338,7 +338,7 @@ fn check_same_curve(before: &[Line], line: &Line, section: &Section<'_>) -> Resu
     }
 }
 
-/// Brings the readings into µm or µrad: out of `unit`, where the file states none.
+/// Converts the readings to µm or µrad: from `unit`, if the file states none.
 fn apply_unit(
     section: &Section<'_>,
     file: &Value<'_>,

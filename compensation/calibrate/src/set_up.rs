@@ -1,5 +1,5 @@
-//! How the artefacts of measured lines are set up on a machine: nobody sees the machine coordinate system, there are only the axes
-//! to set them up by.
+//! Set-up of the artefacts of measured lines on a machine: the machine coordinate system is not accessible, so the axes
+//! are the only references for alignment.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -20,15 +20,15 @@ use crate::{
 
 /// Number of targets of a straightness that was not measured.
 const TARGETS: usize = 21;
-/// A direction whose part across another one is smaller is parallel to it.
+/// A direction whose component across another one is smaller is parallel to it.
 const PARALLEL_BELOW: f64 = 0.02;
 
-/// Where the artefacts stand on the workpiece side and on the tool side: with them the machine has no error where all
-/// axes are at `reference`.
+/// Poses of the artefacts on the workpiece side and on the tool side with which the machine has no error when all axes
+/// are at `reference`.
 ///
-/// An artefact on the workpiece side lies along the reference lines of the reference axes and in the place where the tool tip is at
-/// `reference`; what the tool carries is aligned to it there. So no reading depends on the constants of error motions and the slopes of
-/// straightnesses, which are conventions.
+/// An artefact on the workpiece side lies along the reference lines of the reference axes, at the position of the tool
+/// tip at `reference`; what the tool carries is aligned to it there. Readings therefore do not depend on the constants
+/// of error motions and the slopes of straightnesses, which are conventions.
 #[derive(Clone, Copy, Debug)]
 pub struct SetUp {
     /// The workpiece axes in the artefact on the workpiece side, mm.
@@ -38,8 +38,9 @@ pub struct SetUp {
 }
 
 impl SetUp {
-    /// The set-up on the machine of a calibration file as it is known before its lines. Measured errors count as zero here: positioning
-    /// and angular curves are zero at `reference`, straightness curves have no line, and squareness is not known yet.
+    /// Set-up on the machine of a calibration file as known before its lines. Measured errors count as zero here:
+    /// positioning and angular curves are zero at `reference`, straightness curves have no line, and squareness is not
+    /// known yet.
     pub(crate) fn before_lines(
         file: &CalibrationFile,
         known: &Machine,
@@ -64,9 +65,9 @@ impl SetUp {
         ))
     }
 
-    /// The set-up with the axes at `reference` (mm or deg, in machine order; an axis that it lacks stands at 0) along the reference lines of two
-    /// axes. The reference line of a straightness is the one through its targets (mm), 21 over the travel where `targets` gives
-    /// none.
+    /// Set-up with the axes at `reference` (mm or deg, in machine order; an axis without a value is at 0) along the
+    /// reference lines of two axes. The reference line of a straightness is the one through its targets (mm), or
+    /// through 21 targets over the travel if `targets` returns none.
     pub fn of(
         machine: &Machine,
         reference: &[f64],
@@ -90,7 +91,7 @@ impl SetUp {
                 actual_to - actual.transform_point(&tip),
             ])
         });
-        // Where there are no two linear axes the tool stands for them.
+        // Without two linear axes, the tool axes replace them.
         let of_tool =
             (0..3).map(|k| [&ideal, &actual].map(|pose| pose.rotation.column(k).into_owned()));
         let turned = Pose::about_point(turn(directions.chain(of_tool)), Vector3::zeros());
@@ -103,9 +104,9 @@ impl SetUp {
     }
 }
 
-/// Where the line of a rotary axis lies (mm, rad; relative to the nominal one, in MCS at machine zero) as an instrument finds it that is set up
-/// as [`SetUp::of`] says: with all axes at `reference`, seen from the tool tip and along the reference lines of the reference
-/// axes. It is what `[[location]]` of a calibration file states.
+/// Location of the line of a rotary axis (mm, rad; relative to the nominal one, in MCS at machine zero) as measured by
+/// an instrument that is set up as in [`SetUp::of`]: with all axes at `reference`, seen from the tool tip and along the
+/// reference lines of the reference axes. This is the value stated by `[[location]]` of a calibration file.
 ///
 /// # Errors
 /// An axis that the machine does not have.
@@ -125,14 +126,14 @@ pub fn location_seen(
     let before = chain.joints()[..index].iter().zip(&zero.q);
     let before = before.fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(*q));
     let to_axis = before.inverse() * seen;
-    // A turn of the axis alone, as the workpiece sees it, in the frame in which the axis is stated at machine zero.
+    // Rotation of the axis alone, as the workpiece sees it, in the frame in which the axis is stated at machine zero.
     let turned_by = |angle_rad: f64| {
         let mut turned = zero;
         turned.q[index] += angle_rad;
         let pose = |state: &State| actual_pose(chain, &errors, state);
         to_axis * pose(&turned) * pose(&zero).inverse() * to_axis.inverse()
     };
-    // What a quarter of a turn is about has the direction of the axis, and half a turn carries a point to the other side of it.
+    // The rotation vector of a quarter turn has the direction of the axis, and half a turn moves a point to the other side of it.
     let direction = vector_from_rotation(&turned_by(FRAC_PI_2).rotation) / FRAC_PI_2;
     let point = joint.point_mm;
     Ok(ErrorMotion {
@@ -141,7 +142,7 @@ pub fn location_seen(
     })
 }
 
-/// The command at coordinates in mm or deg; an axis that they lack stands at 0.
+/// Command at coordinates in mm or deg; an axis without a value is at 0.
 fn state_at(machine: &Machine, reference: &[f64]) -> State {
     let mut state = State::default();
     for ((axis, q), at) in machine.axes().iter().zip(&mut state.q).zip(reference) {
@@ -150,7 +151,7 @@ fn state_at(machine: &Machine, reference: &[f64]) -> State {
     state
 }
 
-/// Equal targets over a travel.
+/// Equally spaced targets over a travel.
 fn over([low, high]: [f64; 2]) -> Vec<f64> {
     let share = |target: usize| target as f64 / (TARGETS - 1) as f64;
     (0..TARGETS)
@@ -158,8 +159,8 @@ fn over([low, high]: [f64; 2]) -> Vec<f64> {
         .collect()
 }
 
-/// The rotation that takes the actual directions of two axes to the nominal ones, the first exactly: nominal and actual ones
-/// of axes in the order in which they count.
+/// Rotation that takes the actual directions of two axes to the nominal ones, the first exactly. `directions` are the
+/// nominal and actual directions of axes in order of priority.
 fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     let mut frames = [Matrix3::identity(); 2];
     let mut found = 0;
@@ -191,7 +192,7 @@ fn turn(directions: impl Iterator<Item = [Vector3<f64>; 2]>) -> Matrix3<f64> {
     nominal * actual.transpose()
 }
 
-/// A machine on which every axis goes along its reference lines and has the errors that it has at zero.
+/// A machine on which every axis moves along its reference lines and keeps the errors that it has at zero.
 struct ReferenceLines {
     zero: State,
     motions: [ErrorMotion; MAX_AXES],
@@ -234,7 +235,7 @@ impl ReferenceLines {
                     .unwrap_or_else(|| over(axis.travel))
                     .into_iter();
                 let points: Vec<(f64, f64)> = targets.map(point).collect();
-                // A travel of no length has no line.
+                // A travel of zero length has no line.
                 if let Ok(line) = ReferenceLine::least_squares(&points) {
                     lines.motions[index].linear_mm[k] = line.value_um(zero.q[index]) * 1e-3;
                     lines.slopes[index][k] = line.slope_um_per_mm * 1e-3;

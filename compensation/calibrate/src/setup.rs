@@ -1,4 +1,4 @@
-//! How one line is measured (which error, where everything stands, in which sign) and the keys of a `[[measurement]]` that state it.
+//! Set-up of one measured line (error, positions, sign) and the keys of a `[[measurement]]` that state it.
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_kinematics::Side;
@@ -6,35 +6,33 @@ use volcomp_metrology::{Rides, TiltReading};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-/// How one error is measured along one line.
+/// Set-up of one error measured along one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setup {
-    /// The error that is measured.
+    /// Measured error.
     pub error: ErrorName,
-    /// Where every axis stands, mm or deg, by its place in the chain; the measured one at 0. An axis without a value
-    /// stands at 0.
+    /// Position of every axis, mm or deg, by index in the chain; the measured axis is at 0. An axis without a value is at 0.
     pub at: Vec<f64>,
-    /// The measured point m, mm in MCS with the measured axis at 0; `None`: the point at which the
-    /// axis's errors are stated.
+    /// Measured point m, mm in MCS with the measured axis at 0; `None`: the point at which the axis's errors are stated.
     pub point_mcs: Option<[f64; 3]>,
-    /// Which side of the joint the point is on.
+    /// Side of the joint on which the point is.
     pub rides: Rides,
-    /// How the readings become the error.
+    /// Conversion of the readings to the error.
     pub method: Method,
-    /// −1 when the instrument gives the motion of the workpiece-side component, else 1.
+    /// −1 if the instrument gives the motion of the workpiece-side component, else 1.
     pub sign: f64,
 }
 
-/// How readings become the error.
+/// Conversion of readings to the error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// The readings are the error itself.
     Direct,
-    /// Tilts of a bridge, to be summed up to a straightness.
+    /// Tilts of a bridge, summed to a straightness.
     Angular {
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
-        /// How the sign of a tilt is meant.
+        /// Sign convention of a tilt.
         reading: TiltReading,
     },
 }
@@ -53,7 +51,7 @@ impl Setup {
 }
 
 impl Setup {
-    /// The keys of a `[[measurement]]` that [`Setup::decode`] reads, besides the one that names the error.
+    /// Keys of a `[[measurement]]` that [`Setup::decode`] reads, in addition to the one that names the error.
     pub const KEYS: [&str; 7] = [
         "at",
         "point",
@@ -64,10 +62,10 @@ impl Setup {
         "reading",
     ];
 
-    /// The set-up of `error` as a `[[measurement]]` of a calibration file or shop file states it.
+    /// Decodes the set-up of `error` from a `[[measurement]]` of a calibration file or shop file.
     ///
     /// # Errors
-    /// An axis that the machine does not have, a word or number that has no meaning here.
+    /// An axis that the machine does not have, or an invalid word or number.
     pub fn decode(
         section: &Section<'_>,
         error: ErrorName,
@@ -101,7 +99,7 @@ impl Setup {
         })
     }
 
-    /// The keys of a `[[measurement]]` that are read back as this set-up, a line each.
+    /// Formats the keys of a `[[measurement]]` that decode to this set-up, one per line.
     pub fn to_toml(&self, machine: &Machine) -> String {
         let mut lines = vec![format!("error = \"{}\"", self.error)];
         let held: Vec<String> = machine
@@ -133,8 +131,8 @@ impl Setup {
     }
 }
 
-/// Coordinates by axis letter, mm or deg, into their places in the chain; one at which its axis cannot stand is refused: a lever
-/// would be wrong by as much, or a curve be zero where it was never measured.
+/// Assigns coordinates by axis letter, mm or deg, to the indices of the axes in the chain. A coordinate that its axis
+/// cannot reach is rejected: a lever arm would be wrong by as much, or a curve zero where it was never measured.
 pub(crate) fn set_coordinates(
     coordinates: &mut [f64],
     section: &Section<'_>,
@@ -156,8 +154,8 @@ pub(crate) fn set_coordinates(
     Ok(())
 }
 
-/// The errors that a table names by `error`, or by `errors`; each is given to `check` with its value. `missing` is the
-/// error where neither key is there.
+/// Errors that a table names by `error` or by `errors`; each is passed to `check` with its value. `missing` is the
+/// error if neither key is present.
 pub(crate) fn decode_errors(
     section: &Section<'_>,
     machine: &Machine,
@@ -187,10 +185,10 @@ pub(crate) fn decode_errors(
     Ok(errors)
 }
 
-/// The name of an error motion, of an axis that the machine has.
+/// Decodes the name of an error motion of an axis that the machine has.
 ///
 /// # Errors
-/// A text that is no error name or names a location error, an axis that the machine does not have.
+/// A text that is not an error name or names a location error, or an axis that the machine does not have.
 pub fn decode_motion(value: &Value<'_>, machine: &Machine) -> Result<ErrorName, InputError> {
     let error = machine.decode_error(value)?;
     if error.location {

@@ -1,10 +1,10 @@
-//! Which tilts of two axes make a squareness, and the location errors that state it on a machine.
+//! Tilts of two axes that form a squareness, and the location errors that state it on a machine.
 
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
 
-/// The machine with a squareness, which is the difference of the tilts of its two axes about the third; the reference
-/// axes have none: of the pair, the primary, else the secondary.
+/// Sets a squareness, which is the difference of the tilts of its two axes about the third. Reference axes have no
+/// tilt: of the pair, the primary one, else the secondary one.
 pub(crate) fn set_square(
     machine: &mut Machine,
     reference_axes: [AxisName; 2],
@@ -14,7 +14,7 @@ pub(crate) fn set_square(
     let (tilt, sign) = tilt_of(error, reference_axes);
     for name in [error, partner_tilt(error)] {
         let value = if name == tilt { sign * value.0 } else { 0.0 };
-        // A zero is written only over what the machine file had.
+        // A zero only replaces a value of the machine file.
         if value != 0.0 || name == error || machine.locations().contains_key(&name) {
             machine.set_location(name, value)?;
         }
@@ -22,7 +22,7 @@ pub(crate) fn set_square(
     Ok(())
 }
 
-/// The tilt that states a squareness on a machine with these reference axes, and its sign there.
+/// Tilt that states a squareness on a machine with these reference axes, and its sign there.
 pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (ErrorName, f64) {
     if reference_of(reference_axes, squareness) == partner_of(squareness) {
         (squareness, 1.0)
@@ -31,13 +31,12 @@ pub(crate) fn tilt_of(squareness: ErrorName, reference_axes: [AxisName; 2]) -> (
     }
 }
 
-/// The tilt of the other axis of a squareness about the same direction.
+/// Tilt of the other axis of a squareness about the same direction.
 fn partner_tilt(squareness: ErrorName) -> ErrorName {
     ErrorName::location(squareness.component, partner_of(squareness))
 }
 
-/// Which of the two axes of a squareness has no tilt: the primary reference axis where it is one of them, else the
-/// secondary.
+/// The axis of a squareness that has no tilt: the primary reference axis if it is one of the two, else the secondary.
 pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: ErrorName) -> AxisName {
     if [squareness.axis, partner_of(squareness)].contains(&primary) {
         primary
@@ -46,27 +45,27 @@ pub(crate) fn reference_of([primary, secondary]: [AxisName; 2], squareness: Erro
     }
 }
 
-/// The other axis of a squareness: neither its own nor the one it turns about.
+/// The other axis of a squareness: neither its own axis nor its axis of rotation.
 pub(crate) fn partner_of(squareness: ErrorName) -> AxisName {
     let is_partner = |axis: &AxisName| {
         let index = axis.mcs_index();
         index != squareness.axis.mcs_index() && index != squareness.component.mcs_index()
     };
     let primary = [AxisName::X, AxisName::Y, AxisName::Z];
-    // A name that is no squareness may leave none over; it is refused where it is used.
+    // A name that is not a squareness may leave none; it is rejected where it is used.
     primary
         .into_iter()
         .find(is_partner)
         .unwrap_or(squareness.axis)
 }
 
-/// Whether a location error is one of the tilts of X, Y and Z that make their squareness.
+/// Whether a location error is one of the tilts of X, Y and Z that form their squareness.
 pub fn is_square(error: ErrorName) -> bool {
     volcomp_metrology::opening(error).is_some()
 }
 
-/// The name of the squareness that a tilt of X, Y or Z belongs to, so that both tilts of a pair have one name: `EC0X`
-/// and `EC0Y` are `EC0Y`. Every other error is itself.
+/// Name of the squareness that a tilt of X, Y or Z belongs to, the same for both tilts of a pair: `EC0X` and `EC0Y`
+/// give `EC0Y`. Every other error is returned unchanged.
 pub(crate) fn square_of(error: ErrorName) -> ErrorName {
     if !is_square(error) {
         return error;

@@ -1,5 +1,5 @@
-//! Third stage: the slopes of the straightness lines, cleared of what the tilts of held axes add, and the squareness errors that they,
-//! stated values or diagonals (ISO 230-6) give.
+//! Third stage: slopes of the straightness lines without the contributions of the tilts of held axes, and the
+//! squareness errors that follow from them, from stated values or from diagonals (ISO 230-6).
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,17 +23,17 @@ use crate::{
 
 /// Slopes of lines of one error contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
-/// Slopes that differ by less matter to no machine tool, µrad.
+/// Slope differences up to this are irrelevant for any machine tool, µrad.
 const NEVER_BELOW_URAD: f64 = 0.5;
 
-/// The least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
+/// Least-squares slope of each measured straightness error, by the coordinate of the machine coordinate system.
 pub(crate) type Slopes = BTreeMap<ErrorName, Urad>;
 
-/// The slope that was removed from a straightness line.
+/// Slope that was removed from a straightness line.
 pub(crate) struct Removed<'a> {
     pub(crate) line: &'a Line,
     pub(crate) slope: Urad,
-    /// Its standard deviation: from repeated runs, else from how unevenly the line runs; `None` where neither tells it.
+    /// Its standard deviation: from repeated runs, otherwise from the unevenness of the line; `None` if neither is available.
     pub(crate) noise: Option<Urad>,
 }
 
@@ -60,8 +60,7 @@ impl<'a> Removed<'a> {
     }
 }
 
-/// The mean slope of the lines of each straightness error, from the slopes that were removed from them, and notes on lines whose slopes contradict
-/// each other.
+/// Mean slope of the lines of each straightness error, from the slopes removed from them, and notes on lines whose slopes contradict each other.
 pub(crate) fn slopes(
     removed: &[Removed<'_>],
     tilted: &Machine,
@@ -85,7 +84,7 @@ pub(crate) fn slopes(
     Ok((slopes, contradictions))
 }
 
-/// A note on the steepest and the flattest line of an error, where no noise explains what they differ by.
+/// Note on the steepest and the flattest line of an error if noise does not explain their difference.
 fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
     let by_slope = |a: &&(&Removed<'_>, Urad), b: &&(&Removed<'_>, Urad)| a.1.0.total_cmp(&b.1.0);
     let (low, low_slope) = all.iter().min_by(by_slope)?;
@@ -104,10 +103,10 @@ fn contradiction(all: &[(&Removed<'_>, Urad)]) -> Option<String> {
     })
 }
 
-/// Slope of a line that all known errors of the machine give it at the held positions but those of its own travel: what
-/// a perfect instrument would read along an axis that is straight and points where it should.
+/// Slope of a line due to all known errors of the machine at the held positions except those of the travel along the
+/// line: the reading of a perfect instrument along an axis that is straight and has the right direction.
 fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, ModelError> {
-    /// Half of a way over which the slope is read, mm; the reading is a straight line.
+    /// Half the distance over which the slope is read, mm; the reading is a straight line.
     const REACH_MM: f64 = 500.0;
     let others = OtherErrors::new(line, tilted, set_up)?;
     let ends = others.readings([-REACH_MM, REACH_MM].into_iter())?;
@@ -115,7 +114,7 @@ fn held_slope(line: &Line, tilted: &Machine, set_up: &SetUp) -> Result<Urad, Mod
     Ok(Urad(read + others.reference_slope_urad()))
 }
 
-/// Every squareness of a file that is given, or made from the slopes of its two straightness errors.
+/// Every squareness of a file that is stated, or computed from the slopes of its two straightness errors.
 pub(crate) fn squares(
     file: &CalibrationFile,
     slopes: &Slopes,
@@ -127,7 +126,7 @@ pub(crate) fn squares(
     Ok(found)
 }
 
-/// `None` where it comes from diagonals, which need all others.
+/// `None` if it comes from diagonals, which need all other errors.
 fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, CalibrateError> {
     let reference_angle = match entry.source {
         SquarenessSource::Value(value) => return Ok(Some(value)),
@@ -146,18 +145,18 @@ fn square(entry: &Squareness, slopes: &Slopes) -> Result<Option<Urad>, Calibrate
     Ok(Some(squareness(entry.error, reference_angle, parts)?))
 }
 
-/// What diagonals show.
+/// Result of diagonals.
 pub(crate) struct Squares {
-    /// The squareness errors and their values.
+    /// Squareness errors and their values.
     pub(crate) errors: Vec<(ErrorName, Urad)>,
-    /// How well they do.
+    /// Notes on the quality of the result.
     pub(crate) notes: Vec<String>,
-    /// What the diagonals do not bear out.
+    /// Squareness errors that the diagonals do not support.
     pub(crate) undecided: BTreeSet<ErrorName>,
 }
 
 impl Diagonals {
-    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad, and notes on how well they do.
+    /// Squareness errors from the diagonals on a machine with all its other errors, µrad, with notes on their quality.
     pub(crate) fn squares(
         &self,
         machine: &Machine,
@@ -194,7 +193,7 @@ impl Diagonals {
         })
     }
 
-    /// The measurement files, for messages.
+    /// Measurement files, for messages.
     fn files(&self) -> impl Iterator<Item = PathBuf> {
         let files = self.observations.observations.iter();
         files.map(|observation| PathBuf::from(&observation.file))

@@ -1,5 +1,5 @@
-//! The stages from readings to a machine: angular errors, linear ones with Abbe removed, slopes of the straightness
-//! lines, squareness. Each passes the readings of a file once.
+//! Stages from readings to a machine: angular errors, linear errors without Abbe errors, slopes of the straightness
+//! lines, squareness. Each stage processes the readings of a file once.
 
 use volcomp_metrology::squareness_parts;
 use volcomp_model::Machine;
@@ -18,10 +18,10 @@ use crate::{
     squares::{slopes, squares},
 };
 
-/// Maximum number of passes after the first: what a rotary axis adds to the lines of another is small.
+/// Maximum number of passes after the first: the contribution of a rotary axis to the lines of another is small.
 const PASSES: usize = 4;
 
-/// What the lines of a file make of a machine.
+/// Machine and results from the lines of a file.
 pub(crate) struct Stages {
     pub(crate) machine: Machine,
     pub(crate) measured: Vec<ErrorName>,
@@ -30,13 +30,12 @@ pub(crate) struct Stages {
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
     pub(crate) notes: Vec<String>,
     pub(crate) contradictions: Vec<(ErrorName, String)>,
-    /// The location errors that diagonals or lines do not bear out.
+    /// Location errors that diagonals or lines do not support.
     pub(crate) undecided: Vec<ErrorName>,
 }
 
 impl Stages {
-    /// Fits every line of a file. `known` is its machine with the errors that are known otherwise; `step` is called after
-    /// each error.
+    /// Fits every line of a file. `known` is its machine with the errors known from other sources; `step` is called after each error.
     pub(crate) fn of(
         file: &CalibrationFile,
         known: &Machine,
@@ -49,7 +48,7 @@ impl Stages {
         if !file.measurements.iter().any(sees_others) {
             return Ok(stages);
         }
-        // Lines of rotary axes hold the errors of the axes that turn with them where these are held.
+        // Lines of rotary axes contain the errors of the axes that rotate with them, where these are held.
         for _ in 0..PASSES {
             let again = Self::once(file, known, (Some(&stages.machine), &set_up), || ())?;
             let is_same = again.is_as_measured(&stages);
@@ -61,7 +60,7 @@ impl Stages {
         Ok(stages)
     }
 
-    /// One pass over the lines. What other axes add to lines of rotary axes is that of the machine `before`, of a pass before.
+    /// One pass over the lines. The contributions of other axes to lines of rotary axes are those of `before`, the machine of the previous pass.
     fn once(
         file: &CalibrationFile,
         known: &Machine,
@@ -135,7 +134,7 @@ impl Stages {
         })
     }
 
-    /// Whether the measured errors are those of other stages, to the last digit.
+    /// Whether the measured errors are exactly those of other stages.
     pub(crate) fn is_as_measured(&self, other: &Self) -> bool {
         let same = |name: &ErrorName| self.machine.error(*name) == other.machine.error(*name);
         let mut filled = self.curves.iter().map(|curve| curve.error);

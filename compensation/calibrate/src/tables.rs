@@ -1,4 +1,4 @@
-//! The tables `[[location]]` and `[[squareness]]` of a calibration file, with the diagonals that a squareness may come from.
+//! Tables `[[location]]` and `[[squareness]]` of a calibration file, with the diagonals that may determine a squareness.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use crate::{
     squareness::{is_square, partner_of, reference_of, tilt_of},
 };
 
-/// The location errors that one table states.
+/// Decodes the location errors of one table.
 pub(crate) fn decode_location(
     section: &Section<'_>,
     machine: &Machine,
@@ -94,10 +94,11 @@ pub(crate) fn decode_location(
     Ok(errors.into_iter().zip(values).map(location).collect())
 }
 
-/// The location errors that a table `[[location]]` names, by `error` or by `errors`: all lengths or all angles.
+/// Decodes the location errors that a table `[[location]]` names, by `error` or by `errors`: all lengths or all angles.
 ///
 /// # Errors
-/// What is no location error, what moves nothing, the tilt of a reference axis, lengths and angles together.
+/// A name that is not a location error, an error without effect, the tilt of a reference axis, lengths and angles
+/// together.
 pub fn decode_location_errors(
     section: &Section<'_>,
     machine: &Machine,
@@ -119,8 +120,8 @@ pub fn decode_location_errors(
     }
 }
 
-/// A standard uncertainty, 0 or more (µm, µrad, µm/m). One that is larger than any error of a machine says nothing, and a correction with
-/// its band would be none.
+/// Decodes a standard uncertainty, 0 or more (µm, µrad, µm/m). One that is larger than any error of a machine is
+/// rejected: it carries no information, and a correction with its band would have no value.
 pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError> {
     let found = value.number()?;
     if found < 0.0 {
@@ -136,7 +137,7 @@ pub(crate) fn standard_uncertainty(value: &Value<'_>) -> Result<f64, InputError>
     Ok(found)
 }
 
-/// Refuses what is no location error, what moves nothing, and the tilt of a reference axis, which is zero by definition.
+/// Rejects a name that is not a location error, an error without effect, and the tilt of a reference axis, which is zero by definition.
 fn check(
     name: &Value<'_>,
     error: ErrorName,
@@ -171,10 +172,10 @@ const SOURCES: [&str; 5] = [
     "beam_angle_deg",
     "diagonals",
 ];
-/// Two beams that are further from a right angle are no reference of it, deg.
+/// Maximum deviation of two reference beams from a right angle, deg.
 const FAR_FROM_SQUARE_DEG: f64 = 1.0;
 
-/// The squareness errors of one table; `sets` takes its diagonals, where it has some.
+/// Decodes the squareness errors of one table; its diagonals, if any, are added to `sets`.
 pub(crate) fn decode_squareness(
     section: &Section<'_>,
     machine: &Machine,
@@ -227,7 +228,7 @@ pub(crate) fn decode_squareness(
             .collect());
     }
     let [error] = errors[..] else {
-        // `errors` stands with diagonals only.
+        // `errors` is valid with diagonals only.
         return Ok(Vec::new());
     };
     let number = |key: &str| {
@@ -265,12 +266,12 @@ pub(crate) fn decode_squareness(
     Ok(vec![Squareness { error, source }])
 }
 
-/// The last part of the key of a value.
+/// Last part of the key of a value.
 fn last<'k>(value: &'k Value<'_>) -> &'k str {
     value.key().rsplit('.').next().unwrap_or_default()
 }
 
-/// Refuses an error that is no squareness, and a `from` that does not name its two straightness errors.
+/// Rejects an error that is not a squareness, and a `from` that does not name its two straightness errors.
 fn check_parts(
     section: &Section<'_>,
     name: &Value<'_>,
@@ -291,8 +292,8 @@ fn check_parts(
     Err(from.error(format!("found {found:?}, expected {parts:?} for {error}")))
 }
 
-/// Whether just one of the two beams runs against its axis: then the angle between the light's directions is 180° less
-/// the angle between the plus directions.
+/// Whether exactly one of the two beams runs against its axis: the angle between the light's directions is then 180°
+/// minus the angle between the plus directions.
 fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, InputError> {
     let Some(value) = section.get("beams") else {
         return Ok(false);
@@ -321,10 +322,10 @@ fn opposite_beams(section: &Section<'_>, error: ErrorName) -> Result<bool, Input
     )))
 }
 
-/// Targets may stand so much of the length beyond the ends of a diagonal, for the overrun.
+/// Maximum distance of targets beyond the ends of a diagonal, as a share of its length, for the overrun.
 const BEYOND: f64 = 0.02;
 
-/// The diagonals of a `[[squareness]]` with the key `diagonals`.
+/// Decodes the diagonals of a `[[squareness]]` with the key `diagonals`.
 pub(crate) fn decode_diagonals(
     value: &Value<'_>,
     errors: Vec<ErrorName>,
@@ -385,7 +386,7 @@ pub(crate) fn decode_diagonals(
     })
 }
 
-/// Where a diagonal begins or ends, mm or deg by the place of the axis.
+/// Start or end of a diagonal, mm or deg by index of the axis.
 fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, InputError> {
     let mut coordinates = vec![0.0; machine.axes().len()];
     let value = section.require(key)?;
@@ -393,7 +394,8 @@ fn end(section: &Section<'_>, key: &str, machine: &Machine) -> Result<Vec<f64>, 
     Ok(coordinates)
 }
 
-/// A row for each mean reading of a diagonal, with its standard uncertainty, µm; `offset` and `scale` are the places of the numbers of its set-up.
+/// A row for each mean reading of a diagonal, with its standard uncertainty, µm; `offset` and `scale` are the indices
+/// of the numbers of its set-up.
 fn rows(
     file: &Value<'_>,
     machine: &Machine,
@@ -445,7 +447,7 @@ fn rows(
     for (target, mean_um) in readings.mean_curve() {
         let mut state = state_at(target / length)?;
         for (approach, (from, to)) in state.approach.iter_mut().zip(from.iter().zip(to)) {
-            // With readings in both directions the mean of both branches is what their mean shows.
+            // With readings in both directions, their mean has the mean of both branches.
             if !both && from != to {
                 *approach = Some(if (to > from) == forward {
                     Direction::Positive
@@ -478,7 +480,7 @@ fn rows(
     Ok(rows)
 }
 
-/// The measurement file that a value names, and its readings.
+/// Reads the measurement file that a value names.
 pub(crate) fn read_measurement(
     value: &Value<'_>,
     folder: &Path,
@@ -486,7 +488,7 @@ pub(crate) fn read_measurement(
 ) -> Result<(PathBuf, Measurement), CalibrateError> {
     let file = folder.join(value.text()?);
     let readings = read_file_with(&file, mapping).map_err(|error| match error {
-        // Not what is in a file, but which file is named: the calibration file is where to look.
+        // The error is in the name of the file, not in its content, so the message refers to the calibration file.
         MetrologyError::Unreadable { .. }
         | MetrologyError::Directory { .. }
         | MetrologyError::Extension { .. }
@@ -497,7 +499,7 @@ pub(crate) fn read_measurement(
     Ok((file, readings))
 }
 
-/// Files by their names relative to the folder of the calibration file.
+/// Provenance of files, with their names relative to the folder of the calibration file.
 pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>, CalibrateError> {
     let read = |path: &PathBuf| {
         let name = path.strip_prefix(folder).unwrap_or(path);

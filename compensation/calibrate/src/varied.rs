@@ -1,5 +1,4 @@
-//! Measurement uncertainty: what a calibration would have found with other readings of the same
-//! measurement.
+//! Measurement uncertainty: what a calibration would have given with other readings of the same measurement.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +12,9 @@ use volcomp_vocabulary::{Direction, Urad};
 use crate::calibration_file::{CalibrationFile, Line, SquarenessSource, Uncertainty};
 
 impl CalibrationFile {
-    /// The same calibration with readings drawn from their covariance (JCGM 101, propagation of
-    /// distributions): the means of the targets vary jointly as the runs did, and by [`Uncertainty`].
-    /// Every `trial` of a `seed` is the same whatever was drawn before it.
+    /// Returns the same calibration with readings sampled from their covariance (JCGM 101, propagation of
+    /// distributions): the means of the targets vary jointly as the runs did, and by [`Uncertainty`]. Each `trial` of a
+    /// `seed` is reproducible, whatever was sampled before.
     #[must_use]
     pub fn varied(&self, seed: u64, trial: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -28,8 +27,8 @@ impl CalibrationFile {
         varied
     }
 
-    /// Shifts everything that is measured directly by its standard uncertainties times the numbers that `next` gives, each an
-    /// independent one.
+    /// Shifts everything that is measured directly by its standard uncertainties times the numbers that `next` returns,
+    /// each of them independent.
     pub(crate) fn vary_direct(&mut self, next: &mut impl FnMut(Part) -> f64) {
         let uncertainty = self.uncertainty;
         let laser = uncertainty.laser_um_per_m * next(Part::Stated);
@@ -55,7 +54,7 @@ impl CalibrationFile {
         }
     }
 
-    /// Whether everything that is measured directly reads as in another file of the same measurements.
+    /// Whether everything that is measured directly has the same readings in another file of the same measurements.
     pub(crate) fn reads_as(&self, other: &Self) -> bool {
         let mut lines = self.measurements.iter().zip(&other.measurements);
         let mut diagonals = self.diagonals.iter().zip(&other.diagonals);
@@ -72,15 +71,15 @@ impl CalibrationFile {
             })
     }
 
-    /// The lines whose uncertainty comes from the scatter of a few runs.
+    /// Lines whose uncertainty comes from the scatter of a few runs.
     pub fn scatters(&self) -> impl Iterator<Item = LineScatter> {
         let lines = self.measurements.iter().enumerate();
         lines.filter_map(|(line, of)| LineScatter::of(line, &of.readings))
     }
 
-    /// The same calibration with one line shifted by what one of its runs adds to its uncertainty: over the runs these
-    /// shifts are independent, and the squares of what they change add up to the variance that the scatter of the line
-    /// gives.
+    /// Returns the same calibration with one line shifted by the contribution of one of its runs to its uncertainty.
+    /// The shifts of the runs are independent, and the squares of the changes that they cause add up to the variance
+    /// from the scatter of the line.
     #[must_use]
     pub fn shifted_by_run(&self, line: usize, run: u32) -> Self {
         let mut shifted = self.clone();
@@ -94,7 +93,7 @@ impl CalibrationFile {
         shifted
     }
 
-    /// The files whose scatter is not known: one run only in each direction, and nothing stated in `[uncertainty]` for their readings.
+    /// Lines whose scatter is not known: only one run in each direction, and nothing stated in `[uncertainty]` for their readings.
     pub fn without_scatter(&self) -> impl Iterator<Item = &Line> {
         let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         self.measurements
@@ -103,14 +102,14 @@ impl CalibrationFile {
     }
 }
 
-/// The scatter of one line: how well a few runs tell its uncertainty.
+/// Scatter of one line, and how well its few runs determine it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineScatter {
-    /// The place of the line in [`CalibrationFile::measurements`].
+    /// Index of the line in [`CalibrationFile::measurements`].
     pub line: usize,
-    /// The numbers of its runs.
+    /// Numbers of its runs.
     pub runs: Vec<u32>,
-    /// The degrees of freedom of its standard deviations: the runs less one for each mean.
+    /// Degrees of freedom of its standard deviations: number of runs minus one for each mean.
     pub degrees: usize,
 }
 
@@ -119,7 +118,7 @@ impl LineScatter {
     fn of(line: usize, readings: &Measurement) -> Option<Self> {
         let [forward, backward] = Direction::BOTH.map(|direction| readings.runs(direction));
         let one_less = |runs: usize| runs.saturating_sub(1);
-        // A run there and back has one number and shifts both means together.
+        // A bidirectional run has one number and shifts both means together.
         let is_there_and_back = forward.iter().any(|run| backward.contains(run));
         let degrees = if is_there_and_back {
             one_less(forward.len().max(backward.len()))
@@ -137,10 +136,10 @@ impl LineScatter {
     }
 }
 
-/// What a shift belongs to.
+/// Source of a shift.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
-    /// The scatter of a run, see [`CalibrationFile::scatters`].
+    /// Scatter of a run, see [`CalibrationFile::scatters`].
     Run,
     /// A stated uncertainty.
     Stated,
@@ -155,11 +154,11 @@ fn most_runs(readings: &Measurement) -> usize {
     runs[0].max(runs[1])
 }
 
-/// Shifts what was observed by its uncertainties.
+/// Shifts observations by their uncertainties.
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
-    // The prediction error of a drawn one is not used.
+    // The cross-validation of a sample is not used.
     observations.folds = 0;
-    // What is known of the distances of balls and of targets is a reading like those of this machine.
+    // Calibrated distances of balls and positions of targets vary like the readings.
     for number in &mut observations.setup.numbers {
         if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
             *value += within * next();
@@ -179,7 +178,7 @@ fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() ->
     }
 }
 
-/// Shifts what was seen at a pose by its uncertainty.
+/// Shifts a reading by its uncertainty.
 fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
     let mut shift = || row.uncertainty_mm * next();
     match &mut row.seen {
@@ -214,7 +213,7 @@ fn place(reading: &Reading) -> (Direction, u64) {
     (reading.direction, (reading.target + 0.0).to_bits())
 }
 
-/// The standard uncertainty of a single reading, by its own, µm or µrad.
+/// Stated standard uncertainty that is independent between targets, µm or µrad.
 fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
     if line.setup.reads_angles() {
         uncertainty.reading_urad
@@ -223,9 +222,8 @@ fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
     }
 }
 
-/// Shifts the readings of a target together. One number for each run multiplies its deviations from the
-/// means: the covariance of the shifts is that of the runs by their count, between targets and
-/// directions too.
+/// Shifts the readings of a target together. One random number per run multiplies its deviations from the means: the
+/// covariance of the shifts, also between targets and directions, is that of the runs divided by their number.
 fn vary(
     line: &mut Line,
     uncertainty: &Uncertainty,
@@ -258,7 +256,7 @@ fn vary(
     }
 }
 
-/// Adds to the shifts of the targets what each run differs from their means, times its factor, by the root of n (n − 1).
+/// Adds the deviation of each run from the means of the targets, times its factor, divided by √(n (n − 1)), to the shifts of the targets.
 fn add_runs(
     shifts: &mut BTreeMap<(Direction, u64), f64>,
     line: &Line,

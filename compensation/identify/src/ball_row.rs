@@ -1,4 +1,4 @@
-//! A row of balls on a bar (1-D ball array): the row file, where the bar lies, and in which directions readings count.
+//! Row of balls on a bar (1-D ball array): the row file, the position of the bar, and the directions of its readings.
 
 use std::path::{Path, PathBuf};
 
@@ -17,24 +17,24 @@ use crate::{
     setup_keys::{Ball, Balls, Head, ReadFile, Reading, point, stated_vector},
 };
 
-/// The keys of a ball row besides those of every observation.
+/// Keys of a ball row, in addition to those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// A ball further than this from where its distance puts it is another ball, or the bar lies elsewhere (of usual machine tools).
+/// Maximum distance of a ball from its nominal place on the bar, mm at usual extents. Beyond it, it is another ball or the bar lies elsewhere.
 const MISPLACED_MM: f64 = 2.0;
-/// A row whose direction has a smaller part along every axis has no side that is meant by itself.
+/// Minimum direction cosine along one axis for which sides have a default; a more oblique row must state `side1`.
 const ALONG_AN_AXIS: f64 = 0.9;
 
-/// Where the bar lies, as far as the file states it.
+/// Stated position of the bar.
 pub(crate) struct Placement<'a> {
     origin: usize,
-    /// The origin as it is stated, and the value that states it.
+    /// Value in the file, and the origin that it states, mm.
     stated: Option<(Value<'a>, Vector3<f64>)>,
     direction: Option<Vector3<f64>>,
     side1: Option<Vector3<f64>>,
 }
 
-/// Decodes the keys of a ball row: what its rows refer to, and where the bar lies.
+/// Decodes the keys of a ball row: the parts of the set-up that its rows refer to, and the position of the bar.
 pub(crate) fn decode<'a>(
     of: &Head<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
@@ -106,7 +106,6 @@ pub(crate) fn decode<'a>(
     Ok((kind, placement, path))
 }
 
-/// Reads a row file.
 fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
     let name = table.require("ball")?;
     let distance = table.require("distance_mm")?;
@@ -122,7 +121,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
         }
         let uncertainty_um = match uncertainty.map(|column| row.cell(column)) {
             Some(cell) if !cell.text().is_empty() => {
-                // 0 is a distance that is taken for exact.
+                // 0: the distance is taken as exact.
                 match cell.number()? {
                     0.0 => 0.0,
                     found => standard_uncertainty_um(found)
@@ -157,7 +156,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
     })
 }
 
-/// What a row's reading says of the tip: where it is nominally, the ball's distance, and tip minus ball as far as read.
+/// One reading: nominal tip, distance of the ball along the row, and measured tip minus ball.
 struct Place {
     line: usize,
     nominal_mm: Vector3<f64>,
@@ -165,8 +164,8 @@ struct Place {
     offset_mm: [Option<f64>; 3],
 }
 
-/// Lays the bar through the nominal tips, and from its origin where that is stated: the directions in which readings count,
-/// and the start of what is to be found.
+/// Places the bar through the nominal tips, and through its origin if that is stated: sets the directions of the
+/// readings and the start value of an unknown origin.
 pub(crate) fn place_bar(
     placement: &Placement<'_>,
     table: &CsvTable,
@@ -246,7 +245,7 @@ pub(crate) fn place_bar(
     Ok(())
 }
 
-/// The directions along the row, to side 1 and to side 2, as columns.
+/// Unit directions along the row, to side 1 and to side 2, as columns.
 fn across(
     along: &Vector3<f64>,
     placement: &Placement<'_>,
@@ -265,7 +264,7 @@ fn across(
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
             return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
         }
-        // X: Y and Z; Y: Z and X; Z: X and Y.
+        // Default sides of a row along X: Y and Z; along Y: Z and X; along Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),
     };
     let side1 = (side - along * along.dot(&side))

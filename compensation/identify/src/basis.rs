@@ -1,4 +1,4 @@
-//! Curves as sums of modes: a constant, a line, and modes of rising curvature whose size a penalty may hold down.
+//! Curves as sums of modes: a constant, a line, and modes of rising curvature, which a penalty can shrink.
 
 use volcomp_curve::{BSpline, Chebyshev, Curve, CurveError, Fourier};
 use volcomp_kinematics::nalgebra::DMatrix;
@@ -6,10 +6,10 @@ use volcomp_kinematics::nalgebra::DMatrix;
 /// Degree of the B-splines.
 const DEGREE: usize = 3;
 
-/// The kind of curve that an error is to have.
+/// Kind of curve of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Basis {
-    /// One number.
+    /// A single number.
     Constant,
     /// Legendre polynomials up to this order over the range of the observations.
     Legendre {
@@ -29,7 +29,6 @@ pub enum Basis {
 }
 
 impl Basis {
-    /// The highest order of its modes.
     pub(crate) fn highest_order(self) -> usize {
         match self {
             Self::Constant => 0,
@@ -40,12 +39,12 @@ impl Basis {
     }
 }
 
-/// The modes of one curve: value(q) = Σ c_m φ_m(q), q in mm or deg.
+/// Modes φ_m of one curve: value(q) = Σ c_m φ_m(q), q in mm or deg.
 #[derive(Clone, Debug)]
 pub(crate) struct Modes {
     basis: Basis,
     domain: [f64; 2],
-    /// For a B-spline: the knots, the spline's coefficients of each mode, a column each, and the spline of each.
+    /// B-spline only: its knots, the spline coefficients of each mode (one column each), and the spline of each mode.
     knots: Vec<f64>,
     columns: DMatrix<f64>,
     splines: Vec<BSpline>,
@@ -53,10 +52,10 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// The modes of a basis over the range of the observations.
+    /// Creates the modes of a basis over the range of the observations, mm or deg.
     ///
     /// # Errors
-    /// A spline that cannot be built over this range.
+    /// No spline can be built over this range.
     pub(crate) fn new(basis: Basis, domain: [f64; 2]) -> Result<Self, CurveError> {
         let mut modes = Self {
             basis,
@@ -68,7 +67,7 @@ impl Modes {
         };
         match basis {
             Basis::Constant => {}
-            // Between the power of a curve whose slope is limited (2) and that of one whose bending is (4).
+            // Between the powers for a penalty on slope (2) and for a penalty on bending (4).
             Basis::Legendre { order } => {
                 let weights = (1..=order).map(|k| (k as f64).powi(3));
                 modes.weights.extend(weights);
@@ -83,14 +82,13 @@ impl Modes {
         Ok(modes)
     }
 
-    /// The space of the spline in the eigenvectors of its second-difference penalty: constant, line, and the rest by
-    /// rising penalty.
+    /// Builds the spline modes: eigenvectors of the second-difference penalty, as constant, line, and the rest by rising penalty.
     fn spline(&mut self, count: usize) -> Result<(), CurveError> {
         let [lower, upper] = self.domain;
         let segments = count - DEGREE;
         let step = (upper - lower) / segments as f64;
         let knot = |i: usize| match i {
-            // The ends of the domain are those of the observations to the last digit.
+            // Exactly the ends of the observations, without rounding.
             _ if i == DEGREE => lower,
             _ if i == DEGREE + segments => upper,
             _ => lower + (i as f64 - DEGREE as f64) * step,
@@ -108,7 +106,7 @@ impl Modes {
         self.columns = DMatrix::zeros(count, count);
         for row in 0..count {
             self.columns[(row, 0)] = 1.0;
-            // Coefficients on a line are the line itself, 1 at the upper end of the domain.
+            // Coefficients on a line reproduce that line; it is 1 at the upper end of the domain.
             let place = row as f64 - 0.5 * (count - 1) as f64;
             self.columns[(row, 1)] = 2.0 * place / segments as f64;
         }
@@ -118,7 +116,7 @@ impl Modes {
         for (mode, &source) in order.iter().enumerate().skip(2) {
             let column = eigen.eigenvectors.column(source) * size;
             self.columns.set_column(mode, &column);
-            // Against the slope's weight of 1 that of order 2.
+            // Order 2 has weight 8 relative to the slope's weight of 1.
             self.weights.push(8.0 * eigen.eigenvalues[source] / least);
         }
         let columns = self.columns.column_iter();
@@ -128,22 +126,21 @@ impl Modes {
         Ok(())
     }
 
-    /// The range of the modes, mm or deg.
+    /// Range of the modes, mm or deg.
     pub(crate) fn domain(&self) -> [f64; 2] {
         self.domain
     }
 
-    /// How many modes there are.
     pub(crate) fn len(&self) -> usize {
         self.weights.len()
     }
 
-    /// The weight of each mode in the penalty; 0 for the constant.
+    /// Weight of each mode in the penalty; 0 for the constant.
     pub(crate) fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// The names of the modes, as they stand behind the name of the error.
+    /// Suffix that names a mode after the name of the error.
     pub(crate) fn label(&self, mode: usize) -> String {
         match (self.basis, mode) {
             (_, 0) => "constant".to_owned(),
@@ -155,7 +152,7 @@ impl Modes {
         }
     }
 
-    /// The order of a mode: what is kept first where modes of several curves cannot be told apart.
+    /// Order of a mode. Where modes of several curves cannot be distinguished, lower orders are kept first.
     pub(crate) fn order(&self, mode: usize) -> usize {
         match self.basis {
             Basis::Fourier { .. } => mode.div_ceil(2),
@@ -163,7 +160,7 @@ impl Modes {
         }
     }
 
-    /// The value of every mode at a coordinate, mm or deg; outside the range those of its end.
+    /// Values of all modes at a coordinate, mm or deg. Outside the range they are those of its nearest end.
     pub(crate) fn values(&self, at: f64) -> Vec<f64> {
         let [lower, upper] = self.domain;
         let held = at.clamp(lower, upper);
@@ -186,7 +183,7 @@ impl Modes {
         }
     }
 
-    /// The curve of these coefficients, as a machine file has it.
+    /// The curve with these coefficients, as stored in a machine file.
     pub(crate) fn curve(&self, coefficients: &[f64]) -> Result<Curve, CurveError> {
         let first = coefficients.first().copied().unwrap_or_default();
         Ok(match self.basis {
@@ -214,7 +211,7 @@ impl Modes {
     }
 }
 
-/// P_0 to P_order at t.
+/// Legendre polynomials P_0 to P_order at t.
 pub(crate) fn legendre(t: f64, order: usize) -> Vec<f64> {
     let mut values = vec![1.0];
     let (mut before, mut now) = (1.0, t);
@@ -226,7 +223,7 @@ pub(crate) fn legendre(t: f64, order: usize) -> Vec<f64> {
     values
 }
 
-/// The Chebyshev coefficients of a polynomial of this order on [−1, 1], from its values at the Chebyshev nodes.
+/// Chebyshev coefficients of a polynomial of this order on [−1, 1], from its values at the Chebyshev nodes.
 fn chebyshev_of(value: impl Fn(f64) -> f64, order: usize) -> Vec<f64> {
     let count = order + 1;
     let angle = |node: usize| core::f64::consts::PI * (node as f64 + 0.5) / count as f64;

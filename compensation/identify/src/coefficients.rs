@@ -1,4 +1,4 @@
-//! The unknown errors of a machine as coefficients of curves, and of products of the modes of two axes.
+//! Unknown errors of a machine as coefficients of curves and of products of the modes of two axes.
 
 use volcomp_curve::{Curve, CurveError, ErrorCurve, Field, Grid};
 use volcomp_model::Machine;
@@ -10,20 +10,20 @@ use crate::{
     observations::{Observations, SecondAxis},
 };
 
-/// Products of modes are kept after all modes of curves of one axis.
+/// Rank offset of products: they are kept after all modes of single-axis curves.
 const PRODUCTS_FROM: usize = 1000;
 
-/// A coefficient of an error: mm or rad inside, µm or µrad outside.
+/// Coefficient of an error: mm or rad internally, µm or µrad in results.
 #[derive(Clone, Debug)]
 pub(crate) struct Coefficient {
     pub(crate) name: String,
     pub(crate) error: ErrorName,
-    /// Which curve it belongs to, by the place in [`Unknowns::curves`].
+    /// Index of its curve in [`Unknowns::curves`].
     pub(crate) curve: usize,
     pub(crate) role: Role,
-    /// The group whose penalty holds it down, and its weight there.
+    /// Penalty group, and the weight within the group.
     pub(crate) group: Option<(usize, f64)>,
-    /// What is kept first.
+    /// Rank among indistinguishable coefficients; lower is kept first.
     rank: usize,
 }
 
@@ -31,7 +31,7 @@ pub(crate) struct Coefficient {
 pub(crate) enum Role {
     Location,
     Mode(usize),
-    /// A mode of the error's own axis times one of the second axis, by its place in [`Products::pairs`].
+    /// A mode of the error's own axis times one of the second axis: index in [`Products::pairs`].
     Product(usize),
     Reversal,
 }
@@ -42,25 +42,25 @@ pub(crate) struct UnknownCurve {
     pub(crate) error: ErrorName,
     pub(crate) axis: usize,
     pub(crate) modes: Option<Modes>,
-    /// What of it depends on a second axis.
+    /// Its dependence on a second axis.
     pub(crate) products: Option<Products>,
 }
 
-/// Everything unknown of the machine.
+/// All unknown errors of the machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Unknowns {
     pub(crate) curves: Vec<UnknownCurve>,
-    /// In the order in which they are kept where some cannot be told apart: location errors, constants, modes by
-    /// rising order, then products by rising order.
+    /// In the order of preference where some cannot be distinguished: location errors, constants, modes by rising
+    /// order, then products by rising order.
     pub(crate) coefficients: Vec<Coefficient>,
     /// Axis, component and coefficient of every unknown location error.
     pub(crate) locations: Vec<(usize, usize, usize)>,
-    /// How many groups of coefficients have a penalty each.
+    /// Number of groups of coefficients with a penalty each.
     pub(crate) groups: usize,
 }
 
 impl Unknowns {
-    /// The unknowns of the observations. In `machine` the curves that are to be found become zero.
+    /// Collects the unknowns of the observations and sets their curves in `machine` to zero.
     pub(crate) fn new(
         observations: &Observations,
         machine: &mut Machine,
@@ -100,7 +100,7 @@ impl Unknowns {
                     let rank = 1 + 2 * modes.order(mode);
                     coefficients.push(add(name, Role::Mode(mode), rank, group));
                 }
-                // Found anew; a reversal value that is not an unknown stays.
+                // Identified anew; a reversal value that is not an unknown is kept.
                 let reversal = match machine.error(error) {
                     Some(ErrorCurve::Reversal { reversal, .. }) if !item.reversal => *reversal,
                     _ => 0.0,
@@ -159,8 +159,8 @@ impl Unknowns {
 }
 
 impl Unknowns {
-    /// Whether a coefficient is the constant of a curve, or the slope of the straightness of a linear axis: what of it nothing
-    /// else says is a convention.
+    /// Whether a coefficient is the constant of a curve, or the slope of a linear axis's straightness: unless something
+    /// else determines it, it is a convention.
     pub(crate) fn is_convention(&self, place: usize) -> bool {
         let coefficient = &self.coefficients[place];
         let error = coefficient.error;
@@ -175,7 +175,7 @@ impl Unknowns {
     }
 }
 
-/// µm or µrad for one mm or rad of a component.
+/// µm per mm, or µrad per rad, of a component.
 pub(crate) fn micro(component: Component) -> f64 {
     if component.is_angular() { 1e6 } else { 1e3 }
 }
@@ -189,7 +189,7 @@ fn constant(value: f64, reversal: f64) -> ErrorCurve {
     }
 }
 
-/// A curve whose reversal value is found anew.
+/// A curve without its reversal value, which is identified anew.
 fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     match curve {
         Some(ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. }) => {
@@ -200,29 +200,29 @@ fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
     }
 }
 
-/// The fewest parts into which a range is divided for the grid.
+/// Minimum number of parts into which a range is divided for the grid.
 const LEAST_PARTS: usize = 8;
-/// The most parts.
+/// Maximum number of parts into which a range is divided for the grid.
 const MOST_PARTS: usize = 128;
-/// The grid may miss the products by this half-way between its nodes, µm or µrad.
+/// Maximum interpolation error of the grid half-way between its nodes, µm or µrad.
 const MISSES: f64 = 0.01;
 
-/// The products of one error: c_k φ_i(q) ψ_j(p), ψ along the second axis and never its constant.
+/// Products of one error: c_k φ_i(q) ψ_j(p), where ψ_j runs along the second axis and is never its constant.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
     axis: usize,
     name: AxisName,
     modes: Modes,
-    /// The own mode and the mode of the second axis of each product.
+    /// Own mode and mode of the second axis of each product.
     pairs: Vec<(usize, usize)>,
 }
 
 impl Products {
-    /// The products of the modes of an error's own curve, as far as their order is not above that of the second axis's
-    /// curve, and of that curve over this range of the axis with this index.
+    /// Products of the modes of an error's own curve, up to the order of the second axis's curve, with the modes of
+    /// that curve. `axis` is the index of the second axis and `range` its range, mm or deg.
     ///
     /// # Errors
-    /// A spline that cannot be built over this range.
+    /// No spline can be built over this range.
     pub(crate) fn new(
         own: &Modes,
         axis: usize,
@@ -243,31 +243,29 @@ impl Products {
         })
     }
 
-    /// The index of the second axis.
     pub(crate) fn axis(&self) -> usize {
         self.axis
     }
 
-    /// The own mode and the mode of the second axis of each product.
+    /// Own mode and mode of the second axis of each product.
     pub(crate) fn pairs(&self) -> &[(usize, usize)] {
         &self.pairs
     }
 
-    /// The sum of the orders of a product's modes.
+    /// Sum of the orders of both modes of a product.
     pub(crate) fn order(&self, own: &Modes, place: usize) -> usize {
         let (first, second) = self.pairs[place];
         own.order(first) + self.modes.order(second)
     }
 
-    /// The name of a product, as it stands behind the name of the error.
+    /// Suffix that names a product after the name of the error.
     pub(crate) fn label(&self, own: &Modes, place: usize) -> String {
         let (first, second) = self.pairs[place];
         let of_second = self.modes.label(second);
         format!("{} × {} {of_second}", own.label(first), self.name)
     }
 
-    /// The weight of a product in its penalty: that of a mode of one axis is its order cubed, so this is the length of
-    /// both orders cubed.
+    /// Penalty weight of a product. The weight of a single-axis mode is its order cubed, so this is the Euclidean norm of both orders, cubed.
     pub(crate) fn weight(&self, own: &Modes, place: usize) -> f64 {
         let (first, second) = self.pairs[place];
         let squared = |weight: f64| weight.powf(2.0 / 3.0);
@@ -275,7 +273,7 @@ impl Products {
         sum.powf(1.5)
     }
 
-    /// The value of every product, from those of the own modes, at a coordinate of the second axis (mm or deg).
+    /// Values of all products at a coordinate of the second axis, mm or deg; `own` are the values of the error's own modes.
     pub(crate) fn values(&self, own: &[f64], at: f64) -> Vec<f64> {
         self.of_modes(own, &self.modes.values(at)).collect()
     }
@@ -284,9 +282,10 @@ impl Products {
         self.pairs.iter().map(|&(i, j)| own[i] * second[j])
     }
 
-    /// The grid of the error with these coefficients of its own modes and of the products (µm or µrad), so fine that
-    /// half-way between its nodes it is right within [`MISSES`], or with [`MOST_PARTS`] along an axis. `own_axis` is the
-    /// index of the error's axis, `go_round` whether that one and the second have a modulo.
+    /// Grid of the error with these coefficients of its curve's modes and of the products, µm or µrad. It is refined
+    /// until the interpolation error half-way between its nodes is within [`MISSES`], or to [`MOST_PARTS`] along an
+    /// axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second one have a
+    /// modulo.
     pub(crate) fn grid(
         &self,
         own: &Modes,
@@ -325,7 +324,7 @@ impl Products {
             }
             nodes(both[along], parts)
         });
-        // Only a whole turn closes.
+        // Only a full turn closes.
         let is_turn = |along: usize| {
             let [low, high] = both[along].domain();
             go_round[along] && (high - low - 360.0).abs() < 1e-6
@@ -335,7 +334,7 @@ impl Products {
         let row = |&at: &f64| {
             let first = own.values(at);
             let mut row: Vec<f64> = columns.iter().map(|second| value(&first, second)).collect();
-            // Along an axis that goes round a grid closes to the last digit.
+            // Along a periodic axis the grid must close exactly.
             if go_round[1] {
                 let first = row[0];
                 row[nodes[1].len() - 1] = first;
@@ -351,11 +350,11 @@ impl Products {
     }
 }
 
-/// The ends of equal parts of the range of some modes.
+/// Ends of equal parts of the range of the modes.
 fn nodes(modes: &Modes, parts: usize) -> Vec<f64> {
     let [low, high] = modes.domain();
     let node = |k: usize| match k {
-        // To the last digit.
+        // Exactly, without rounding.
         _ if k == parts => high,
         _ => low + (high - low) * k as f64 / parts as f64,
     };

@@ -1,13 +1,13 @@
-//! The columns of a row file by their names, and names that look like others.
+//! Columns of a row file by name, and rejection of names that resemble expected ones.
 
 use volcomp_document::{Column, CsvTable, InputError, quoted, split_head, unit_named};
 use volcomp_model::axis_of_head;
 use volcomp_vocabulary::AxisName;
 
-/// The columns of a table by their exact names: `X` is an axis, `x` a coordinate of a target.
+/// Columns of a table by exact name: `X` is an axis, `x` a coordinate of a target.
 pub(crate) struct Columns<'t> {
     pub(crate) table: &'t CsvTable,
-    /// The requested names.
+    /// Names requested so far.
     pub(crate) used: Vec<String>,
 }
 
@@ -24,12 +24,12 @@ impl Columns<'_> {
         }
     }
 
-    /// The column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
+    /// Column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
     pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
         self.alone_or(&axis.to_string(), |found| axis_of_head(found) == Some(axis))
     }
 
-    /// The name of the column of an axis, alone or with any unit, whoever reads it.
+    /// Name of the column of an axis, alone or with any unit, requested or not.
     pub(crate) fn named_like(&self, axis: AxisName) -> Option<&str> {
         let letter = axis.to_string();
         let is_axis = |found: &str| without_unit(found) == Some(letter.as_str());
@@ -37,7 +37,7 @@ impl Columns<'_> {
         names.find(|name| is_axis(name))
     }
 
-    /// The column of a name, alone or with the unit that it always has.
+    /// Column of a name, alone or with its fixed unit.
     fn with_unit(&mut self, name: &str, unit: &str) -> Result<Option<Column>, InputError> {
         self.alone_or(name, |found| {
             let (stem, found) = split_head(found);
@@ -45,7 +45,7 @@ impl Columns<'_> {
         })
     }
 
-    /// The column of this name, or one with another that means the same.
+    /// Column of this name, or of an equivalent one according to `means_it`.
     fn alone_or(
         &mut self,
         name: &str,
@@ -75,12 +75,12 @@ impl Columns<'_> {
             .collect()
     }
 
-    /// Refuses a column that nobody reads but whose name means one that is missing, in other letters or with another unit:
-    /// `a` for `A`, `X [mm]` for `X`, `dx_mm` for `dx_um`. Left out, its axis would stand at zero.
+    /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
+    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. If it were ignored, its axis would be taken as zero.
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {
-            // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever else they say.
+            // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever follows the letter.
             let axis = axis_named_first(found).filter(|axis| {
                 let mut names = self.table.names().map(|(_, name)| name);
                 self.used.contains(&axis.to_string())
@@ -97,7 +97,7 @@ impl Columns<'_> {
             };
             let missing = || self.used.iter().filter(|name| !is_there(name));
             let stem_of = |name: &String| split_head(name).0.to_owned();
-            // `z_mm` means a target's `z` before it means the axis `Z`.
+            // `z_mm` matches a target's `z` before the axis `Z`.
             let meant = missing()
                 .find(|name| stem_of(name) == stem)
                 .or_else(|| missing().find(|name| stem_of(name).eq_ignore_ascii_case(stem)));
@@ -111,19 +111,19 @@ impl Columns<'_> {
         Ok(())
     }
 
-    /// The column of a name that must be there.
+    /// Column of a required name.
     pub(crate) fn require(&mut self, name: &str) -> Result<Column, InputError> {
         let column = self.get(name)?;
         self.found(name, column)
     }
 
-    /// The column of a length that must be there, alone or with its unit: `x`, `x mm`, `x_mm`.
+    /// Column of a required length, alone or with its unit: `x`, `x mm`, `x_mm`.
     pub(crate) fn require_mm(&mut self, name: &str) -> Result<Column, InputError> {
         let column = self.with_unit(name, "mm")?;
         self.found(name, column)
     }
 
-    /// The column that was looked for under a name and must be there.
+    /// Returns a column that was searched for under a name, or rejects the file if it is missing.
     pub(crate) fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
         if column.is_none() {
             self.refuse_lookalikes()?;
@@ -137,13 +137,13 @@ impl Columns<'_> {
     }
 }
 
-/// The name of a column without the unit at its end; `None` where what follows the name is no unit.
+/// Name of a column without its unit; `None` if the suffix is not a unit.
 fn without_unit(head: &str) -> Option<&str> {
     let (name, unit) = split_head(head);
     (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
 }
 
-/// The axis with whose letter a head begins, where no other letter or a unit follows: `X_actual`, `X MCS`, `Xmm`.
+/// The axis whose letter begins a head, followed by a unit or by no letter or digit: `X_actual`, `X MCS`, `Xmm`.
 fn axis_named_first(head: &str) -> Option<AxisName> {
     let (letter, behind) = head.split_at_checked(1)?;
     let is_word = behind.starts_with(char::is_alphanumeric) && unit_named(behind).is_none();

@@ -1,4 +1,4 @@
-//! The actual tool tip and how each error of each axis moves it: the derivatives of the exact model, by hand.
+//! Actual tool tip and its derivatives by each error of each axis: the exact model, derived by hand.
 
 use volcomp_kinematics::{
     Chain, ErrorMotion, Pose, Side, State,
@@ -7,7 +7,7 @@ use volcomp_kinematics::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// The errors of all axes at one state, mm and rad, in chain order.
+/// Errors of all axes at one state, mm and rad, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Errors {
     pub(crate) motion: [ErrorMotion; MAX_AXES],
@@ -15,20 +15,20 @@ pub(crate) struct Errors {
     pub(crate) assembly: [ErrorMotion; MAX_AXES],
 }
 
-/// The actual tool tip at a state, and its derivatives.
+/// Actual tool tip at a state, with its derivatives.
 #[derive(Clone, Debug)]
 pub(crate) struct Tip {
     /// The actual tip in workpiece axes, mm, from the machine zero of the workpiece.
     pub(crate) position_mm: Vector3<f64>,
     /// R_actual: tool axes to workpiece axes.
     pub(crate) rotation: Matrix3<f64>,
-    /// By the six error motions of each axis, mm/mm and mm/rad, in chain order.
+    /// Derivatives by the six error motions of each axis, mm/mm and mm/rad, in chain order.
     pub(crate) by_motion: [[Vector3<f64>; 6]; MAX_AXES],
-    /// By the six location errors of each axis.
+    /// Derivatives by the six location errors of each axis, in the same units and order.
     pub(crate) by_location: [[Vector3<f64>; 6]; MAX_AXES],
 }
 
-/// The matrix J of exp((r + d)^) = exp((J d)^) exp(r^) to first order in d: the left Jacobian of the rotation vector.
+/// Left Jacobian J of a rotation vector: exp((r + d)^) = exp((J d)^) exp(r^) to first order in d.
 fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = r_rad.norm_squared();
     let hat = r_rad.cross_matrix();
@@ -47,7 +47,7 @@ fn left_jacobian(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + hat * first + hat * hat * second
 }
 
-/// One factor of the product of an axis, with the derivatives of the point that it carries, in the frame on its left.
+/// One factor of the kinematic product, with the derivatives of the point that it carries, in the frame to its left.
 struct Factor {
     pose: Pose,
     axis: usize,
@@ -61,7 +61,7 @@ enum FactorKind {
     Assembly,
 }
 
-/// The actual tip of a tool whose functional point is at `tip_mm` (MCS at machine zero), with derivatives.
+/// Computes the actual tip of a tool whose functional point is at `tip_mm` (MCS at machine zero), with derivatives.
 pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector3<f64>) -> Tip {
     let factors = factors(chain, errors, state);
     let mut tip = Tip {
@@ -70,7 +70,7 @@ pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector
         by_motion: [[Vector3::zeros(); 6]; MAX_AXES],
         by_location: [[Vector3::zeros(); 6]; MAX_AXES],
     };
-    // From the tool to the workpiece: where the point is before each factor, and how the factor's errors move it.
+    // From tool to workpiece: the point before each factor, and its derivatives by the factor's errors.
     let mut point = *tip_mm;
     for factor in factors.iter().rev() {
         let joint = &chain.joints()[factor.axis];
@@ -113,7 +113,7 @@ pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector
         point = carried;
     }
     tip.position_mm = point;
-    // From the workpiece to the tool: the rotation of all that stands left of a factor.
+    // From workpiece to tool: the rotation of all factors to the left of each factor.
     let mut before = Matrix3::identity();
     for factor in &factors {
         let columns = match factor.kind {
@@ -130,7 +130,7 @@ pub(crate) fn tip(chain: &Chain, errors: &Errors, state: &State, tip_mm: &Vector
     tip
 }
 
-/// The factors of the product from the workpiece to the tool, in the order of the model.
+/// Factors of the product from the workpiece to the tool, in the order of the model.
 fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     use FactorKind::{Assembly, Error, Motion};
     let mut factors = Vec::with_capacity(3 * chain.joints().len());
@@ -176,7 +176,7 @@ fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     factors
 }
 
-/// One of the six components of an error motion.
+/// Component of an error motion: 0 to 2 linear, mm; 3 to 5 angular, rad.
 pub(crate) fn component_of(motion: &mut ErrorMotion, component: usize) -> &mut f64 {
     if component < 3 {
         &mut motion.linear_mm[component]

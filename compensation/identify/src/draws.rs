@@ -1,4 +1,4 @@
-//! Machines drawn from what an identification leaves open: the uncertainty of everything that is computed from them.
+//! Monte Carlo samples of the identified machine, for the uncertainty of everything computed from it.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,25 +16,26 @@ use crate::{
     system::System,
 };
 
-/// Machines whose errors are drawn from the covariance of an identification, correlations included (JCGM 101,
-/// propagation of distributions). An error that the observations do not determine is the same in every one.
+/// Monte Carlo samples of the machine: its errors follow the covariance of an identification, correlations included
+/// (JCGM 101, propagation of distributions). An error that the observations do not determine is the same in every
+/// sample.
 #[derive(Clone, Debug)]
 pub struct Draws {
     system: System,
-    /// The coefficients that were found, µm and µrad.
+    /// Identified coefficients, µm and µrad.
     found: Vec<f64>,
-    /// Places in `found` of those that are determined.
+    /// Indices in `found` of the determined coefficients.
     determined: Vec<usize>,
-    /// A matrix whose product with its transpose is their covariance.
+    /// Square root of their covariance: its product with its transpose.
     root: DMatrix<f64>,
 }
 
 impl Draws {
-    /// From observations and what was found of them.
+    /// Prepares samples from observations and their identification.
     ///
     /// # Errors
-    /// [`IdentifyError::OtherObservations`] where what was found has other unknowns than the observations; what
-    /// [`identify`](crate::identify()) refuses.
+    /// [`IdentifyError::OtherObservations`] if the identification has other unknowns than the observations; the errors
+    /// of [`identify`](crate::identify()).
     pub fn new(observations: &Observations, found: &Identification) -> Result<Self, IdentifyError> {
         let system = System::new(observations)?;
         let names = (0..system.params.len()).map(|param| system.name(param));
@@ -44,8 +45,8 @@ impl Draws {
             return Err(IdentifyError::OtherObservations);
         }
         let mut coefficients = vec![0.0; system.unknowns.coefficients.len()];
-        // Columns of the covariance that belong to coefficients: those of set-ups are left out, their share is in the
-        // variances of the others already.
+        // Columns of the covariance that belong to coefficients. Those of set-ups are omitted: their contribution is
+        // already in the variances of the others.
         let (mut places, mut columns) = (Vec::new(), Vec::new());
         let mut column = 0;
         for (param, parameter) in found.parameters.iter().enumerate() {
@@ -66,15 +67,15 @@ impl Draws {
             system,
             found: coefficients,
             determined: places,
-            // Of what is left of the rows more than their stated uncertainty is in the draws.
+            // Residuals beyond the stated uncertainties widen the distribution.
             root: root_of(&(covariance * found.excess.powi(2))),
         })
     }
 
-    /// The machine of one draw. Every `trial` of a `seed` is the same whatever was drawn before it.
+    /// Returns one sample. Each `trial` of a `seed` is reproducible, whatever was sampled before.
     ///
     /// # Errors
-    /// A curve that is refused: none for the coefficients of an identification, which has made such curves.
+    /// A rejected curve; does not occur for the coefficients of an identification, which has built such curves already.
     pub fn machine(&self, seed: u64, trial: u64) -> Result<Machine, IdentifyError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(trial);
@@ -94,8 +95,8 @@ impl Draws {
     }
 }
 
-/// A square root of a covariance, which rounding may have made a little indefinite. Its rows and columns are first
-/// divided by the standard uncertainties, so that µm and µrad of any size count alike.
+/// Square root of a covariance that rounding may have made slightly indefinite. Rows and columns are first divided by
+/// the standard uncertainties, so that µm and µrad of any size have equal scale.
 fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let sizes = covariance
         .diagonal()
@@ -103,7 +104,7 @@ fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let correlation = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |row, column| {
         let size = sizes[row] * sizes[column];
         if size > 0.0 {
-            // The mean of both halves: the eigenvalues of a symmetric matrix are wanted.
+            // Symmetrised, because the eigenvalues of a symmetric matrix are needed.
             0.5 * (covariance[(row, column)] + covariance[(column, row)]) / size
         } else {
             0.0

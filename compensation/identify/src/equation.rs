@@ -1,4 +1,4 @@
-//! The equations of rows: residuals and their derivatives by every parameter.
+//! Equations of rows: residuals and their derivatives by every parameter.
 
 use volcomp_kinematics::{
     ErrorMotion,
@@ -15,29 +15,29 @@ use crate::{
     system::{PreparedRow, PreparedStand, Rows, System},
 };
 
-/// The rows of the matrix that belong to one row of a file: one for each direction in which it sees.
+/// Writes the equations of one row of a file: one for each direction that it measures.
 struct Writer<'e> {
     residuals: &'e mut DVector<f64>,
     jacobian: &'e mut DMatrix<f64>,
     sides: &'e mut Sides,
-    /// Which run the row is of.
+    /// Run that the row belongs to.
     run: Option<usize>,
-    /// How large the reversal value of each coefficient may be; `None`: 1, of the ideal machine.
+    /// Assumed size of the reversal value of each coefficient, mm or rad; `None`: 1, for the ideal machine.
     reversals: Option<&'e [f64]>,
     params: &'e Params,
     unknowns: &'e Unknowns,
-    /// Location errors that follow unknowns.
+    /// Location errors that follow unknowns: axis, component, coefficient, change per unit.
     following: &'e [(usize, usize, usize, f64)],
-    /// The first equation.
+    /// Index of the first equation.
     first: usize,
-    /// One by the uncertainty.
+    /// Reciprocal of the uncertainty, 1/mm.
     weight: f64,
-    /// The Legendre polynomials of the row's time.
+    /// Legendre polynomials of the row's time.
     polynomials: &'e [f64],
 }
 
 impl Writer<'_> {
-    /// Takes what the tip moves with one unit of each coefficient of an error, seen in these directions.
+    /// Adds the derivatives by the coefficients of errors, projected on these directions.
     fn coefficients(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
         for &(axis, component, coefficient, value) in &stand.terms {
             let moved = tip.by_motion[axis][component] * value;
@@ -54,7 +54,7 @@ impl Writer<'_> {
         self.sides(stand, tip, directions);
     }
 
-    /// Takes what the tip moves where axes came from the positive side of which it is not known.
+    /// Adds the effect of an approach in the positive direction for axes whose approach direction is unknown.
     fn sides(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
         let Some(run) = self.run else { return };
         for side in &stand.sides {
@@ -80,8 +80,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Takes how the residual moves with one unit of each number of a frame or point. `moved` is given the number's place and the order
-    /// of its drift.
+    /// Adds the derivatives by the components of a frame or point. `moved` receives the component and the order of its drift.
     fn part(
         &mut self,
         part: Part,
@@ -94,7 +93,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Takes how the residual moves with one unit of a number.
+    /// Adds the derivatives by a number of the set-up; `by` is the change of the residual per unit.
     fn number(&mut self, number: usize, by: f64) {
         for at in self.params.of(Part::Number(number)) {
             self.jacobian[(self.first, at.param)] += by * self.polynomials[at.order] * self.weight;
@@ -107,7 +106,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Takes what was read of an offset, and tells in which directions.
+    /// Writes the residuals of the measured offsets and returns their directions.
     fn offsets(
         &mut self,
         axes: &Matrix3<f64>,
@@ -131,14 +130,14 @@ impl Writer<'_> {
 }
 
 impl System {
-    /// The residuals and their derivatives, without the sides that are not known: numbers that are independent.
+    /// Residuals and their derivatives, with unknown approach directions eliminated so that the equations are independent.
     pub(crate) fn equations(&self, rows: &Rows, values: &Values) -> Equations {
         self.plain_equations(rows, values, false).without_sides()
     }
 
-    /// The residuals and their derivatives. `design`: the derivatives of the ideal machine with readings that fit it
-    /// exactly, from which it is judged what can be told apart. Rows before an axis first moved are as if they had the mean of
-    /// both directions.
+    /// Residuals and their derivatives, without this elimination. With `design`, the derivatives are those of the ideal
+    /// machine with readings that fit it exactly; they decide what is distinguishable. Rows before the first move of an
+    /// axis count as the mean of both directions.
     pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
@@ -158,10 +157,10 @@ impl System {
         for (place, row) in rows.0.iter().enumerate() {
             self.write_row(row, values, design, place, &mut equations);
         }
-        // What a calibration says of a number is one more observation of it.
+        // A calibrated value is one more observation of its number.
         for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
             equations.residuals[count + row] = residual / uncertainty;
-            // Whether something can be told apart is judged as if it were exact: however wide, it leaves nothing open.
+            // For distinguishability it counts as exact: however uncertain, it leaves nothing undetermined.
             let least = if design {
                 equations.jacobian.column(column).norm()
             } else {
@@ -172,8 +171,8 @@ impl System {
         equations
     }
 
-    /// The numbers that are found beside what a calibration or a ruler says of them: column, how much more they are than that, and
-    /// its uncertainty.
+    /// Quantities that are identified although a calibration or a ruler states them: column, difference from the stated
+    /// value, and the uncertainty of that value.
     fn calibrated(&self, values: &Values) -> Vec<(usize, f64, f64)> {
         let mut found = Vec::new();
         for (number, quantity) in self.setup.numbers.iter().enumerate() {
@@ -200,12 +199,12 @@ impl System {
             .collect()
     }
 
-    /// The residuals alone of every row, mm: three numbers, or one and two zeros. Rows before an axis first moved have the
-    /// side that they fit best, or less of it.
+    /// Residuals of every row, mm: three components, or one or two padded with zeros. Rows before an axis first moved
+    /// get the approach direction that fits them best, or a fraction of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         /// Number of reweighting rounds.
         const ROUNDS: usize = 5;
-        /// What was found is uncertain, too, where a row tells nothing of it: by so many uncertainties of a reading at the most.
+        /// Margin on a side beyond ±1, in uncertainties of a reading: the reversal value is uncertain, too, where a row hardly depends on it.
         const WITHIN: f64 = 8.0;
         let mut equations = self.plain_equations(rows, values, false);
         if equations.sides.len() > 0 {
@@ -217,7 +216,7 @@ impl System {
                 let roots = left.map(|residual| weight(residual).sqrt());
                 let mut weighted = equations.sides.clone();
                 weighted.scale(|equation| roots[equation]);
-                // An axis came from one side or from the other: a slip is no side.
+                // An axis came from one of two sides: a slip must not count as a side.
                 sides = weighted.estimate(&equations.residuals.component_mul(&roots));
                 for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
                     let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
@@ -229,13 +228,13 @@ impl System {
         in_mm(rows, &equations)
     }
 
-    /// The same of rows as they are without any error, before it is known how large errors are: rows before an axis first
-    /// moved as if they had the mean of both directions.
+    /// Residuals of rows without any error of the machine, before the size of errors is known: rows before an axis
+    /// first moved count as the mean of both directions.
     pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
         in_mm(rows, &self.plain_equations(rows, values, false))
     }
 
-    /// The actual tip in workpiece axes and how it moves with the errors; `design`: that of the ideal machine.
+    /// Actual tip in workpiece axes and its derivatives by the errors; with `design`, those of the ideal machine.
     fn tip_at(
         &self,
         stand: &PreparedStand,
@@ -266,7 +265,7 @@ impl System {
         tip
     }
 
-    /// By how much one unit of each coefficient moves the tip of the ideal machine at a pose.
+    /// Displacement of the ideal machine's tip at a pose per unit of each coefficient.
     pub(crate) fn moved_by(
         &self,
         stand: &PreparedStand,
@@ -286,7 +285,7 @@ impl System {
         moved.into_iter().enumerate().collect()
     }
 
-    /// Writes the equations of the row at this place; see [`System::plain_equations`].
+    /// Writes the equations of one row; see [`System::plain_equations`].
     #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     pub(crate) fn write_row(
         &self,
@@ -327,7 +326,7 @@ impl System {
             Seen::Point { frame, at_mm, .. } => {
                 let of = &values.frames[*frame];
                 let still = of.pose.transform_point(at_mm);
-                // What has drifted turns what it displaces; the ideal does not drift.
+                // Drift rotates the points that it displaces; the ideal machine has no drift.
                 let [shift, turn] = if design {
                     [Vector3::zeros(); 2]
                 } else {
@@ -409,7 +408,7 @@ impl System {
                 let displacement = direction.dot(&(tip.position_mm - row.ideal_mm));
                 let line = values.number_at(*offset, polynomials)
                     + values.number_at(*slope, polynomials) * place;
-                // Every reading contains the line of the set-up.
+                // Every reading contains the line (offset and slope) of the set-up.
                 out.residual(0, displacement + line - deviation_mm);
                 out.coefficients(&row.stand, &tip, &[*direction]);
                 out.number(*offset, 1.0);
@@ -439,13 +438,13 @@ impl System {
     }
 }
 
-/// The direction of a row of balls, and how it turns with one unit of its tilts.
+/// Direction of a ball row and its derivatives by the two tilts.
 pub(crate) struct Bar {
     pub(crate) along: Vector3<f64>,
     by_tilt: [Vector3<f64>; 2],
 }
 
-/// The row of these axes with these tilts to its sides.
+/// Direction of the row with these axes, tilted to its sides.
 pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
     let laid = axes * Vector3::new(1.0, side1, side2);
     let along = laid.normalize();
@@ -456,7 +455,7 @@ pub(crate) fn bar(axes: &Matrix3<f64>, [side1, side2]: [f64; 2]) -> Bar {
     Bar { along, by_tilt }
 }
 
-/// How a point at a lever moves with one unit of a displacement (0 to 2) or a rotation (3 to 5).
+/// Motion of a point at a lever arm per unit of displacement (0 to 2) or rotation (3 to 5).
 fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
     if place < 3 {
         Vector3::ith(place, 1.0)
@@ -469,16 +468,16 @@ fn frame_motion(place: usize, lever_mm: &Vector3<f64>) -> Vector3<f64> {
 pub(crate) struct Equations {
     /// Residuals in units of their uncertainty.
     pub(crate) residuals: DVector<f64>,
-    /// Their derivatives by every parameter.
+    /// Derivatives by every parameter.
     pub(crate) jacobian: DMatrix<f64>,
-    /// For each row its first equation and how many it has.
+    /// First equation and number of equations of each row.
     pub(crate) places: Vec<(usize, usize)>,
-    /// How they are moved by sides from which axes came, which are not known.
+    /// Derivatives by the unknown approach directions.
     pub(crate) sides: Sides,
 }
 
 impl Equations {
-    /// The same where the sides are eliminated: numbers that are independent again.
+    /// The same with the sides eliminated, so that the equations are independent.
     fn without_sides(mut self) -> Self {
         if self.sides.len() > 0 {
             self.sides.eliminate(&mut self.jacobian);
@@ -502,10 +501,10 @@ fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
+/// Residuals above this, in uncertainties, get less weight (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
 pub(crate) const HUBER: f64 = 1.345;
 
-/// How much a residual counts in a robust fit.
+/// Huber weight of a residual, in uncertainties.
 pub(crate) fn weight(residual: f64) -> f64 {
     let size = residual.abs();
     if size > HUBER { HUBER / size } else { 1.0 }

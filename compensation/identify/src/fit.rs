@@ -1,7 +1,8 @@
 //! One fit: which unknowns are distinguishable, and the search for them.
 //!
-//! This is judged on the ideal experiment, the same poses on a machine without errors with readings that fit it exactly: unknowns that it
-//! cannot distinguish are distinguished by the errors of the real machine only in appearance.
+//! Distinguishability is decided on the ideal experiment: the same poses on a machine without errors, with readings
+//! that fit it exactly. Where that does not separate unknowns, the errors of the real machine separate them only in
+//! appearance.
 
 use volcomp_kinematics::{
     REACHED_WITHIN_MM, State,
@@ -18,8 +19,8 @@ use crate::{
     system::{Rows, System},
 };
 
-/// The distinguishable unknowns, where it is not known from which side an axis came before it first moved: reversal values that only such
-/// rows depend on are left at zero, and so are the columns `without`.
+/// The distinguishable unknowns, for rows whose approach direction may be unknown. Reversal values that only such rows
+/// depend on are fixed at zero, and so are the columns `without`.
 pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[usize]) -> Rank {
     let rank = independent_without(&design.jacobian, without);
     if !design.sides.has_unknown() {
@@ -60,7 +61,7 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
     if mixed.is_empty() {
         return rank;
     }
-    // What was left at zero stays there.
+    // Columns fixed at zero remain so.
     let left: Vec<&Vec<(usize, f64)>> = rank.null.iter().chain(&mixed).collect();
     let mut others = jacobian.clone();
     for null in &left {
@@ -75,15 +76,15 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
     rest
 }
 
-/// A fit to some rows.
+/// Result of a fit.
 pub(crate) struct Fitted {
     pub(crate) solution: Solution,
     pub(crate) rank: Rank,
-    /// Of what the rank leaves out that of which only the noise leaves nothing known.
+    /// The unknowns that `rank` leaves out only because noise hides them.
     pub(crate) uncertain: Vec<Uncertain>,
 }
 
-/// Fits rows from a start of the set-ups.
+/// Fits rows from start values of the set-ups.
 pub(crate) fn fit(
     system: &System,
     observations: &Observations,
@@ -107,7 +108,7 @@ pub(crate) fn fit(
         |rank: &Rank| (rank.kept.iter()).any(|&column| system.group(column).is_some());
     let mut rank = rank;
     let mut uncertain: Vec<Uncertain> = Vec::new();
-    // A penalty says how large an unknown may be: beside it noise leaves nothing open.
+    // A penalty bounds the size of an unknown, so noise cannot leave it open.
     if !is_penalised(&rank) {
         let jacobian = system.equations(rows, &values).jacobian;
         while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
@@ -116,7 +117,7 @@ pub(crate) fn fit(
             rank = distinguishable(system, &design, &without);
         }
     }
-    // What is left at zero begins there.
+    // Unknowns fixed at zero start at zero.
     for left in rank.left_at_zero() {
         if let Param::Coefficient(coefficient) = system.params.at(left) {
             values.coefficients[coefficient] = 0.0;
@@ -138,7 +139,7 @@ pub(crate) fn fit(
     })
 }
 
-/// The equations of the ideal experiment.
+/// Equations of the ideal experiment.
 pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations {
     let ideal: Vec<Row> = rows
         .iter()
@@ -147,7 +148,7 @@ pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations
     system.plain_equations(&system.prepare(ideal.iter()), values, true)
 }
 
-/// A row on a sphere or a ball with the linear axes where the ideal machine would have stood.
+/// A row on a sphere or a ball, with the linear axes where the ideal machine would have been.
 fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let mut ideal = row.clone();
     let centre = match &row.seen {
@@ -159,18 +160,18 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
             axes,
             ..
         } => {
-            // On the bar as it lies: beside it, turning the bar and turning the machine would not be the same.
+            // On the bar as it lies: off it, rotating the bar and rotating the machine would not be equivalent.
             let along = bar(axes, tilts.map(|tilt| values.numbers[tilt][0])).along;
             values.points[*origin][0] + along * values.numbers[*distance][0]
         }
         _ => return ideal,
     };
-    // As near as the linear axes can: a machine with fewer than three of them stays beside it.
+    // As close as the linear axes can get: a machine with fewer than three of them does not reach the point.
     let _ = bring(system, &mut ideal.stand, centre);
     ideal
 }
 
-/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Whether they could.
+/// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Returns whether they reached it.
 pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> bool {
     let chain = system.machine.chain();
     let tip_mm = stand.tip_mm;
@@ -184,22 +185,22 @@ pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> boo
     chain.bring(&mut stand.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
 }
 
-/// mm and mrad: no error of a machine is larger. Where the noise alone gives an unknown a larger standard uncertainty than this, the
-/// observations tell less of it than is known before any measurement: a value would be noise, and harm where it is applied.
+/// Maximum size of a machine error, mm and mrad. If noise alone gives an unknown a larger standard uncertainty, the
+/// observations add nothing to prior knowledge: its value would be noise, and harmful if applied.
 pub(crate) const LARGEST: f64 = 1.0;
 
-/// An error coefficient that is left at zero for its uncertainty.
+/// An error coefficient fixed at zero because of its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertain {
     pub(crate) param: usize,
-    /// The standard uncertainty that it would have, in its unit.
+    /// Standard uncertainty that it would have had, in its unit.
     pub(crate) uncertainty: f64,
 }
 
 impl Uncertain {
-    /// Which of the kept unknowns is to be left at zero first, where these are the derivatives of all by the numbers, each divided by
-    /// its uncertainty: of those that are about as uncertain the last one, since more is known of the others without it. `None` where
-    /// something is known of all.
+    /// The kept unknown to fix at zero first; `jacobian` has the derivatives of all readings, each divided by its
+    /// uncertainty. Of similarly uncertain unknowns it is the last, because fixing it leaves more known of the others.
+    /// `None` if all are sufficiently certain.
     pub(crate) fn among(system: &System, kept: &[usize], jacobian: &DMatrix<f64>) -> Option<Self> {
         let own = jacobian.select_columns(kept);
         let lengths: Vec<f64> = own.column_iter().map(|column| column.norm()).collect();
@@ -226,7 +227,7 @@ impl Uncertain {
             .rfind(|of| of.uncertainty >= LEAST_SHARE * most)
     }
 
-    /// What it is, for people.
+    /// Description for messages.
     pub(crate) fn words(self, system: &System) -> String {
         let (symbol, largest) = match system.unit_of(self.param).0 {
             "urad" => ("µrad", "mrad"),

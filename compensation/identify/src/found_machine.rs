@@ -1,4 +1,4 @@
-//! The machine that values of the unknown errors make.
+//! Machine with given values of the unknown errors.
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_model::Machine;
@@ -11,11 +11,11 @@ use crate::{
     system::System,
 };
 
-/// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where
-/// none is given.
+/// Returns the machine of the observations with values of their unknown errors, by the names and in the units of the
+/// parameters; unknowns without a value are 0.
 ///
 /// # Errors
-/// What [`crate::identify()`] refuses of unknowns; a name that is none of the unknowns or of the set-up.
+/// Unknowns that [`crate::identify()`] rejects; a name that is neither an unknown nor part of the set-up.
 pub fn machine_with(
     observations: &Observations,
     values: &[(String, f64)],
@@ -85,7 +85,7 @@ pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, Id
                 _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
             },
         };
-        // A reversal value that is not an unknown stays.
+        // A reversal value that is not an unknown is kept.
         let reversal = reversal.or(match before {
             Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
             _ => None,

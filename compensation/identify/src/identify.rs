@@ -1,4 +1,4 @@
-//! From observations to a machine: set-up, rank, errors, judgement.
+//! Identifies a machine from observations: set-up, rank, errors, validation.
 
 use std::collections::BTreeSet;
 
@@ -94,12 +94,13 @@ pub struct Identification {
     pub warnings: Vec<Note>,
 }
 
-/// Unknowns do not describe the machine if the residuals exceed this multiple of the stated uncertainty.
+/// Maximum ratio of residuals to stated uncertainty at which the unknowns still describe the machine.
 const NOT_DESCRIBED: f64 = 3.0;
 
 impl Identification {
-    /// The errors that the observations do not bear out: those that they leave open, those that hold only if one of these is zero, and all where what
-    /// is left of the observations, or of a file of them, is more than three times their stated uncertainty, or rows that were only predicted are far off.
+    /// Errors that the observations do not support: those left undetermined, and those whose value holds only if one of
+    /// these is zero. It is all of them if the residuals of the observations, or of one file, exceed three times the
+    /// stated uncertainty, or if rows that were only predicted are far off.
     pub fn undecided(&self) -> BTreeSet<ErrorName> {
         let is_described = self.variance <= NOT_DESCRIBED.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
@@ -130,14 +131,14 @@ fn as_maps<S: serde::Serializer>(
     serializer.collect_seq(null.iter().map(|weights| Weights(weights)))
 }
 
-/// Finds the unknowns of the observations. `progress` receives the number of fits done and of all.
+/// Identifies the unknowns of the observations. `progress` receives the number of completed fits and their total.
 ///
 /// # Errors
 /// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
-/// * No rows, too few or all alike; a frame that cannot be found; a search that does not end.
-/// * Rows that no machine like the nominal one can have given: [`IdentifyError::FarRows`], and
-///   [`IdentifyError::Unexplained`] where what is left after the fit is more than machines miss.
-/// * A curve that cannot be built from what was found: [`IdentifyError::Curve`].
+/// * No rows, too few, or all alike; an undetermined frame; a search that does not converge.
+/// * Rows that no machine like the nominal one can have produced: [`IdentifyError::FarRows`], and
+///   [`IdentifyError::Unexplained`] if residuals after the fit are larger than real machines deviate.
+/// * A curve that cannot be built from the identified coefficients: [`IdentifyError::Curve`].
 pub fn identify(
     observations: &Observations,
     mut progress: impl FnMut(usize, usize),
@@ -145,10 +146,10 @@ pub fn identify(
     followed(observations, &[], &mut progress).map(|(found, _)| found)
 }
 
-/// The same where other errors of the machine follow the unknowns: these are found by the residuals with all that follows
-/// them, and so is their covariance. With it comes how what was found follows the errors that were taken for known.
+/// Like [`identify`], with other errors of the machine that follow the unknowns: the residuals include everything that
+/// follows, and so does the covariance. Also returns how the result depends on the errors that were taken as known.
 ///
-/// The machine that is found has the other errors as the observations had them.
+/// The identified machine has the other errors as in the observations.
 ///
 /// # Errors
 /// As [`identify`].
@@ -160,7 +161,7 @@ pub fn identify_followed(
     followed(observations, followers, &mut progress)
 }
 
-/// Compiled once, not for each type of `progress`.
+/// Not generic over `progress`, so that it is compiled only once.
 fn followed(
     observations: &Observations,
     followers: &[Follower],
@@ -193,7 +194,7 @@ fn followed(
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
     let warning = |text: &String| Note::warning("", text.as_str());
-    // First what makes the answer wrong, then what makes it uncertain, last what stands at every run.
+    // First what makes the result wrong, then what makes it uncertain, last what every run reports.
     let mut warnings = inverted(&system, observations, &rows, &fitted);
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
@@ -265,8 +266,8 @@ pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
     }
 }
 
-/// The part of each row: rows of one pose are in the same part, poses are dealt out in an order drawn with a fixed seed. `None` where
-/// there are fewer poses than parts: a part without a pose would judge nothing.
+/// Cross-validation fold of each row. Rows of one pose share a fold; poses are dealt out in an order shuffled with a
+/// fixed seed. `None` if there are fewer poses than folds: a fold without a pose would validate nothing.
 fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     if count == 0 {
         return None;
@@ -279,7 +280,7 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     let mut random = ChaCha8Rng::seed_from_u64(0x766f_6c63);
     for last in (1..order.len()).rev() {
         let drawn = random.next_u64() % (last as u64 + 1);
-        // At most `last`, which is a place of the list.
+        // At most `last`, which is a valid index.
         order.swap(last, usize::try_from(drawn).unwrap_or(last));
     }
     let mut part = vec![0; poses];
@@ -301,8 +302,8 @@ pub struct LeftOut {
     pub folds: usize,
 }
 
-/// Residuals of rows that were left out of the fit, in `folds` parts by pose; everything, penalties included, is
-/// found anew from the others. A note in place of it where the poses are too few.
+/// Residuals of rows left out of the fit, in `folds` parts by pose; everything, penalties included, is identified anew
+/// from the others. Returns a note instead if there are too few poses.
 pub(crate) fn left_out(
     system: &System,
     observations: &Observations,
@@ -346,17 +347,17 @@ pub(crate) fn left_out(
     Ok((Some(LeftOut { figures, folds }), None))
 }
 
-/// Notes on rows that are only predicted.
+/// Warnings about rows that are only predicted.
 #[derive(Default)]
 pub(crate) struct OfJudged {
-    /// On files that are far off as a whole.
+    /// Files that are far off as a whole.
     pub(crate) files: Vec<Note>,
-    /// On single rows that are far off beside the others.
+    /// Single rows that are far off compared with the others.
     pub(crate) rows: Vec<Note>,
 }
 
-/// What is left of the rows that are only predicted, and notes on those that are far off beside the others of their file, and on
-/// files that are far off beside what is left of the fitted rows.
+/// Residuals of rows that are only predicted, with warnings about rows that are far off compared with the others of
+/// their file, and about files that are far off compared with the residuals of the fitted rows.
 pub(crate) fn judged(
     system: &System,
     observations: &Observations,
@@ -364,7 +365,7 @@ pub(crate) fn judged(
     fitted: Figures,
 ) -> (Option<Figures>, OfJudged) {
     const SHOWN: usize = 5;
-    /// As of fitted rows beside their uncertainty.
+    /// The limit for fitted rows relative to their uncertainty.
     const TIMES_FITTED: f64 = 3.0;
     const TIMES_USUAL: f64 = 10.0;
     let mut notes = OfJudged::default();

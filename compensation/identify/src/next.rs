@@ -1,5 +1,5 @@
-//! What to measure next: of many poses that the instruments of the files can take and have not taken yet, the one that makes the largest
-//! uncertainty smallest.
+//! Proposes the next pose to measure: of many poses that the instruments of the files can measure and have not measured
+//! yet, the one that most reduces the largest uncertainty.
 
 use std::collections::BTreeMap;
 
@@ -44,9 +44,9 @@ pub struct Next {
     pub improvement: Option<f64>,
 }
 
-/// The pose that helps most. Where unknowns are not determined and a pose tells of them, it is the one that tells most of
-/// them; else the one after which the largest uncertainty of any error coefficient, by its largest effect on the tip in the
-/// workspace, is smallest.
+/// The most useful pose. If a pose informs about undetermined unknowns, it is the most informative one; otherwise it is
+/// the one that minimises the largest uncertainty of any error coefficient, by its largest effect on the tip in the
+/// workspace.
 pub(crate) fn next(
     system: &System,
     observations: &Observations,
@@ -91,7 +91,7 @@ pub(crate) fn next(
         pose: axes
             .map(|(axis, &q)| {
                 let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
-                // What is left of the way to radians and back.
+                // Removes the rounding of the conversion to radians and back.
                 (axis.name, (at * 1e6).round() / 1e6)
             })
             .collect(),
@@ -104,8 +104,7 @@ pub(crate) fn next(
     })
 }
 
-/// The candidate after which the largest uncertainty is smallest, the parameter that is least certain now, and how much
-/// more certain it becomes.
+/// The candidate that minimises the largest uncertainty, the least certain parameter now, and the factor by which its uncertainty decreases.
 fn surest(
     effects: &DVector<f64>,
     fitted: &Fitted,
@@ -127,7 +126,7 @@ fn surest(
         return None;
     }
     let jacobian = ahead.jacobian.select_columns(kept);
-    // A new number has the variance that those have of which the covariance was made.
+    // A new reading has the variance on which the covariance is based.
     let variance = fitted.solution.counted;
     let mut best: Option<(f64, f64, usize)> = None;
     for (place, after) in variances_after(covariance, &jacobian, ahead, variance) {
@@ -138,12 +137,12 @@ fn surest(
         }
     }
     let (_, own, place) = best?;
-    // Rounding must not make it worse.
+    // Rounding must not turn this into a deterioration.
     let improvement = (before / own.max(f64::MIN_POSITIVE)).max(1.0);
     Some((place, kept[worst], Some(improvement)))
 }
 
-/// The variances of all unknowns after each candidate, with its place; `variance` is that of a new number.
+/// Variances of all unknowns after each candidate, with the index of the candidate; `variance` is that of a new reading.
 fn variances_after<'a>(
     covariance: &'a DMatrix<f64>,
     jacobian: &'a DMatrix<f64>,
@@ -161,20 +160,21 @@ fn variances_after<'a>(
     })
 }
 
-/// The candidate that tells most of what is not determined, and the unknown of which it tells most. What is not known yet is
-/// taken to be of a size that errors and set-ups have, so that everything has a covariance.
+/// The candidate that is most informative about undetermined unknowns, and the unknown it informs most about. Unknowns
+/// get a prior of the size of errors and set-ups, so that all of them have a covariance.
 fn most_informative(
     system: &System,
     now: &DMatrix<f64>,
     ahead: &Equations,
     missing: &[usize],
 ) -> Option<(usize, usize)> {
-    /// mm and rad: larger than the errors of any machine, so that what is assumed of them says nothing beside a reading.
+    /// Prior standard uncertainty of errors, mm and rad: larger than those of any machine, so that the prior is
+    /// negligible compared with a reading.
     const LARGEST_ERROR: f64 = 1e-1;
-    /// mm and rad: the size of a workspace, in which a set-up may be anywhere.
+    /// Prior standard uncertainty of set-ups, mm and rad: the size of a workspace, anywhere in which a set-up may be.
     const ANYWHERE: f64 = 1e3;
-    /// A pose tells of an unknown where it makes the uncertainty that was assumed of it smaller by more than this factor. The
-    /// factor stays near 1 for an unknown that does not act at the pose, or that acts like others which are as little known.
+    /// Minimum reduction factor of the assumed uncertainty for a pose to inform about an unknown. The factor is near 1
+    /// for an unknown that has no effect at the pose, or whose effect is that of others as uncertain.
     const TOLD: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
         if column < system.params.setup() {
@@ -197,7 +197,7 @@ fn most_informative(
     let jacobian = scaled(&ahead.jacobian);
     let mut best: Option<(f64, usize, usize)> = None;
     for (place, after) in variances_after(&covariance, &jacobian, ahead, 1.0) {
-        // How many times smaller the variance of each becomes.
+        // Factor by which the variance of each decreases.
         let times = missing.iter().map(|&column| {
             let before = covariance[(column, column)];
             (before / after[column].max(f64::MIN_POSITIVE), column)
@@ -216,11 +216,11 @@ fn most_informative(
 
 /// Number of candidate poses over all files.
 const CANDIDATES: usize = 200;
-/// Many draws are out of reach, most of them at a machine with short travels.
+/// Maximum number of draws per candidate: many are out of reach, most of all on a machine with short travels.
 const TRIES: usize = 10;
-/// Coordinates of linear axes are rounded to this, so that a person can type them, mm.
+/// Resolution of linear coordinates, mm: they can be typed by hand.
 const STEP_MM: f64 = 1e-3;
-/// Coordinates that differ by less are those of one pose, mm and rad.
+/// Coordinates that differ by less belong to one pose, mm and rad.
 const SAME_BELOW: f64 = 2.0 * STEP_MM;
 
 /// A pose that could be measured, as a row like those of a file.
@@ -230,7 +230,7 @@ pub(crate) struct Candidate {
     pub(crate) kind: Kind,
 }
 
-/// Candidates of every file that is fitted, drawn with a fixed seed.
+/// Candidates of every fitted file, drawn with a fixed seed.
 pub(crate) fn candidates(
     system: &System,
     observations: &Observations,
@@ -252,13 +252,13 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// A row like one of a file at another pose.
+/// Draws a row like one of a file, at another pose.
 ///
-/// A target is seen from its tracker wherever the machine stands within its travel. A sphere and a ball stay where they are:
-/// the tip stands at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a ballbar
-/// or before a tracer stands at a distance from the point and in a direction that lie between those of two rows. A line of sight
-/// stays, too: the machine stands between two of its places. A step gauge has faces only where it was read. `None`
-/// where the axes do not get there, or where the machine stood already.
+/// A target is visible to its tracker wherever the machine is within its travel. A sphere and a ball stay in place: the
+/// tip is at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a
+/// ballbar or tracer has a distance and a direction between those of two rows. A line of sight stays as well: the pose
+/// is between two of its poses. A step gauge has faces only where it was read. `None` if the axes do not reach the
+/// pose, or if it was measured already.
 fn drawn(
     system: &System,
     observation: &Observation,
@@ -271,7 +271,7 @@ fn drawn(
     }
     let mut of_rows = || &rows[random.random_range(0..rows.len())];
     let (mut row, other) = (of_rows().clone(), of_rows());
-    // In tenths: places that a person can type.
+    // In tenths, so that coordinates can be typed by hand.
     let share = f64::from(random.random_range(0..=10_u8)) / 10.0;
     let chain = system.machine.chain();
     let tip = row.stand.ideal_tip_mm(chain);
@@ -316,7 +316,7 @@ fn drawn(
             .iter()
             .zip(places)
             .any(|(axis, (a, b))| {
-                // Whole turns of an axis that goes round are no other pose.
+                // Whole turns of a periodic axis do not make another pose.
                 let turn = axis.modulo.map(f64::to_radians);
                 let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
                 (a - b - turns).abs() > SAME_BELOW
@@ -326,7 +326,7 @@ fn drawn(
     rows.iter().all(is_new).then_some(row)
 }
 
-/// Draws whole mm and deg within the travel of every axis of these kinds.
+/// Moves every axis of these kinds to random whole mm or deg within its travel.
 fn move_axes(
     system: &System,
     row: &mut Row,
@@ -343,7 +343,7 @@ fn move_axes(
     }
 }
 
-/// A vector whose length and direction lie between those of two others; `None` where one has none, or they lie opposite.
+/// Vector with a length and direction between those of two others; `None` if one is zero or they are opposite.
 fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f64>> {
     let unit = |vector: Vector3<f64>| vector.try_normalize(STEP_MM);
     let direction = unit(from)? * (1.0 - share) + unit(to)? * share;
@@ -351,13 +351,12 @@ fn between(from: Vector3<f64>, to: Vector3<f64>, share: f64) -> Option<Vector3<f
     Some(direction.try_normalize(STEP_MM)? * length)
 }
 
-/// Shares of the travel, and of one turn of an axis that turns all the way round: of linear axes the ends and the middle; of rotary
-/// axes at uneven distances, so that no wave of a Fourier series is zero at all of them.
+/// Shares of the travel, and of one turn for an axis that turns all the way round. Linear axes: the ends and the
+/// middle. Rotary axes: uneven spacing, so that no harmonic of a Fourier series is zero at all of them.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 
-/// The largest displacement of the tip, mm, by one unit (mm or rad) of every parameter over a grid of the travels; 0 for
-/// set-ups.
+/// Largest tip displacement, mm, per unit (mm or rad) of every parameter, over a grid of the travels; 0 for set-ups.
 pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> {
     let machine = &system.machine;
     let mut states = vec![State::default()];

@@ -1,4 +1,4 @@
-//! What was observed and what is to be found: plain data, as a file of observations states it.
+//! Observations and unknowns as plain data, as stated in a file of observations.
 
 use std::{ops::Range, path::PathBuf};
 
@@ -11,50 +11,50 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::basis::Basis;
 
-/// Part of the range of the observations that is added to it at both ends where spheres or balls were probed.
+/// Share of the observed range added at both ends if spheres or balls were probed.
 const SPHERE_MARGIN: f64 = 1e-3;
 
-/// Everything that a file of observations states, with the files that it names read.
+/// Content of a file of observations and of the files that it names.
 #[derive(Clone, Debug)]
 pub struct Observations {
-    /// The file of observations, its machine file and its row files, as paths: what must not be overwritten.
+    /// Paths of the file of observations, its machine file and its row files: they must not be overwritten.
     pub files: Vec<PathBuf>,
-    /// The machine: its geometry, the errors that are known, and start values of those that are not.
+    /// The machine: its geometry, its known errors, and start values of its unknown errors.
     pub machine: Machine,
-    /// Error motions of `machine` that were measured together with these observations: their own uncertainty is not in `uncertainty_um`,
-    /// so they are not blamed for what it leaves.
+    /// Error motions of `machine` that were measured together with these observations. `uncertainty_um` does not
+    /// include their uncertainty, so residuals are not attributed to them.
     pub measured: Vec<ErrorName>,
-    /// What is to be found.
+    /// Errors to be identified.
     pub unknown: Vec<Unknown>,
-    /// The observations in the order of the file.
+    /// Observations in the order of the file.
     pub observations: Vec<Observation>,
-    /// Frames, points and lengths of the set-ups that the observations refer to.
+    /// Frames, points and numbers of the set-ups that the observations refer to.
     pub setup: SetUp,
-    /// Whether rows that do not fit count less (Huber).
+    /// Whether rows that do not fit get less weight (Huber).
     pub robust: bool,
-    /// Into how many parts the poses are divided to judge what was found; 0: not judged.
+    /// Number of parts into which poses are divided for cross-validation; 0: no cross-validation.
     pub folds: usize,
     /// Notes on the files.
     pub notes: Vec<String>,
 }
 
-/// One error that is to be found.
+/// An error to be identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unknown {
-    /// The error.
+    /// Name of the error.
     pub error: ErrorName,
-    /// Its curve; `None` where only the reversal value is to be found. A location error is a constant.
+    /// Its curve, a constant for a location error; `None` if only the reversal value is unknown.
     pub basis: Option<Basis>,
-    /// The second axis that the error depends on, with the curve's modes along it; `None`: it depends on its own alone.
+    /// Second axis on which the error depends, with the curve's modes along it; `None`: it depends on its own axis only.
     pub second: Option<SecondAxis>,
-    /// Whether the reversal value is to be found.
+    /// Whether the reversal value is unknown.
     pub reversal: bool,
     /// Whether a penalty on the curve's modes is chosen from the observations.
     pub penalised: bool,
 }
 
 impl Unknown {
-    /// An error of which one number is to be found: a location error, or the constant of a curve.
+    /// An unknown with a single value: a location error, or the constant of a curve.
     pub fn constant(error: ErrorName) -> Self {
         Self {
             error,
@@ -66,33 +66,32 @@ impl Unknown {
     }
 }
 
-/// A second axis on which an error depends: products of the modes of its own curve and of a curve along this axis are
-/// found too.
+/// Second axis on which an error depends: products of the modes of the error's curve and of a curve along this axis are identified, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondAxis {
     /// The axis.
     pub axis: AxisName,
-    /// The kind of curve along it. Modes of the error's own curve up to the order of this one make products.
+    /// Kind of curve along it. Modes of the error's own curve up to the order of this one form products.
     pub basis: Basis,
 }
 
-/// A frame, a point or a length of a set-up: known, or to be found from this start.
+/// A frame, point or number of a set-up: known, or identified from this start value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quantity<T> {
-    /// The name in answers: `tracker.csv:frame`.
+    /// Name in results: `tracker.csv:frame`.
     pub name: String,
-    /// The value, or the start of the search; `None`: a start is made from the observations.
+    /// Value, or start value of the search; `None`: the start value is derived from the observations.
     pub value: Option<T>,
-    /// Whether it is to be found.
+    /// Whether it is identified.
     pub unknown: bool,
-    /// The order of its drift over the rows.
+    /// Order of its drift over the rows; 0: it does not drift.
     pub drift: usize,
-    /// Standard uncertainty of the value, in its unit, where it is found beside what a calibration says of it.
+    /// Standard uncertainty of the value, in its unit, if it is calibrated and identified as well.
     pub known_within: Option<f64>,
 }
 
 impl<T> Quantity<T> {
-    /// A part of a set-up that is known, or to be found where it has no value.
+    /// A part of a set-up: known, or unknown if it has no value.
     pub fn new(name: String, value: Option<T>, drift: usize) -> Self {
         Self {
             name,
@@ -104,27 +103,27 @@ impl<T> Quantity<T> {
     }
 }
 
-/// What the set-ups of all observations consist of.
+/// Quantities of the set-ups of all observations.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SetUp {
     /// Frames of trackers: x, y, z in mm and a, b, c in deg, in workpiece axes.
     pub frames: Vec<Quantity<[f64; 6]>>,
     /// Points in mm: targets on tools, centres of spheres, points on the table.
     pub points: Vec<Quantity<[f64; 3]>>,
-    /// Dead lengths, offsets and distances of balls in mm, slopes and tilts in mm/mm.
+    /// Dead lengths, offsets and ball distances in mm; slopes and tilts in mm/mm.
     pub numbers: Vec<Quantity<f64>>,
-    /// What each of the numbers is, for its unit in answers.
+    /// Kind of each number, which defines its unit in results.
     pub number_kinds: Vec<NumberKind>,
 }
 
 impl SetUp {
-    /// Adds a point and gives its place.
+    /// Adds a point and returns its index.
     pub(crate) fn add_point(&mut self, point: Quantity<[f64; 3]>) -> usize {
         self.points.push(point);
         self.points.len() - 1
     }
 
-    /// Adds a number and gives its place.
+    /// Adds a number and returns its index.
     pub fn add_number(&mut self, kind: NumberKind, number: Quantity<f64>) -> usize {
         self.number_kinds.push(kind);
         self.numbers.push(number);
@@ -132,23 +131,23 @@ impl SetUp {
     }
 }
 
-/// What a number of a set-up is.
+/// Kind of a number of a set-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberKind {
-    /// A dead length, mm in files and answers.
+    /// Dead length, mm in files and results.
     DeadLength,
-    /// The offset of a line, µm in files and answers.
+    /// Offset of a line, µm in files and results.
     Offset,
-    /// The slope of a line, µm/m in files and answers.
+    /// Slope of a line, µm/m in files and results.
     Slope,
-    /// The tilt of a row of balls to a side, µrad in answers.
+    /// Tilt of a ball row to a side, µrad in results.
     Tilt,
-    /// The distance of a ball along its row, mm in files and answers.
+    /// Distance of a ball along its row, mm in files and results.
     Distance,
 }
 
 impl NumberKind {
-    /// The unit in keys and answers, and its number for one mm or mm/mm.
+    /// Unit in keys and results, and its value for one mm or mm/mm.
     pub(crate) fn unit(self) -> (&'static str, f64) {
         match self {
             Self::DeadLength | Self::Distance => ("mm", 1.0),
@@ -162,11 +161,11 @@ impl NumberKind {
 /// The rows of one file.
 #[derive(Clone, Debug)]
 pub struct Observation {
-    /// The name of the row file, as the file of observations states it.
+    /// Name of the row file, as stated in the file of observations.
     pub file: String,
-    /// What was observed.
+    /// Kind of reading.
     pub kind: Kind,
-    /// Whether the rows are only predicted.
+    /// Whether the rows are only predicted, not fitted.
     pub judge: bool,
     /// The rows.
     pub rows: Vec<Row>,
@@ -191,7 +190,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The word in files and answers.
+    /// Keyword in files and results.
     pub fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
@@ -203,43 +202,44 @@ impl Kind {
     }
 }
 
-/// One pose of the machine.
+/// A pose of the machine, with its functional point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stand {
-    /// Coordinates (mm, rad) and directions of approach.
+    /// Coordinates (mm, rad) and approach directions.
     pub state: State,
-    /// The functional point, mm in MCS at machine zero, without the offset of a target.
+    /// Functional point, mm in MCS at machine zero, without the offset of a target.
     pub tip_mm: Vector3<f64>,
 }
 
 impl Stand {
-    /// The functional point of the ideal machine, mm in workpiece axes.
+    /// Functional point of the ideal machine, mm in workpiece axes.
     pub(crate) fn ideal_tip_mm(&self, chain: &Chain) -> Vector3<f64> {
         let pose = chain.ideal_pose(&self.state);
         pose.transform_point(&self.tip_mm) - chain.workpiece_origin_mm()
     }
 }
 
-/// One row: a pose and what was seen there.
+/// One row: a pose and its reading.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The line in its file, from 1; 0 where it is of none.
+    /// Line in its file, from 1; 0 if it is from no file.
     pub line: usize,
-    /// Where the machine stood.
+    /// Pose of the machine.
     pub stand: Stand,
-    /// What was seen.
+    /// The reading.
     pub seen: Seen,
-    /// Which run of the machine it is of: in one run every axis comes from where it was in the row before, and to the first rows
-    /// from a side that is not known. `None` where an axis without a direction has the mean of both, as in means of readings in both.
+    /// Run that the row belongs to. Within a run every axis comes from its place in the row before, and to the first
+    /// rows from an unknown side. `None`: an axis without a direction has the mean of both, as in means of
+    /// bidirectional readings.
     pub run: Option<usize>,
-    /// Place in time between −1 (first row) and 1 (last row), for the drift.
+    /// Time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
-    /// Standard uncertainty of each number, mm.
+    /// Standard uncertainty of each component, mm.
     pub uncertainty_mm: f64,
 }
 
 impl Row {
-    /// Its poses: two of a length between poses.
+    /// Poses of the row: two for a length between poses.
     pub(crate) fn stands(&self) -> impl Iterator<Item = &Stand> {
         let from = match &self.seen {
             Seen::Pair { from, .. } => Some(from),
@@ -249,71 +249,71 @@ impl Row {
     }
 }
 
-/// What was seen at a pose; numbers `frame`, `target` and so on are places in [`SetUp`].
+/// Reading at a pose. `frame`, `target` and similar fields are indices in [`SetUp`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Seen {
-    /// The target on the tool, mm in the frame of the tracker.
+    /// Position of the target on the tool, mm in the frame of the tracker.
     Point {
-        /// Which frame.
+        /// Index of the frame.
         frame: usize,
-        /// The point of the target's offset, mm in tool axes at machine zero, if it is not the tip.
+        /// Index of the point with the target's offset, mm in tool axes at machine zero; `None`: the target is the tip.
         target: Option<usize>,
-        /// The reading.
+        /// Measured position, mm.
         at_mm: Vector3<f64>,
     },
-    /// The tip is at a sphere's centre, but for an offset in workpiece axes.
+    /// The tip is at a sphere's centre, apart from an offset in workpiece axes.
     Sphere {
-        /// The point of the centre.
+        /// Index of the centre point.
         centre: usize,
         /// Tip minus centre, mm.
         offset_mm: Vector3<f64>,
     },
-    /// The distance of the tip from a point.
+    /// Distance of the tip from a point.
     Distance {
-        /// The point.
+        /// Index of the point.
         point: usize,
-        /// The dead length, which is added to the reading.
+        /// Index of the dead length, which is added to the reading.
         dead: usize,
-        /// The reading.
+        /// Measured length, mm.
         length_mm: f64,
     },
-    /// The distance of the tip from where it is at another pose.
+    /// Distance between the tips at two poses.
     Pair {
         /// The other pose.
         from: Stand,
-        /// The dead length, which is added to the reading.
+        /// Index of the dead length, which is added to the reading.
         dead: usize,
-        /// The reading.
+        /// Measured length, mm.
         length_mm: f64,
     },
-    /// The displacement along a line of sight.
+    /// Displacement along a line of sight.
     Line {
         /// Unit direction in workpiece axes.
         direction: Vector3<f64>,
-        /// The number that is added to every reading.
+        /// Index of the offset, which is added to every reading.
         offset: usize,
-        /// The number that is multiplied by the place along the line.
+        /// Index of the slope, which is multiplied by the place along the line.
         slope: usize,
-        /// The reading, mm.
+        /// Measured displacement, mm.
         deviation_mm: f64,
     },
-    /// The tip against a ball of a row.
+    /// Position of the tip relative to a ball of a row.
     Ball {
-        /// The point at which the distance along the row is zero.
+        /// Index of the point at which the distance along the row is zero.
         origin: usize,
-        /// The numbers of the tilts to side 1 and side 2.
+        /// Indices of the tilts to side 1 and side 2.
         tilts: [usize; 2],
-        /// The number of the ball's distance.
+        /// Index of the ball's distance.
         distance: usize,
-        /// Unit directions in workpiece axes as columns: along the row as it is laid, to side 1, to side 2.
+        /// Unit directions in workpiece axes as columns: along the row as placed, to side 1, to side 2.
         axes: Matrix3<f64>,
-        /// Tip minus ball along and to the sides, mm, as far as read.
+        /// Tip minus ball along the row and to the sides, mm; `None` if not measured.
         offset_mm: [Option<f64>; 3],
     },
 }
 
 impl Seen {
-    /// How many numbers were read.
+    /// Number of measured components.
     pub(crate) fn count(&self) -> usize {
         match self {
             Self::Point { .. } | Self::Sphere { .. } => 3,
@@ -322,7 +322,7 @@ impl Seen {
         }
     }
 
-    /// The parts of the set-up that it depends on.
+    /// Parts of the set-up that the reading depends on.
     pub(crate) fn parts(&self) -> Vec<Part> {
         match *self {
             Self::Point { frame, target, .. } => {
@@ -347,7 +347,7 @@ impl Seen {
         }
     }
 
-    /// Gives a reading whose direction is a matter of the instrument the opposite sign; places and lengths have none.
+    /// Reverses the sign of a reading whose direction depends on the instrument; positions and lengths are unchanged.
     pub(crate) fn turn(&mut self) {
         match self {
             Self::Sphere { offset_mm, .. } => *offset_mm = -*offset_mm,
@@ -362,11 +362,11 @@ impl Seen {
     }
 }
 
-/// A Fourier series runs through gaps up to a third of a turn.
+/// Maximum gap, deg, that a Fourier series may bridge: a third of a turn.
 const WIDEST_GAP_DEG: f64 = 120.0;
 
 impl Observations {
-    /// No observations yet, of a machine that they will be of.
+    /// Empty observations of this machine.
     pub fn of(machine: Machine) -> Self {
         Self {
             files: Vec::new(),
@@ -381,7 +381,7 @@ impl Observations {
         }
     }
 
-    /// The files that are fitted, each with the places of its rows among all that are fitted.
+    /// Fitted files, each with the range of its rows among all fitted rows.
     pub(crate) fn fitted(&self) -> impl Iterator<Item = (&Observation, Range<usize>)> {
         let fitted = self.observations.iter().filter(|o| !o.judge);
         fitted.scan(0, |first, observation| {
@@ -391,18 +391,17 @@ impl Observations {
         })
     }
 
-    /// The rows that are fitted.
     pub(crate) fn fitted_rows(&self) -> impl Iterator<Item = &Row> {
         self.fitted().flat_map(|(observation, _)| &observation.rows)
     }
 
-    /// The coordinates of an axis at all poses that are fitted, mm or deg.
+    /// Coordinates of an axis at all fitted poses, mm or deg.
     fn coordinates(&self, axis: usize) -> impl Iterator<Item = f64> {
         let poses = self.fitted_rows().flat_map(Row::stands);
         poses.map(move |stand| self.machine.curve_coordinates(&stand.state)[axis])
     }
 
-    /// The widest part of a turn, deg, in which no row that is fitted has a rotary axis.
+    /// Widest part of a turn, deg, without a position of a rotary axis in the fitted rows.
     fn widest_gap_deg(&self, axis: usize) -> f64 {
         let angles = self.coordinates(axis).map(|at| at.rem_euclid(360.0));
         let mut angles: Vec<f64> = angles.collect();
@@ -414,7 +413,7 @@ impl Observations {
         gaps.fold(first + 360.0 - last, f64::max)
     }
 
-    /// Messages on Fourier series over a part of a turn.
+    /// Messages about Fourier series over a part of a turn.
     pub(crate) fn guessed_turns(&self) -> Vec<String> {
         let series = (self.unknown.iter())
             .filter(|unknown| matches!(unknown.basis, Some(Basis::Fourier { .. })));
@@ -438,8 +437,8 @@ impl Observations {
         gaps.collect()
     }
 
-    /// The range of an axis in the rows that are fitted, mm or deg; its travel where the axis stood still, and for a Fourier
-    /// series where the places go round, or the axis does: only a whole series closes there.
+    /// Range of an axis in the fitted rows, mm or deg. It is the travel if the axis did not move, and for a Fourier
+    /// series if the positions or the axis go all the way round: only a full period closes there.
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {
@@ -454,9 +453,9 @@ impl Observations {
         let ends = [f64::INFINITY, f64::NEG_INFINITY];
         let range =
             (self.coordinates(axis)).fold(ends, |range, at| [range[0].min(at), range[1].max(at)]);
-        // A range of a millionth of the travel is an axis that stood still.
+        // A range below a millionth of the travel is an axis that did not move.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
-            // The ideal machine would stand a little beside where the real one found the sphere or the ball.
+            // The ideal machine would be slightly away from where the real one located the sphere or the ball.
             let is_probed = |row: &Row| matches!(row.seen, Seen::Sphere { .. } | Seen::Ball { .. });
             let margin = if self.fitted_rows().any(is_probed) {
                 SPHERE_MARGIN
@@ -471,7 +470,7 @@ impl Observations {
     }
 }
 
-/// A frame, a point or a number of a set-up, by its place among those of its kind.
+/// Reference to a frame, point or number of a set-up, by its index among those of its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Part {
     /// Six numbers: small displacements along the axes (mm), then rotations about them (rad).

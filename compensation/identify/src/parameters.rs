@@ -1,4 +1,4 @@
-//! What was found of each unknown, in its unit, the covariance of all, and what the observations leave open.
+//! Identified values in the units of results, their covariance, and unknowns that the observations leave undetermined.
 
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 
@@ -10,8 +10,8 @@ use crate::{
     system::System,
 };
 
-/// The derivatives of the reported parameters by those of the search: diagonal but for frames, whose search
-/// moves them about their middle.
+/// Derivatives of the reported parameters by those of the search. The matrix is diagonal except for frames, which the
+/// search moves about their middle.
 pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let count = fitted.rank.kept.len();
     let mut derivatives = DMatrix::zeros(count, count);
@@ -56,7 +56,7 @@ pub(crate) fn reported_by_searched(system: &System, fitted: &Fitted) -> DMatrix<
     derivatives
 }
 
-/// Which frame a number that does not drift belongs to, and which of its six it is.
+/// Frame and component (0 to 5) of a set-up parameter that does not drift.
 fn of_frame(param: Param) -> Option<(usize, usize)> {
     match param {
         Param::SetUp {
@@ -68,13 +68,13 @@ fn of_frame(param: Param) -> Option<(usize, usize)> {
     }
 }
 
-/// The covariance of what is determined, in the products of the units.
+/// Covariance of the determined parameters, in the products of their units.
 pub(crate) fn covariance_in_units(system: &System, fitted: &Fitted) -> DMatrix<f64> {
     let derivatives = reported_by_searched(system, fitted);
     &derivatives * &fitted.solution.covariance * derivatives.transpose()
 }
 
-/// Every unknown with what was found of it.
+/// Every unknown with its result.
 pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     let covariance = covariance_in_units(system, fitted);
     let values = &fitted.solution.values;
@@ -105,26 +105,26 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
     system.params.iter().enumerate().map(parameter).collect()
 }
 
-/// An error coefficient that the observations leave open though it is no convention: it is left at zero, and whatever it is, they
-/// read the same.
+/// An error coefficient that the observations do not determine although it is no convention. It is fixed at zero; the
+/// readings are the same for any value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeftOpen {
-    /// Its name among the unknowns.
+    /// Name of the coefficient among the unknowns.
     pub name: String,
     /// Its unit, `um` or `urad`.
     pub unit: &'static str,
-    /// What goes unseen: the error coefficients, itself among them, and by how much each changes in its unit where this one is
-    /// larger by one.
+    /// Change without effect on the readings: the error coefficients involved, itself included, and the change of each,
+    /// in its unit, per unit of this one.
     pub moves: Vec<(String, f64)>,
 }
 
-/// What is left open and is no convention.
+/// Undetermined error coefficients that are not conventions.
 pub(crate) fn left_open(system: &System, rank: &Rank) -> Vec<LeftOpen> {
     let is_error = |null: &&Vec<(usize, f64)>| system.is_convention(null[0].0) == Some(false);
     let open = rank.null.iter().filter(is_error).map(|null| {
         let left = null[0].0;
         let (unit, _) = system.unit_of(left);
-        // Weights are those of columns of unit length.
+        // Weights refer to columns of unit length.
         let change = |&(param, weight): &(usize, f64)| {
             let length = rank.lengths[param];
             let length = if length > 0.0 { length } else { 1.0 };
@@ -144,7 +144,7 @@ pub(crate) fn left_open(system: &System, rank: &Rank) -> Vec<LeftOpen> {
     open.collect()
 }
 
-/// The names of the unknowns that are left at zero and are conventions: constants of curves and slopes of straightnesses.
+/// Names of the unknowns that are fixed at zero by convention: constants of curves and slopes of straightnesses.
 pub(crate) fn redundant(system: &System, rank: &Rank) -> Vec<String> {
     let left = rank.left_at_zero();
     left.filter(|column| system.is_convention(*column) == Some(true))
@@ -152,7 +152,7 @@ pub(crate) fn redundant(system: &System, rank: &Rank) -> Vec<String> {
         .collect()
 }
 
-/// Notes on what cannot be told apart: one for each unknown that more observations could tell, one for all that are conventions.
+/// Notes on indistinguishable unknowns: one for each that more observations could determine, and one for all conventions.
 pub(crate) fn left_at_zero(
     system: &System,
     fitted: &Fitted,
@@ -190,7 +190,7 @@ pub(crate) fn left_at_zero(
     notes
 }
 
-/// A combination that moves nothing, in words.
+/// Describes a combination that has no effect on the readings.
 fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
     const SHOWN: usize = 4;
     let (left, others) = (&null[0].0, &null[1..]);

@@ -1,4 +1,4 @@
-//! The parameters of a search, their values, and what these make of frames, points and numbers at a time.
+//! Parameters of a search, their values, and the frames, points and numbers that they give at a time.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,22 @@ use volcomp_vocabulary::{ErrorName, Um, Urad};
 
 use crate::observations::{Part, Quantity, SetUp};
 
-/// What one parameter is.
+/// Meaning of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Param {
     /// A component of a part of a set-up.
     SetUp {
         part: Part,
-        /// Which of its numbers.
+        /// Index of the component in its part.
         place: usize,
-        /// 0: the number itself; above: how it grows with the Legendre polynomial of this order over time.
+        /// 0: the component itself; above 0: its coefficient of the Legendre polynomial of this order over time.
         order: usize,
     },
-    /// A coefficient of an error.
+    /// Index of an error coefficient.
     Coefficient(usize),
 }
 
-/// Where a component of a part stands among all parameters.
+/// Column of a component of a part among all parameters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) param: usize,
@@ -34,7 +34,7 @@ pub(crate) struct Column {
     pub(crate) order: usize,
 }
 
-/// All parameters, and where those of each part stand.
+/// All parameters, and the columns of each part.
 #[derive(Clone, Debug)]
 pub(crate) struct Params {
     all: Vec<Param>,
@@ -43,7 +43,7 @@ pub(crate) struct Params {
     highest_order: usize,
 }
 
-/// The parameters of the parts of one kind with `numbers` numbers each: the numbers themselves, and their drifts.
+/// Parameters of the parts of one kind, with `numbers` components each: the components and their drifts.
 fn of_kind<T>(
     quantities: &[Quantity<T>],
     part: impl Fn(usize) -> Part,
@@ -63,8 +63,8 @@ fn of_kind<T>(
 }
 
 impl Params {
-    /// The parameters of the set-ups and of so many coefficients, in the order in which they are kept where some cannot be
-    /// told apart: numbers before drifts before coefficients.
+    /// Parameters of the set-ups and of this number of error coefficients, in the order of preference where some cannot
+    /// be distinguished: components, then drifts, then coefficients.
     pub(crate) fn new(setup: &SetUp, coefficients: usize) -> Self {
         let kinds = [
             of_kind(&setup.frames, Part::Frame, 6),
@@ -98,12 +98,11 @@ impl Params {
         self.all.len()
     }
 
-    /// How many belong to the set-ups: these stand before those of the errors.
+    /// Number of set-up parameters; they precede those of the errors.
     pub(crate) fn setup(&self) -> usize {
         self.setup
     }
 
-    /// The highest order of a drift.
     pub(crate) fn highest_order(&self) -> usize {
         self.highest_order
     }
@@ -116,13 +115,13 @@ impl Params {
         self.all.iter().copied()
     }
 
-    /// Where the numbers of a part stand.
+    /// Columns of the components of a part.
     pub(crate) fn of(&self, part: Part) -> &[Column] {
         self.columns.get(&part).map_or(&[], Vec::as_slice)
     }
 }
 
-/// The name of a number of a set-up in answers.
+/// Name of a component of a set-up in results.
 pub(crate) fn name_of(setup: &SetUp, part: Part, place: usize, order: usize) -> String {
     const SIX: [&str; 6] = ["x", "y", "z", "a", "b", "c"];
     let name = match part {
@@ -136,7 +135,7 @@ pub(crate) fn name_of(setup: &SetUp, part: Part, place: usize, order: usize) -> 
     }
 }
 
-/// The unit of a number of a set-up in answers, and its number for one mm or rad.
+/// Unit of a component of a set-up in results, and its value for one mm or rad.
 pub(crate) fn unit_of(
     setup: &SetUp,
     part: Part,
@@ -159,27 +158,27 @@ pub(crate) fn unit_of(
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
     pub(crate) pose: Pose,
-    /// The point about which it turns, mm in workpiece axes: the middle of what it saw.
+    /// Centre of its rotations, mm in workpiece axes: the middle of the observed points.
     pub(crate) middle_mm: Vector3<f64>,
     /// Displacement (mm) and rotation (rad) for each Legendre polynomial of the time, from order 1.
     drift: Vec<[f64; 6]>,
 }
 
-/// The values of all parameters, mm and rad. Points and numbers have a value for each Legendre polynomial of the time: that
-/// of order 0 is what does not drift.
+/// Values of all parameters, mm and rad. Points and numbers have a value for each Legendre polynomial of the time; that
+/// of order 0 does not drift.
 #[derive(Clone, Debug)]
 pub(crate) struct Values {
     pub(crate) frames: Vec<Frame>,
     pub(crate) points: Vec<Vec<Vector3<f64>>>,
     pub(crate) numbers: Vec<Vec<f64>>,
     pub(crate) coefficients: Vec<f64>,
-    /// How large the reversal value of each coefficient may be where it is not known from which side its axis came; 0 of the
-    /// others, and of all before they are looked for.
+    /// Assumed size of the reversal value of each coefficient where the approach direction of its axis is unknown; 0
+    /// for other coefficients, and for all of them before sizes are estimated.
     pub(crate) reversals: Vec<f64>,
 }
 
 impl Values {
-    /// What the files state of the set-ups; the middle of the frames at zero.
+    /// Set-ups as stated in the files, with the middle of the frames at zero.
     pub(crate) fn stated(setup: &SetUp, coefficients: Vec<f64>) -> Self {
         let frames = setup.frames.iter().map(|frame| Frame {
             pose: pose_of(&in_rad(frame.value.unwrap_or_default())),
@@ -205,19 +204,19 @@ impl Values {
         }
     }
 
-    /// A point at the time of these Legendre polynomials, mm.
+    /// Position of a point at the time of these Legendre polynomials, mm.
     pub(crate) fn point_at(&self, place: usize, polynomials: &[f64]) -> Vector3<f64> {
         let terms = self.points[place].iter().zip(polynomials);
         terms.fold(Vector3::zeros(), |sum, (value, p)| sum + value * *p)
     }
 
-    /// A number at the time of these Legendre polynomials.
+    /// Value of a number at the time of these Legendre polynomials.
     pub(crate) fn number_at(&self, place: usize, polynomials: &[f64]) -> f64 {
         let terms = self.numbers[place].iter().zip(polynomials);
         terms.map(|(value, p)| value * p).sum()
     }
 
-    /// The value of a parameter, mm or rad.
+    /// Value of a parameter, mm or rad.
     pub(crate) fn of(&self, param: Param) -> f64 {
         match param {
             Param::Coefficient(coefficient) => self.coefficients[coefficient],
@@ -230,7 +229,7 @@ impl Values {
         }
     }
 
-    /// Values moved by a step in the parameters.
+    /// Values after a step in the parameters.
     pub(crate) fn moved(&self, params: &Params, step: &DVector<f64>) -> Self {
         let mut moved = self.clone();
         let mut turns = vec![[0.0; 6]; moved.frames.len()];
@@ -260,7 +259,7 @@ impl Values {
 }
 
 impl Frame {
-    /// How far it has drifted at the time of these Legendre polynomials: displacement, mm, and rotation, rad.
+    /// Drift at the time of these Legendre polynomials: displacement, mm, and rotation, rad.
     pub(crate) fn drifted(&self, polynomials: &[f64]) -> [Vector3<f64>; 2] {
         let orders = self.drift.iter().zip(&polynomials[1..]);
         orders.fold([Vector3::zeros(); 2], |[shift, turn], (six, p)| {
@@ -270,13 +269,12 @@ impl Frame {
     }
 }
 
-/// A frame as a file states it, its angles in rad instead of deg.
+/// Converts the angles of a frame from deg to rad.
 fn in_rad([x, y, z, a, b, c]: [f64; 6]) -> [f64; 6] {
     [x, y, z, a.to_radians(), b.to_radians(), c.to_radians()]
 }
 
-/// A frame from x, y, z (mm) and a, b, c (rad): turned about X by a, then about the fixed Y by b, then about the
-/// fixed Z by c.
+/// Pose from x, y, z (mm) and a, b, c (rad): rotation about X by a, then about the fixed Y by b, then about the fixed Z by c.
 fn pose_of(&[x, y, z, a, b, c]: &[f64; 6]) -> Pose {
     let about =
         |place: usize, angle: f64| rotation_from_vector(&(Vector3::ith(place, 1.0) * angle));
@@ -318,7 +316,7 @@ pub struct Parameter {
     pub given_zero: Vec<String>,
 }
 
-/// The unit of a key as people read it: `µm/m` of `um_per_m`.
+/// Display symbol of a unit in a key: `µm/m` for `um_per_m`.
 pub fn unit_symbol(unit: &str) -> &str {
     match unit {
         "um" => Um::SYMBOL,

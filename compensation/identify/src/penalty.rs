@@ -1,20 +1,22 @@
-//! How much a curve may bend, chosen from the observations: the weights of the penalties at which the observations are
-//! most probable (restricted maximum likelihood), by the fixed point of Wood and Fasiolo, Biometrics 73 (2017).
+//! Curve penalties chosen from the observations: the weights at which the observations are most probable (restricted
+//! maximum likelihood), by the fixed point of Wood and Fasiolo, Biometrics 73 (2017).
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
 use crate::system::System;
 
-/// When no group's effective number of coefficients changes by more, the weights are found.
+/// Convergence limit on the change of any group's effective number of coefficients.
 const CONVERGED: f64 = 0.01;
 const MOST_STEPS: usize = 100;
-/// A group of so few coefficients cannot show how large its coefficients are in general: one of them is always followed as the observations
-/// have it, so that nothing is drawn to zero by an estimate of the size that happens to be zero. In larger groups it is a share of one.
+/// Number of coefficients up to which a group keeps one of them out of the estimate of its size. A group this small
+/// does not show the typical size of its coefficients, and an estimate that happens to be zero would shrink all of them
+/// to zero. A larger group keeps out a fraction of one: this number divided by that of its coefficients.
 const OWN: f64 = 2.0;
-/// For the uncertainties the coefficients may be as large as what was found and so many variances of it: twice the standard uncertainty.
-/// Where the observations hardly tell of a size, its penalty says nothing then, and the uncertainty is that of no penalty.
+/// For the uncertainties, coefficients may exceed the identified size by this many variances, that is by twice the
+/// standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the
+/// uncertainty is that without a penalty.
 const SIZE_WITHIN: f64 = 4.0;
-/// The weights for the uncertainties change by less than this, in the logarithm, when they are found.
+/// Convergence limit on the change of the logarithm of the weights used for the uncertainties.
 const FOUND: f64 = 0.05;
 const MOST_WEAKER: usize = 30;
 
@@ -23,11 +25,11 @@ const MOST_WEAKER: usize = 30;
 pub(crate) struct Penalty {
     /// Group and weight of each kept parameter.
     pub(crate) members: Vec<Option<(usize, f64)>>,
-    /// The logarithm of λ of each group, once chosen.
+    /// ln λ of each group, once chosen.
     pub(crate) log_lambda: Option<Vec<f64>>,
-    /// Whether the weights are no longer changed.
+    /// Whether the weights are frozen.
     pub(crate) held: bool,
-    /// Whether the step is the last one, whose covariance counts how uncertain the weights are.
+    /// Whether the step is the last one, whose covariance includes the uncertainty of the weights.
     pub(crate) ends: bool,
     groups: usize,
 }
@@ -35,14 +37,14 @@ pub(crate) struct Penalty {
 /// A penalised step.
 pub(crate) struct Chosen {
     pub(crate) step: DVector<f64>,
-    /// Scaled by the variance of what is left; at the end with the weakest weights that the observations do not contradict.
+    /// Scaled by the residual variance; in the last step, with the weakest weights that the observations do not contradict.
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) variance: f64,
     pub(crate) degrees: f64,
 }
 
 impl Penalty {
-    /// The groups of the kept parameters, weights not yet chosen.
+    /// Groups of the kept parameters, with weights not chosen yet.
     pub(crate) fn none(system: &System, kept: &[usize]) -> Self {
         Self {
             members: kept.iter().map(|&column| system.group(column)).collect(),
@@ -54,24 +56,24 @@ impl Penalty {
     }
 }
 
-/// The equations of a step with columns of unit length, and the weight of each coefficient in these.
+/// Equations of a step with columns of unit length, and the penalty weight of each coefficient at that scale.
 struct Penalised<'a> {
     normal: DMatrix<f64>,
     right: DVector<f64>,
     now: DVector<f64>,
     weights: Vec<f64>,
     members: &'a [Option<(usize, f64)>],
-    /// How many coefficients each group has.
+    /// Number of coefficients in each group.
     ranks: Vec<f64>,
     equations: f64,
     square: f64,
 }
 
-/// What a step is with some weights.
+/// A step with given weights.
 struct At {
     step: DVector<f64>,
     inverse: DMatrix<f64>,
-    /// By group: the effective number of its coefficients, the weighted sum of their squares, and that of their sampling variances.
+    /// By group: effective number of coefficients, weighted sum of their squares, weighted sum of their sampling variances.
     used: Vec<f64>,
     sizes: Vec<f64>,
     scatter: Vec<f64>,
@@ -121,7 +123,7 @@ impl Penalised<'_> {
         Some(of)
     }
 
-    /// Where a penalty and the observations weigh about the same.
+    /// ln λ of each group at which the penalty and the observations have similar influence.
     fn balanced(&self) -> Vec<f64> {
         let mut means = vec![0.0; self.ranks.len()];
         for (member, weight) in self.members.iter().zip(&self.weights) {
@@ -141,8 +143,9 @@ impl Penalised<'_> {
             .collect()
     }
 
-    /// The covariance with weights at which the coefficients may be as large as they can be beside what was found. Those of the step
-    /// itself are the most probable ones, but uncertain themselves: with them a curve that was drawn to zero would be zero for certain.
+    /// Covariance with weaker weights, at which the coefficients are as large as is compatible with the result. The
+    /// weights of the step itself are the most probable ones but uncertain: with them, a curve that was shrunk to zero
+    /// would be zero with certainty.
     fn covariance(&self, chosen: &At, log_lambda: &[f64]) -> DMatrix<f64> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();
@@ -170,7 +173,7 @@ impl Penalised<'_> {
     }
 }
 
-/// Chooses the weights for columns of unit length (`scale` made them so) and takes the step from the values `now`.
+/// Chooses the weights for columns of unit length (scaled by `scale`) and computes the step from the values `now`.
 pub(crate) fn choose(
     jacobian: &DMatrix<f64>,
     residuals: &DVector<f64>,
@@ -236,7 +239,7 @@ pub(crate) fn choose(
             let now = log_lambda[group].exp();
             let used = of.used[group] - (OWN / rank).min(1.0);
             let wanted = of.variance * used.max(1e-12) / of.sizes[group].max(1e-300);
-            // The fixed point creeps where a curve wants to be straight: a longer step in the logarithm.
+            // The fixed point converges slowly where a curve tends to a straight line, so the step in the logarithm is lengthened.
             let ratio = (1.6 * (wanted / now).ln()).clamp(-6.0, 6.0);
             log_lambda[group] = (log_lambda[group] + ratio).clamp(-60.0, 60.0);
         }

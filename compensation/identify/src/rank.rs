@@ -1,40 +1,40 @@
-//! Which columns are independent, and in what combination the others are not.
+//! Independent columns of a matrix, and the combinations that make the others dependent.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
-/// A combination of unit length of columns of unit length that is shorter moves nothing. Coordinates that a file states to some
-/// µm bend straight lines by 1e-6 and more, which tells nothing apart; and what so short a combination determined would have
-/// ten thousand times the uncertainty of what is whole.
+/// Minimum length of an independent combination, of unit length in its weights, of unit-length columns. Coordinates
+/// that a file states to some µm bend straight lines by 1e-6 and more, which distinguishes nothing; and an unknown
+/// determined by so short a combination would have ten thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
-/// A column so much shorter than the longest is rounding.
+/// A column shorter than this share of the longest is rounding.
 const NOTHING_BELOW: f64 = 1e-12;
-/// A column may be left at zero for a combination that moves nothing where its share is at least this part of the largest one:
-/// what is left at zero moves the others by its share, so that with a small one they would grow without bound.
+/// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect.
+/// What is fixed at zero moves the others by its share, so with a small share they would grow without bound.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
-/// A share of a column in a combination that is smaller beside the largest is rounding.
+/// A share in a combination below this, relative to the largest one, is rounding.
 const ROUNDING: f64 = 1e-7;
 
 /// Which columns of a matrix are independent.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rank {
-    /// The columns that are kept, rising.
+    /// Kept columns, ascending.
     pub(crate) kept: Vec<usize>,
-    /// For every other column the combination that moves nothing, or less than noise shows: columns of unit length and their weights, of unit
-    /// length together; the column itself first.
+    /// For every other column, the combination with no effect, or with less effect than noise: unit-length columns and
+    /// their weights, together of unit length; the column itself first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
-    /// The length of every column; 0 where it is rounding.
+    /// Length of every column; 0 if it is rounding.
     pub(crate) lengths: Vec<f64>,
-    /// The smallest and the largest singular value of the columns that are kept, scaled to unit length.
+    /// Smallest and largest singular value of the kept columns, scaled to unit length.
     singular: [f64; 2],
 }
 
 impl Rank {
-    /// The columns that are not kept, whose parameters are left at zero.
+    /// Columns that are not kept; their parameters are fixed at zero.
     pub(crate) fn left_at_zero(&self) -> impl Iterator<Item = usize> {
         self.null.iter().map(|null| null[0].0)
     }
 
-    /// The smallest by the largest singular value of the columns scaled to unit length: 0 where some are left out.
+    /// Ratio of the smallest to the largest singular value of the columns, scaled to unit length; 0 if some are left out.
     pub(crate) fn score(&self) -> f64 {
         if self.null.is_empty() {
             self.score_of_kept()
@@ -43,19 +43,18 @@ impl Rank {
         }
     }
 
-    /// The same of the columns that are kept.
+    /// The same ratio for the kept columns.
     pub(crate) fn score_of_kept(&self) -> f64 {
         self.singular[0] / self.singular[1].max(f64::MIN_POSITIVE)
     }
 }
 
-/// Finds the combinations of columns that move nothing, and leaves out as many columns: of those with a fair share in them the
-/// last ones.
+/// Finds the combinations of columns without effect, and leaves out as many columns: of those with a sufficient share, the last ones.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     independent_without(matrix, &[])
 }
 
-/// The same with some columns left out in any case.
+/// Like [`independent`], with the columns `without` left out in any case.
 pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> Rank {
     if matrix.ncols() == 0 {
         return Rank::default();
@@ -73,7 +72,7 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
             lengths.push(0.0);
         }
     }
-    // The triangle has the same combinations and is smaller.
+    // The triangular factor has the same combinations and is smaller.
     let triangle = if scaled.nrows() > scaled.ncols() {
         scaled.qr().r()
     } else {
@@ -107,9 +106,9 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
     }
 }
 
-/// The columns that are left out, rising.
+/// Columns to leave out, ascending.
 fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
-    // Squares of lengths: what counts as nothing is still ten million times the rounding of a double.
+    // Squares of lengths: the limit is still ten million times the rounding of a double.
     let eigen = (triangle.transpose() * triangle).symmetric_eigen();
     let nothing: Vec<RowDVector<f64>> = eigen
         .eigenvectors
@@ -131,7 +130,7 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
             break;
         };
         left.push(column);
-        // The combinations that are left have nothing of this column.
+        // Removes this column from the remaining combinations.
         let own = shares.column(column).normalize();
         let along = own.transpose() * &shares;
         shares -= own * along;
@@ -141,8 +140,7 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
     left
 }
 
-/// A column less these weights of the columns that are kept, of unit length and without rounding: itself first, then the others by
-/// their size.
+/// A column minus the kept columns with these weights, of unit length and without rounding: itself first, then the others by descending weight.
 fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
     let others = kept
@@ -164,7 +162,7 @@ fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(us
     others
 }
 
-/// Columns brought to the length 1; a column of zeros stays.
+/// Scales columns to unit length; columns of zeros are unchanged.
 pub(crate) fn of_unit_length(mut columns: DMatrix<f64>) -> DMatrix<f64> {
     for mut column in columns.column_iter_mut() {
         let length = column.norm();
@@ -175,7 +173,7 @@ pub(crate) fn of_unit_length(mut columns: DMatrix<f64>) -> DMatrix<f64> {
     columns
 }
 
-/// The smallest and the largest singular value.
+/// Smallest and largest singular value.
 fn ends(matrix: &DMatrix<f64>) -> [f64; 2] {
     if matrix.is_empty() {
         return [0.0; 2];

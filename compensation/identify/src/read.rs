@@ -23,16 +23,16 @@ impl Observations {
     /// Reads a file of observations, its machine file and its row files.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// An unreadable file or an invalid entry, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, IdentifyError> {
         let document = Document::read(path)?;
         Self::decode(&document, path, &read_text)
     }
 
-    /// Decodes the text of a file of observations at `path`; `read` gives the text of every file that it names.
+    /// Decodes the text of a file of observations at `path`. `read` returns the text of every file that it names.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// An unreadable file or an invalid entry, with file, line and key.
     pub fn parse(text: &str, path: &Path, read: &ReadFile<'_>) -> Result<Self, IdentifyError> {
         let document = Document::new(&path.display().to_string(), text);
         Self::decode(&document, path, read)
@@ -49,15 +49,15 @@ impl Observations {
         Ok(found)
     }
 
-    /// The keys of the root of a file that [`Observations::of_section`] reads.
+    /// Keys at the root of a file that [`Observations::of_section`] reads.
     pub const KEYS: [&'static str; 5] = ["unknown", "observation", "penalty", "robust", "folds"];
 
-    /// Decodes what the root of a file says of unknowns and observations, for a machine that is there already: a file of
-    /// observations, or another that has these keys too. Row files are named relative to `folder`; they alone stand in
-    /// [`Observations::files`].
+    /// Decodes unknowns and observations from the root of a file, for a machine that is already known. The file is one
+    /// of observations, or another with the same keys. Row files are named relative to `folder`;
+    /// [`Observations::files`] contains only them.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// An unreadable file or an invalid entry, with file, line and key.
     pub fn of_section(
         root: &Section<'_>,
         machine: &Machine,
@@ -108,7 +108,7 @@ fn observations(
     let items = root.require("observation")?.items()?;
     let sections: Vec<Section<'_>> = items.iter().map(Value::section).collect::<Result<_, _>>()?;
     refuse_same_file(&sections)?;
-    // Those that are fitted first: the others refer to their set-ups.
+    // Fitted observations first: the others refer to their set-ups.
     let mut order: Vec<(bool, usize)> = Vec::new();
     for (place, section) in sections.iter().enumerate() {
         order.push((section.truth_or("judge", false)?, place));
@@ -141,7 +141,7 @@ fn observations(
     })
 }
 
-/// A note on files whose rows are taken with the tool of `[tool]` though the machine file has several.
+/// Note on files whose rows use the tool of `[tool]` although the machine file has several.
 fn one_tool(machine: &Machine, files: &[String]) -> Option<String> {
     let tools: Vec<&str> = machine.tools().keys().map(String::as_str).collect();
     (tools.len() > 1 && !files.is_empty()).then(|| {
@@ -153,12 +153,13 @@ fn one_tool(machine: &Machine, files: &[String]) -> Option<String> {
     })
 }
 
-/// Refuses a row file that two observations name: no reading is of two kinds or directions, so its rows would count twice, or
-/// judge what was fitted to them. A file of ball distances (`row`) may be named as often as its bar was laid down.
+/// Rejects a row file that two observations name: a reading has one kind and one direction, so its rows would count
+/// twice, or validate what was fitted to them. A file of ball distances (`row`) may be named once for every position of
+/// the bar.
 fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     let mut before: Vec<(PathBuf, Value<'_>)> = Vec::new();
     for section in sections {
-        // One without a file, or with something else there, is refused where it is decoded.
+        // A missing or invalid `file` is rejected where it is decoded.
         let Some((value, Ok(name))) = section.get("file").map(|v| (v.clone(), v.text())) else {
             continue;
         };
@@ -179,7 +180,7 @@ fn refuse_same_file(sections: &[Section<'_>]) -> Result<(), InputError> {
     Ok(())
 }
 
-/// The table of a row file; a note where another row file has the same content.
+/// Table of a row file, with a note if another row file has the same content.
 fn read_table(
     file: &Value<'_>,
     path: &Path,

@@ -1,4 +1,4 @@
-//! How what was found follows the errors of the machine that were taken for known.
+//! Dependence of the identified unknowns on the errors of the machine that were taken as known.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_model::Machine;
@@ -14,26 +14,26 @@ use crate::{
     system::{Follower, System},
 };
 
-/// How the determined unknowns of an identification change, to first order, where the known errors of the machine are others: what
-/// the uncertainty of these adds to that of the unknowns.
+/// First-order change of the determined unknowns with the known errors of the machine: what the uncertainty of these
+/// errors contributes to that of the unknowns.
 #[derive(Clone, Debug)]
 pub struct Response {
     observations: Observations,
     followers: Vec<Follower>,
     values: Values,
     residuals: DVector<f64>,
-    /// The derivatives of the residuals by the determined unknowns, columns of unit length.
+    /// Derivatives of the residuals by the determined unknowns, as columns of unit length.
     jacobian: DMatrix<f64>,
-    /// What one of the residuals, in units of its uncertainty, moves each determined unknown by, in the unit of the unknown.
+    /// Change of each determined unknown, in its unit, per unit of each residual, in units of its uncertainty.
     gain: DMatrix<f64>,
 }
 
-/// How much of a change observations want.
+/// Share of a change that the observations support.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wanted {
-    /// 1 for all of it, 0 for none.
+    /// 1 for the whole change, 0 for none.
     pub share: f64,
-    /// Its standard uncertainty.
+    /// Standard uncertainty of the share.
     pub uncertainty: f64,
 }
 
@@ -65,24 +65,25 @@ impl Response {
         }
     }
 
-    /// What the determined unknowns change by, in their order and units, where the known errors are those of this machine.
+    /// Returns the change of the determined unknowns, in their order and units, if the known errors are those of this
+    /// machine.
     ///
     /// # Errors
-    /// A machine of another structure.
+    /// A machine with another structure.
     pub fn to(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
         Ok(&self.gain * self.changed(machine)?)
     }
 
-    /// How much of the change to the known errors of each of these machines the observations want, 1 for all of it, once the
-    /// unknowns have followed; and the standard uncertainty of this. The changes are looked at together. `None` for one which
-    /// the unknowns undo, so that the observations tell nothing of it.
+    /// Returns the share of each machine's change to the known errors that the observations support, 1 for the whole
+    /// change, after the unknowns have followed; with its standard uncertainty. All changes are estimated together.
+    /// `None` for a change that the unknowns compensate, about which the observations contain no information.
     ///
     /// # Errors
     /// As [`Response::to`].
     pub fn wanted(&self, machines: &[Machine]) -> Result<Vec<Option<Wanted>>, IdentifyError> {
-        /// What the unknowns leave of a change that they undo.
+        /// Maximum remaining share of a change that counts as compensated by the unknowns.
         const UNDONE: f64 = 1e-3;
-        /// Largest share of a change, and the uncertainty of shares that only several changes together determine.
+        /// Prior standard uncertainty of a share. It bounds shares that only several changes together determine.
         const MOST: f64 = 10.0;
         let within = self.jacobian.clone().qr().q();
         let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);
@@ -105,7 +106,7 @@ impl Response {
         let freedom = self.residuals.len().saturating_sub(within.ncols() + count);
         let freedom = freedom.max(1) as f64;
         let square = seen.transpose() * &seen;
-        // Where more is left than the stated uncertainties, the observations know as much less.
+        // Residuals larger than the stated uncertainties reduce the information accordingly.
         let mut variance = 1.0;
         let mut estimate = (DVector::zeros(count), DMatrix::zeros(count, count));
         for _ in 0..2 {
@@ -129,7 +130,7 @@ impl Response {
         Ok(wanted.collect())
     }
 
-    /// How the residuals change where the known errors are those of this machine.
+    /// Change of the residuals if the known errors are those of this machine.
     fn changed(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
         let [found, expected] =
             [machine, &self.observations.machine].map(|machine| machine.chain().structure());

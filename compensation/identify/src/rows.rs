@@ -16,18 +16,18 @@ use crate::{
     timeline::Approach,
 };
 
-/// What the rows of a file hold.
+/// Kind of the rows of a file, with the parts of the set-up that they refer to.
 pub(crate) enum RowKind {
     Points {
         frame: usize,
-        /// The point of the target for each tool; the empty name is any tool.
+        /// Point of the target for each tool; the empty name applies to any tool.
         targets: Vec<(String, Option<usize>)>,
     },
     Sphere {
         drift: usize,
     },
     Distance {
-        /// `None`: between two poses.
+        /// `None`: the length is between two poses.
         point: Option<usize>,
         dead: usize,
     },
@@ -37,14 +37,14 @@ pub(crate) enum RowKind {
         slope: usize,
     },
     Ball {
-        /// Which of the row files.
+        /// Index of the row file.
         balls: usize,
         origin: usize,
         tilts: [usize; 2],
     },
 }
 
-/// Rows with the place of each in time.
+/// Rows with the order of each in time.
 pub(crate) struct ReadRows {
     pub(crate) rows: Vec<Row>,
     pub(crate) orders: Vec<f64>,
@@ -52,12 +52,11 @@ pub(crate) struct ReadRows {
     pub(crate) has_tool: bool,
 }
 
-/// Maximum distance of a coordinate from the travel, in travels: beyond it is no pose of this machine.
+/// Maximum distance of a coordinate outside the travel, in travels; beyond it, it is not a pose of this machine.
 const NEVER_BEYOND: f64 = 1.0;
-/// Rows outside travel that are named.
+/// Maximum number of rows outside travel that a message names.
 const SHOWN: usize = 5;
 
-/// Reads every row.
 pub(crate) fn read_rows(
     table: &CsvTable,
     kind: &RowKind,
@@ -81,7 +80,7 @@ pub(crate) fn read_rows(
     let what = SeenColumns::new(&mut columns, kind)?;
     columns.refuse_lookalikes()?;
     let mut poses: Vec<(String, Stand)> = Vec::new();
-    // The machine went to poses that are named in the order in which they stand.
+    // The machine moved to the named poses in the order in which they are listed.
     let mut approach = Approach::default();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
@@ -166,9 +165,10 @@ pub(crate) fn read_rows(
     })
 }
 
-/// Refuses a number that no coordinate and no reading has, where it stands: with it in an equation the rows of all others look wrong.
+/// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make
+/// the rows of all others look wrong.
 fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
-    /// 1000 km in mm, and 1 km in µm.
+    /// Maximum magnitude: 1000 km in mm, 1 km in µm.
     const MOST: f64 = 1e9;
     let is_read = |name: &str| name != "order" && columns.used.iter().any(|used| used == name);
     let read = columns.table.columns().filter(|(_, name)| is_read(name));
@@ -185,7 +185,7 @@ fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputEr
     Ok(())
 }
 
-/// A note on lengths between poses of which several have one pose in common.
+/// Note on lengths between poses if several of them share a pose.
 fn common_pose(rows: &[Row]) -> Option<String> {
     let pairs = |place: usize| match &rows[place].seen {
         Seen::Pair { from, .. } => Some([*from, rows[place].stand]),
@@ -206,7 +206,7 @@ fn common_pose(rows: &[Row]) -> Option<String> {
     })
 }
 
-/// A note where readings in µm are all smaller than their uncertainty: then they say nothing, or are mm.
+/// Note if readings in µm are all smaller than their uncertainty: they are either insignificant or in mm.
 fn too_small(rows: &[Row]) -> Option<String> {
     let readings = rows.iter().filter_map(|row| {
         let largest_mm = match &row.seen {
@@ -233,7 +233,6 @@ fn too_small(rows: &[Row]) -> Option<String> {
     })
 }
 
-/// The columns of the machine's axes.
 fn axis_columns(
     columns: &mut Columns<'_>,
     machine: &Machine,
@@ -297,7 +296,7 @@ fn read_stand(
     Ok(Stand { state, tip_mm })
 }
 
-/// The tip of a tool of the machine file; a tool that only `target` names has that of `[tool]`.
+/// Tip of a tool of the machine file; a tool that only `target` names has the tip of `[tool]`.
 fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>, String> {
     if machine.tools().contains_key(name) {
         return machine.tip_of(name).map_err(|error| error.to_string());
@@ -322,10 +321,10 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
     Err(unknown.to_string())
 }
 
-/// The columns of an R-test: the tip minus the centre of the sphere.
+/// Columns of an R-test: tip minus centre of the sphere.
 const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
 
-/// The columns of what was seen, and the parts of the set-up that its rows refer to.
+/// Columns of the readings, and the parts of the set-up that the rows refer to.
 enum SeenColumns<'k> {
     Points {
         at: [Column; 3],
@@ -356,7 +355,7 @@ enum SeenColumns<'k> {
     },
     Ball {
         ball: Column,
-        /// Along and to the sides; none of them: the tip was on the centre of the ball.
+        /// Along the row and to the sides; without any of them, the tip was on the centre of the ball.
         offsets: [Option<Column>; 3],
         balls: usize,
         origin: usize,
@@ -379,7 +378,7 @@ impl<'k> SeenColumns<'k> {
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
                 let [x, y, z] = OFFSET.map(|name| columns.get(name));
-                // With none of them it is the file of a touch probe; one that is missing must not make it one.
+                // Without any of them it is the file of a touch probe; a single missing column must not turn it into one.
                 let offset = match [x?, y?, z?] {
                     [None, None, None] => None,
                     found => {
@@ -435,7 +434,7 @@ impl<'k> SeenColumns<'k> {
         })
     }
 
-    /// Whether a row names two poses instead of being one.
+    /// Whether a row names two poses instead of stating one.
     fn is_pair(
         &self,
         row: &CsvRow<'_>,
@@ -457,7 +456,7 @@ impl<'k> SeenColumns<'k> {
         Ok(is_pair)
     }
 
-    /// The reading of a row, at a pose or between two of the named ones.
+    /// Reading of a row, at a pose or between two named poses.
     fn read(
         &self,
         row: &CsvRow<'_>,
@@ -551,7 +550,7 @@ impl<'k> SeenColumns<'k> {
                     origin,
                     tilts,
                     distance,
-                    // Laid through all rows when they are read.
+                    // Set when the bar is placed, after all rows are read.
                     axes: Matrix3::identity(),
                     offset_mm: ball_offset(row, offsets)?,
                 }
@@ -580,14 +579,14 @@ fn pair(
     };
     let [from, to] = columns;
     let pair = [find(from)?, find(to)?];
-    // From which side it came makes no other pose.
+    // Approach directions do not make poses different.
     if pair[0].state.q == pair[1].state.q && pair[0].tip_mm == pair[1].tip_mm {
         return Err(row.error("found the same pose twice, expected two poses that differ"));
     }
     Ok(pair)
 }
 
-/// Tip minus ball, mm, as far as it was read: all of it zero where there is no column for it.
+/// Tip minus ball, mm, as far as measured; all zero if there is no column for it.
 fn ball_offset(
     row: &CsvRow<'_>,
     columns: &[Option<Column>; 3],
@@ -610,7 +609,7 @@ fn ball_offset(
     Ok(offset)
 }
 
-/// The centre of a sphere, the same in all files that name it.
+/// Centre of a sphere, shared by all files that name it.
 fn centre_of(
     name: &str,
     drift: usize,

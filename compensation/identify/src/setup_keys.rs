@@ -1,4 +1,4 @@
-//! The keys of an observation's set-up: frames, targets, points and numbers, known or to be found under a name.
+//! Keys of an observation's set-up: frames, targets, points and numbers, known or identified under a name.
 
 use std::path::Path;
 
@@ -7,26 +7,26 @@ use volcomp_kinematics::nalgebra::Vector3;
 
 use crate::observations::{Kind, NumberKind, Quantity, SetUp};
 
-/// A target that is known within more is not known.
+/// Maximum uncertainty of a known target, mm.
 const MOST_WITHIN_MM: f64 = 1000.0;
 
-/// Gives the text of a file.
+/// Returns the text of a file.
 pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
-/// The set-up while observations are read.
+/// State of the set-up while observations are read.
 #[derive(Default)]
 pub(crate) struct Reading {
     pub(crate) setup: SetUp,
-    /// The names under which fitted observations of a kind find a key's part of the set-up, with its place.
+    /// Named parts of fitted observations: kind, key, name, index of the part.
     named: Vec<(Kind, &'static str, String, usize)>,
-    /// Names of tools and spheres with the place of their point.
+    /// Names of tools and spheres, with the index of their point.
     targets: Vec<(String, usize)>,
     pub(crate) spheres: Vec<(String, usize)>,
     pub(crate) rows_of_balls: Vec<Balls>,
     pub(crate) notes: Vec<String>,
     /// Files without a column `tool`.
     pub(crate) without_tool: Vec<String>,
-    /// Names and texts of the row files that were read before.
+    /// Names and texts of the row files read so far.
     pub(crate) texts: Vec<(String, String)>,
 }
 
@@ -36,7 +36,7 @@ pub(crate) struct Ball {
     pub(crate) name: String,
     pub(crate) distance_mm: f64,
     pub(crate) uncertainty_mm: f64,
-    /// Its place among the numbers of the set-up, once a reading refers to it.
+    /// Its index among the numbers of the set-up, once a reading refers to it.
     pub(crate) number: Option<usize>,
 }
 
@@ -48,7 +48,7 @@ pub(crate) struct Balls {
 }
 
 impl Balls {
-    /// The place among the numbers of the set-up of the distance of a ball.
+    /// Index of a ball's distance among the numbers of the set-up; it is added at first use.
     pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
         let file = self.file.as_str();
         let Some(place) = self.balls.iter().position(|ball| ball.name == name) else {
@@ -76,19 +76,19 @@ impl Balls {
     }
 }
 
-/// What all keys of one observation have in common.
+/// Data that all keys of one observation share.
 pub(crate) struct Head<'a> {
     pub(crate) section: &'a Section<'a>,
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
-    /// The order of the drift that it states.
+    /// Stated order of drift.
     pub(crate) drift: usize,
-    /// Whether its rows are only predicted: what it finds under a name is that of a fitted observation.
+    /// Whether its rows are only predicted; a name then refers to the part of a fitted observation.
     pub(crate) judge: bool,
 }
 
 impl Head<'_> {
-    /// The places of what earlier observations find under a key and a name.
+    /// Indices of the parts that earlier observations define under a key and a name.
     fn places(&self, key: &str, name: &str, reading: &Reading) -> Vec<usize> {
         let own = reading
             .named
@@ -97,7 +97,7 @@ impl Head<'_> {
         own.map(|(.., place)| *place).collect()
     }
 
-    /// The one part of the set-up of a fitted observation that a judged one uses by its name.
+    /// The one part of a fitted observation that a judged one refers to by its name.
     fn fitted(&self, key: &str, name: &str, reading: &Reading) -> Result<usize, InputError> {
         self.only(key, name, self.places(key, name, reading))
     }
@@ -116,13 +116,13 @@ impl Head<'_> {
         }
     }
 
-    /// Only what is fitted drifts.
+    /// Order of drift; 0 for a judged observation, because only fitted parts drift.
     fn fitted_drift(&self, drift: usize) -> usize {
         if self.judge { 0 } else { drift }
     }
 }
 
-/// How a set-up's key is stated: a value, or a name under which it is to be found.
+/// A key of a set-up: a value, or a name under which it is identified.
 #[derive(Clone, Debug, PartialEq)]
 enum Stated<T> {
     Known(T),
@@ -130,7 +130,7 @@ enum Stated<T> {
 }
 
 impl<T> Stated<T> {
-    /// A value, or the name of what is to be found; "known" stands for the default.
+    /// Decodes a value, or the name of an unknown; "known" means the default.
     fn decode<'v>(
         value: Option<Value<'v>>,
         default: T,
@@ -169,7 +169,7 @@ pub(crate) fn frame(of: &Head<'_>, reading: &mut Reading) -> Result<usize, Input
             return of.fitted("frame", name, reading);
         }
         if name != "unknown" {
-            // Trackers under one name are one.
+            // Trackers with the same name share a frame.
             if let Some(&place) = of.places("frame", name, reading).first() {
                 return Ok(place);
             }
@@ -184,7 +184,7 @@ pub(crate) fn frame(of: &Head<'_>, reading: &mut Reading) -> Result<usize, Input
     Ok(place)
 }
 
-/// The targets by tool; the empty name stands for every tool.
+/// Targets by tool; the empty name applies to every tool.
 pub(crate) fn targets(
     of: &Head<'_>,
     reading: &mut Reading,
@@ -232,7 +232,7 @@ fn target(
             "found a target that is to be found beside `target_within_mm`, expected the offset that is known within that",
         ));
     }
-    // Within its uncertainty it is found as well.
+    // A value with an uncertainty is identified as well.
     let unknown = known.is_none() || within.is_some();
     let key = if tool.is_empty() {
         format!("{}:", of.file)
@@ -240,8 +240,8 @@ fn target(
         tool.to_owned()
     };
     if unknown {
-        // A target by its tool is the same in all files; one without a tool is found by a judged file of the same
-        // kind where there is one only.
+        // A target named by its tool is the same in all files. A judged file finds a target without a tool in a file of
+        // the same kind, if there is only one.
         let is_same = |(name, place): &&(String, usize)| {
             let is_named = *name == key || (of.judge && tool.is_empty() && name.ends_with(':'));
             is_named && reading.setup.points[*place].value == known
@@ -264,7 +264,7 @@ fn target(
         },
         value: known,
         unknown: is_found,
-        // A target that is to be found grows with the tool, as the frame drifts.
+        // An identified target drifts as the tool expands, like the frame.
         drift: if is_found { of.drift } else { 0 },
         known_within: within.filter(|_| !of.judge),
     });
@@ -287,7 +287,7 @@ pub(crate) fn point_of(of: &Head<'_>, reading: &mut Reading) -> Result<usize, In
     Ok(place)
 }
 
-/// A point of the set-up under a key; one that is not stated is to be found.
+/// A point of the set-up under a key; unknown if it is not stated.
 pub(crate) fn point(
     of: &Head<'_>,
     key: &str,
@@ -299,7 +299,7 @@ pub(crate) fn point(
     Ok(reading.setup.add_point(point))
 }
 
-/// Three numbers under a key; `None` where the key is not there or says that they are to be found.
+/// Three numbers under a key; `None` if the key is missing or marks them as unknown.
 pub(crate) fn stated_vector<'a>(
     section: &Section<'a>,
     key: &str,

@@ -1,27 +1,27 @@
-//! From which side an axis came to rows before it first moved: the file does not say.
+//! Unknown approach direction of an axis before its first move, which the file does not state.
 //!
-//! The machine had come from one side or from the other, so that its errors were those of the mean of both directions plus
-//! or minus half the reversal value, the same for all of these rows. That is one number for each run of the machine and each
-//! axis, of mean 0 and standard uncertainty 1, in units of half the reversal value. Nobody asks for it: it is eliminated from the
-//! equations, which leaves their unknowns and makes their numbers independent again (generalised least squares, A. C. Aitken,
-//! Proceedings of the Royal Society of Edinburgh 55, 1935). Where the reversal value is unknown itself, each error has a number of
-//! its own, and half the reversal value is as large as was found, or as its uncertainty allows.
+//! The axis had come from one side or the other, so that its errors were the mean of both directions plus or minus half
+//! the reversal value, the same for all of these rows. That is one number for each run of the machine and each axis, of
+//! mean 0 and standard uncertainty 1, in units of half the reversal value. It is not a result: it is eliminated from
+//! the equations, which keeps their unknowns and makes them independent again (generalised least squares, A. C. Aitken,
+//! Proceedings of the Royal Society of Edinburgh 55, 1935). If the reversal value is unknown itself, each error has a
+//! separate number, and half the reversal value is as large as identified, or as its uncertainty allows.
 
 use std::collections::BTreeMap;
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
-/// What a number belongs to: the run, the axis, and the coefficient of an unknown reversal value.
+/// Key of a number: run, axis, and coefficient of an unknown reversal value.
 pub(crate) type Key = (usize, usize, Option<usize>);
 
-/// How each unknown side moves the equations.
+/// Effect of each unknown side on the equations.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sides(BTreeMap<Key, BTreeMap<usize, f64>>);
 
-/// The numbers of one run, which move the same equations.
+/// Numbers of one run, which affect the same equations.
 struct Run {
     equations: Vec<usize>,
-    /// One column for each number.
+    /// One column per number.
     columns: DMatrix<f64>,
 }
 
@@ -30,24 +30,23 @@ impl Sides {
         *self.0.entry(key).or_default().entry(equation).or_default() += by;
     }
 
-    /// How many numbers there are.
     pub(crate) fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether a reversal value that is unknown has such rows.
+    /// Whether an unknown reversal value has such rows.
     pub(crate) fn has_unknown(&self) -> bool {
         self.0.keys().any(|(_, _, unknown)| unknown.is_some())
     }
 
-    /// Equations of other weight.
+    /// Changes the weight of the equations.
     pub(crate) fn scale(&mut self, by: impl Fn(usize) -> f64) {
         for (equation, value) in self.0.values_mut().flatten() {
             *value *= by(*equation);
         }
     }
 
-    /// The columns of all numbers, or of those of unknown reversal values, with `equations` rows.
+    /// Columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
         let wanted = self
             .0
@@ -69,7 +68,7 @@ impl Sides {
         }
     }
 
-    /// What numbers of these values add to the residuals.
+    /// Adds the effect of these values of the numbers to the residuals.
     pub(crate) fn add_to(&self, residuals: &mut DVector<f64>, values: &DVector<f64>) {
         for (column, value) in self.0.values().zip(values) {
             for (&equation, by) in column {
@@ -98,11 +97,10 @@ impl Sides {
         runs.into_values().map(of_run).collect()
     }
 
-    /// Eliminates the numbers: the rows of the matrix, columns of unknowns or residuals, become those of independent numbers of
-    /// variance 1.
+    /// Eliminates the numbers: transforms the rows of a matrix, whose columns are unknowns or residuals, to independent readings of variance 1.
     pub(crate) fn eliminate(&self, matrix: &mut DMatrix<f64>) {
         for Run { equations, columns } in self.runs() {
-            // (1 + G·Gᵀ)^(-1/2) by the eigenvectors of Gᵀ·G, which are few.
+            // (1 + G·Gᵀ)^(-1/2) from the eigenvectors of Gᵀ·G, which are few.
             let eigen = (columns.transpose() * &columns).symmetric_eigen();
             let largest = eigen.eigenvalues.max();
             let mut own = matrix.select_rows(&equations);
@@ -120,14 +118,14 @@ impl Sides {
         }
     }
 
-    /// The same of one column.
+    /// Like [`Sides::eliminate`], for one column.
     pub(crate) fn eliminate_from(&self, column: &mut DVector<f64>) {
         let mut matrix = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
         self.eliminate(&mut matrix);
         column.copy_from(&matrix.column(0));
     }
 
-    /// The values of the numbers that these residuals ask for.
+    /// Estimates the numbers from these residuals.
     pub(crate) fn estimate(&self, residuals: &DVector<f64>) -> DVector<f64> {
         let mut found = Vec::with_capacity(self.len());
         for Run { equations, columns } in self.runs() {
@@ -135,7 +133,7 @@ impl Sides {
             let count = columns.ncols();
             let normal = columns.transpose() * &columns + DMatrix::identity(count, count);
             let right = -(columns.transpose() * own);
-            // Positive definite, but where a number is none.
+            // Positive definite, unless a value is NaN.
             let values = normal.cholesky().map(|normal| normal.solve(&right));
             found.extend(values.unwrap_or_else(|| DVector::zeros(count)).iter());
         }

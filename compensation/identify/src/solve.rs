@@ -12,57 +12,56 @@ use crate::{
     system::{Rows, System},
 };
 
-/// How exactly the end is wanted: steps smaller than this of the standard uncertainty are none.
+/// Required accuracy of a search, which defines the step, in standard uncertainties, below which it has converged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Exactness {
-    /// A start for another search.
+    /// Start of another search.
     Rough,
-    /// The end itself.
+    /// Final result.
     Full,
 }
 
-/// The last step of a search with least squares, in standard uncertainties.
+/// Convergence limit on the step of least squares, in standard uncertainties.
 const CONVERGED: f64 = 1e-9;
-/// The same with robust weights, which are found anew in every step.
+/// The same with robust weights, which change in every step.
 const CONVERGED_ROBUST: f64 = 1e-6;
-/// The same where penalties are chosen as well, and for a start.
+/// The same with penalties, whose weights are chosen as well, and for start values.
 const CONVERGED_ROUGH: f64 = 1e-2;
-/// Steps in which the weights of penalties are chosen.
+/// Number of steps in which the weights of penalties are chosen.
 const PENALTY_STEPS: usize = 3;
-/// Steps in which it is found how large reversal values are of axes whose side is not known.
+/// Number of steps in which the reversal values of axes with unknown approach direction are sized.
 const SIDE_STEPS: usize = 4;
-/// No machine has a larger reversal value, µm or µrad: of what is not known yet.
+/// Assumed maximum reversal value, µm or µrad, while it is not identified.
 const LARGEST_REVERSAL: f64 = 1e3;
 const MOST_STEPS: usize = 60;
 const MOST_STEPS_ROBUST: usize = 400;
 /// Maximum multiple of a step in a search with robust weights.
 const LONGEST: f64 = 64.0;
-/// After the most steps a search with robust weights has ended where its last step was smaller, in standard uncertainties.
+/// Maximum last step, in standard uncertainties, at which a robust search has converged after its last permitted step.
 const SMALL_ROBUST: f64 = 1e-3;
 
-/// What was found, and how well.
+/// Result of a search.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
     pub(crate) values: Values,
-    /// The covariance of the parameters that were kept, mm and rad.
+    /// Covariance of the kept parameters, mm and rad.
     pub(crate) covariance: DMatrix<f64>,
-    /// What the covariance would be of numbers that scatter as stated, penalties as weak as the observations allow.
+    /// The covariance for readings that scatter as stated, with penalties as weak as the observations allow.
     pub(crate) of_unit_variance: DMatrix<f64>,
-    /// The variance of a number, in units of the stated one, that the covariance counts: 1 where it follows from the stated
-    /// uncertainties alone.
+    /// Variance of a reading that the covariance assumes, in units of the stated one; 1 if it follows from the stated uncertainties alone.
     pub(crate) counted: f64,
-    /// Whether the covariance counts what is left of the rows: with penalties, and with robust weights.
+    /// Whether the covariance includes the residuals: with penalties, and with robust weights.
     pub(crate) counts_residuals: bool,
-    /// The variance of the residuals in units of the stated one.
+    /// Variance of the residuals in units of the stated one.
     pub(crate) variance: f64,
-    /// How many parameters the observations determine; with penalties a fraction of them.
+    /// Number of parameters that the observations determine; with penalties a fraction of them.
     pub(crate) degrees: f64,
-    /// How many numbers there are beyond these.
+    /// Degrees of freedom: number of readings beyond these.
     pub(crate) freedom: f64,
 }
 
 impl Solution {
-    /// The values at which a step was found to be none, with what that step knows of them.
+    /// The values at convergence, with the statistics of the last step.
     fn at(
         values: Values,
         equations: &Equations,
@@ -78,7 +77,7 @@ impl Solution {
         } else {
             step.counted
         };
-        // The weights made the covariance as large as if all numbers had the mean weight.
+        // The weights enlarged the covariance as if all readings had the mean weight.
         let mean_weight = if search.robust {
             left.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
         } else {
@@ -97,15 +96,15 @@ impl Solution {
         }
     }
 
-    /// How many times larger what is left is than the stated uncertainties, where chance does not explain it: the variance
-    /// of so many numbers scatters by √(2/n) about 1. The uncertainties are too small by it at the least (R. T. Birge,
-    /// Physical Review 40, 1932).
+    /// Ratio of residuals to stated uncertainties, if chance does not explain it: the variance of n readings scatters
+    /// by √(2/n) about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40,
+    /// 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
         let by_chance = squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
-    /// The same of the covariance, as a factor: 1 where that counts what is left already.
+    /// The same ratio for the covariance, as a factor: 1 if the covariance already includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
         let of_statements = self.excess().filter(|_| !self.counts_residuals);
         of_statements.unwrap_or(1.0)
@@ -118,7 +117,7 @@ pub(crate) fn squares_by_chance(freedom: f64) -> f64 {
     freedom + CHANCE * (2.0 * freedom).sqrt()
 }
 
-/// Finds the kept parameters from the rows. With groups of penalties their weights are chosen as well.
+/// Searches for the kept parameters; with groups of penalties, their weights are chosen as well.
 pub(crate) fn solve(
     system: &System,
     rows: &Rows,
@@ -156,7 +155,7 @@ pub(crate) fn solve(
     let mut equations = at(&values);
     let mut sides = DVector::zeros(equations.sides.len());
     for count in 0..most {
-        // The equations are nearly straight: after a few steps the weights change no more, and the search can end.
+        // The equations are nearly linear: after a few steps the weights are frozen, so that the search can converge.
         penalty.held = count >= PENALTY_STEPS;
         let step = search.step(&equations, &sides, &values, &mut penalty)?;
         last = step.largest();
@@ -170,7 +169,7 @@ pub(crate) fn solve(
             };
             return Ok(Solution::at(values, &equations, &sides, step, search));
         }
-        // Halved while it makes things worse: far from the end the equations are not yet straight.
+        // Halved while the cost increases: far from the solution the equations are not linear yet.
         let before = cost(&equations, &sides, robust);
         let to = |share: f64| {
             let step_by = spread(&step.by, kept, system.params.len(), share);
@@ -187,7 +186,7 @@ pub(crate) fn solve(
             share *= 0.5;
             (least, reached) = to(share);
         }
-        // Robust weights follow the residuals slowly where many are larger than usual: the way is longer than the step.
+        // Robust weights follow the residuals slowly if many are larger than usual: then the step is extended.
         while robust && !penalised && (1.0..LONGEST).contains(&share) {
             let (cost, further) = to(2.0 * share);
             if cost >= least {
@@ -203,7 +202,7 @@ pub(crate) fn solve(
             sides = equations.sides.estimate(&equations.residuals);
         }
     }
-    // With more digits than the numbers have the last steps are rounding, and robust weights may still creep.
+    // With more digits than the readings have, the last steps are rounding, and robust weights may still creep.
     let small = if robust { SMALL_ROBUST } else { 1e-5 };
     if last < small || exactness == Exactness::Rough {
         penalty.ends = true;
@@ -219,7 +218,7 @@ pub(crate) fn solve(
     })
 }
 
-/// A step of the kept parameters among all.
+/// Expands a step of the kept parameters to all parameters.
 fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVector<f64> {
     let mut all = DVector::zeros(count);
     for (&column, by) in kept.iter().zip(step) {
@@ -228,23 +227,23 @@ fn spread(step: &DVector<f64>, kept: &[usize], count: usize, share: f64) -> DVec
     all
 }
 
-/// The variance of a number with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of
-/// Statistics 1, 1973: with his correction for the unknowns), the mean of ψ² by the square of that of ψ'. It is never less than that of numbers which scatter as
-/// stated.
+/// Variance of a reading with which the covariance of least squares is that of Huber's estimate (P. J. Huber, Annals of
+/// Statistics 1, 1973: with his correction for the unknowns): the mean of ψ² divided by the squared mean of ψ'. It is
+/// at least that of readings that scatter as stated.
 fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
-    /// Of normal numbers with the stated uncertainty: 1 by the efficiency of 95 %.
+    /// Value for normal readings with the stated uncertainty: 1 divided by the efficiency of 95 %.
     const NORMAL: f64 = 1.0 / 0.95;
     let count = residuals.len() as f64;
     let psi = residuals.iter().map(|r| r.abs().min(HUBER).powi(2));
     let square = psi.sum::<f64>() / (count - degrees).max(1.0);
     let inside = residuals.iter().filter(|r| r.abs() <= HUBER).count();
-    // One at the least: where no number is inside there is no slope, and no estimate either.
+    // At least one: without a reading inside there is no slope, and no estimate either.
     let slope = (inside as f64).max(1.0) / count.max(1.0);
     let correction = 1.0 + degrees / count.max(1.0) * (1.0 - slope) / slope;
     (correction * correction * square / (slope * slope)).max(NORMAL)
 }
 
-/// What is left of the equations with these sides.
+/// Residuals of the equations with these sides.
 fn left(equations: &Equations, sides: &DVector<f64>) -> DVector<f64> {
     let mut left = equations.residuals.clone();
     equations.sides.add_to(&mut left, sides);
@@ -263,20 +262,20 @@ fn cost(equations: &Equations, sides: &DVector<f64>, robust: bool) -> f64 {
     left(equations, sides).iter().map(of).sum::<f64>() + sides.norm_squared()
 }
 
-/// One step of Gauss–Newton and what belongs to it.
+/// One Gauss–Newton step and its statistics.
 struct Step {
     by: DVector<f64>,
-    /// The sides that are not known after it.
+    /// Unknown sides after the step.
     sides: DVector<f64>,
     covariance: DMatrix<f64>,
-    /// The variance of a number that the covariance counts.
+    /// Variance of a reading that the covariance assumes.
     counted: f64,
-    /// The weighted sum of squares before the step.
+    /// Weighted sum of squares before the step.
     square: f64,
     degrees: f64,
 }
 
-/// What stays the same from step to step.
+/// Inputs that are constant from step to step.
 #[derive(Clone, Copy)]
 struct Search<'a> {
     system: &'a System,
@@ -287,8 +286,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// How large the reversal value of each coefficient may be: as large as it was found, and its standard uncertainty more;
-    /// of any size where it is not found, or not yet.
+    /// Assumed size of the reversal value of each coefficient: the identified value combined with its standard
+    /// uncertainty, or the maximum while it is not identified.
     fn reversals(self, values: &Values, covariance: Option<&DMatrix<f64>>) -> Vec<f64> {
         let Self { system, kept, .. } = self;
         let listed = system.unknowns.coefficients.iter().enumerate();
@@ -307,7 +306,7 @@ impl Search<'_> {
         sizes.collect()
     }
 
-    /// The step from these values, where the equations are those.
+    /// Computes the step from these values and their equations.
     fn step(
         self,
         equations: &Equations,
@@ -399,7 +398,7 @@ impl Search<'_> {
 }
 
 impl Step {
-    /// The largest step in standard uncertainties.
+    /// Largest step, in standard uncertainties.
     fn largest(&self) -> f64 {
         let variances = self.covariance.diagonal();
         let steps = self.by.iter().zip(&variances);
@@ -409,7 +408,7 @@ impl Step {
             } else if *variance == 0.0 {
                 0.0
             } else {
-                // Of no number nothing says that the search has ended.
+                // With a negative or NaN variance, nothing shows convergence.
                 f64::INFINITY
             }
         });

@@ -1,4 +1,4 @@
-//! Where the search begins: frames, targets, spheres and points from the readings and the nominal machine.
+//! Start values of the search: frames, targets, spheres and points from the readings and the nominal machine.
 
 use volcomp_kinematics::{
     Pose,
@@ -15,10 +15,10 @@ use crate::{
     system::{Rows, System},
 };
 
-/// Fewer rows do not determine targets and a general matrix for the frame.
+/// Minimum number of rows that determine targets and a general matrix for the frame.
 const LEAST_FOR_MATRIX: usize = 6;
 
-/// The set-ups as the nominal machine sees them, and the parameters of the set-ups that the rows determine.
+/// Set-ups as the nominal machine sees them, and the set-up parameters that the rows determine.
 pub(crate) fn start(
     system: &System,
     observations: &Observations,
@@ -51,7 +51,7 @@ pub(crate) fn start(
     }
 }
 
-/// Set-ups alone, the errors as they are.
+/// Fits the set-ups alone, with the errors unchanged.
 fn setup_only(
     system: &System,
     observations: &Observations,
@@ -92,15 +92,15 @@ fn setup_only(
     Ok((residuals.iter().map(Vector3::norm).sum(), values))
 }
 
-/// The nominal tip of a row in workpiece axes, its rotation, without the offset of a target.
+/// Nominal tip of a row in workpiece axes, without the offset of a target, and its rotation.
 fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
     let chain = system.machine.chain();
     let rotation = chain.ideal_pose(&row.stand.state).rotation;
     (row.stand.ideal_tip_mm(chain), rotation)
 }
 
-/// Frames that have no start: the rigid transform that fits best (Kabsch), or with the targets' offsets from a linear
-/// system in a general matrix (`with_targets`). Whether that was possible.
+/// Sets the frames without a start value: from the best-fit rigid transform (Kabsch), or with the targets' offsets from
+/// a linear system in a general matrix (`with_targets`). Returns whether that was possible.
 fn frames(
     system: &System,
     observations: &Observations,
@@ -193,7 +193,7 @@ fn targets_by_matrix(
     true
 }
 
-/// The least squares of least norm, directions that the equations hardly see left out: by their share of what they see most.
+/// Minimum-norm least squares, without directions whose singular value is a negligible share of the largest.
 fn least_squares(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     const HARDLY: f64 = 1e-9;
     let svd = matrix.svd(true, true);
@@ -201,7 +201,7 @@ fn least_squares(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f
     svd.solve(right, least).ok()
 }
 
-/// The rigid transform that takes the points `from` to the points `to` with the least squares.
+/// Least-squares rigid transform from the points `from` to the points `to`.
 fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     let middle =
         |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
@@ -230,7 +230,7 @@ fn kabsch(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose {
     }
 }
 
-/// Centres of spheres from the tips on them; points of bars by trilateration.
+/// Sets the centres of spheres from the tips on them, and the points of bars by trilateration.
 fn points_of_spheres_and_bars(
     system: &System,
     observations: &Observations,
@@ -275,8 +275,8 @@ fn points_of_spheres_and_bars(
     }
 }
 
-/// The point P and the dead length d with |a − P| = L + d, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), a from the
-/// middle of all; of least norm where the tips lie in a plane.
+/// The point P and the dead length d with |a − P| = L + d, from |a|² − L² = 2 a·P + 2 L·d − (|P|² − d²), with a
+/// relative to the middle of all; of minimum norm if the tips lie in a plane.
 fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (Vector3<f64>, f64) {
     let middle = reaches.iter().map(|(tip, _)| tip).sum::<Vector3<f64>>() / reaches.len() as f64;
     let unknowns = if free { 5 } else { 4 };
@@ -297,7 +297,7 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
     match least_squares(matrix, &right) {
         Some(x) => {
             let point = Vector3::new(x[0], x[1], x[2]);
-            // With a length that is nearly the same everywhere the constant holds it.
+            // If the lengths hardly differ, the constant term absorbs the dead length.
             let dead = if free { x[4] } else { dead_mm };
             let mean = reaches
                 .iter()

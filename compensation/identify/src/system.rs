@@ -1,7 +1,7 @@
-//! What is to be found of which machine, and rows prepared for it: the part of each row that does not change while the parameters do.
+//! The unknowns and their machine, and rows prepared for the search: the part of each row that does not depend on the parameters.
 //!
-//! Errors may follow unknowns: what else of the machine is another one where an unknown has another value, because it was fitted to
-//! readings that contain the unknown (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+//! Errors may follow unknowns: other errors of the machine change with an unknown, because they were fitted to readings
+//! that contain it (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 
 use std::collections::BTreeMap;
 
@@ -18,24 +18,24 @@ use crate::{
     params::{self, Param, Parameter, Params, Values},
 };
 
-/// What is to be found, and the machine of which it is found.
+/// The unknowns, and the machine to which they belong.
 #[derive(Clone, Debug)]
 pub(crate) struct System {
     pub(crate) machine: Machine,
     pub(crate) params: Params,
     pub(crate) unknowns: Unknowns,
-    /// How many groups of parameters have a penalty each.
+    /// Number of groups of parameters with a penalty each.
     pub(crate) groups: usize,
     pub(crate) setup: SetUp,
-    /// Errors that follow unknowns: coefficient, and the follower in mm and rad.
+    /// Errors that follow unknowns: index of the coefficient, and the follower in mm and rad.
     followers: Vec<(usize, Follower)>,
-    /// Axis, component, coefficient of every location error that follows an unknown, and what one unit of it makes.
+    /// Axis, component and coefficient of every location error that follows an unknown, and its change per unit.
     pub(crate) following_locations: Vec<(usize, usize, usize, f64)>,
 }
 
 impl System {
-    /// Whether the coefficient of a column is a convention where it is left at zero: a constant that a curve brings, the slope of
-    /// a straightness. `None` for a column of a set-up.
+    /// Whether the coefficient of a column is a convention if it is fixed at zero: the constant of a curve, or the
+    /// slope of a straightness. `None` for a column of a set-up.
     pub(crate) fn is_convention(&self, column: usize) -> Option<bool> {
         match self.params.at(column) {
             Param::Coefficient(place) => Some(self.unknowns.is_convention(place)),
@@ -43,18 +43,17 @@ impl System {
         }
     }
 
-    /// Whether a column is that of a reversal value.
     pub(crate) fn is_reversal(&self, column: usize) -> bool {
         matches!(self.params.at(column), Param::Coefficient(place)
             if self.unknowns.coefficients[place].role == Role::Reversal)
     }
 
-    /// The equations of some observations.
+    /// Builds the equations of some observations.
     pub(crate) fn new(observations: &Observations) -> Result<Self, IdentifyError> {
         check(observations)?;
         let mut machine = observations.machine.clone();
         let unknowns = Unknowns::new(observations, &mut machine)?;
-        // Where curves have penalties, a set-up drifts as much as the observations say, too.
+        // If curves have penalties, the drifts of set-ups have penalties, too.
         let drifts = if unknowns.groups > 0 { DRIFT_GROUPS } else { 0 };
         Ok(Self {
             machine,
@@ -67,7 +66,7 @@ impl System {
         })
     }
 
-    /// The values at the start: what the files state.
+    /// Start values as stated in the files.
     pub(crate) fn start(&self) -> Values {
         let stated = |c: &Coefficient| match c.role {
             Role::Location => {
@@ -80,7 +79,7 @@ impl System {
         Values::stated(&self.setup, coefficients.collect())
     }
 
-    /// The group and the weight of a parameter in the penalty.
+    /// Penalty group of a parameter, and its weight there.
     pub(crate) fn group(&self, param: usize) -> Option<(usize, f64)> {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => self.unknowns.coefficients[coefficient].group,
@@ -98,7 +97,7 @@ impl System {
         }
     }
 
-    /// The name of a parameter in answers.
+    /// Name of a parameter in results.
     pub(crate) fn name(&self, param: usize) -> String {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => self.unknowns.coefficients[coefficient].name.clone(),
@@ -106,7 +105,7 @@ impl System {
         }
     }
 
-    /// The unit of a parameter in answers, and its number for one mm or rad inside.
+    /// Unit of a parameter in results, and its value for one mm or rad.
     pub(crate) fn unit_of(&self, param: usize) -> (&'static str, f64) {
         match self.params.at(param) {
             Param::Coefficient(coefficient) => {
@@ -118,46 +117,46 @@ impl System {
     }
 }
 
-/// Drifts of frames in six components, of points in three, of numbers.
+/// Number of penalty groups of drifts: six components of frames, three of points, one of numbers.
 const DRIFT_GROUPS: usize = 10;
 
-/// Coordinates that differ by less are those of one pose, mm or deg.
+/// Coordinates that differ by less belong to one pose, mm or deg.
 const SAME_POSE: f64 = 1e-6;
 
-/// A pose with what of it does not change while the parameters do.
+/// A pose, with everything that does not depend on the parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedStand {
     pub(crate) stand: Stand,
-    /// Coordinates, mm or deg; of an axis with a `modulo` within one turn from 0.
+    /// Coordinates, mm or deg; those of an axis with a `modulo` within one turn from 0.
     within_turn: [f64; MAX_AXES],
-    /// The errors that are known, unknown location errors as zero.
+    /// Known errors, with unknown location errors as zero.
     pub(crate) known: Errors,
-    /// Axis, component, coefficient and what one unit of it makes.
+    /// Axis, component, coefficient, and error per unit of the coefficient.
     pub(crate) terms: Vec<(usize, usize, usize, f64)>,
-    /// The axes of which it is not known from which side they came.
+    /// Axes whose approach direction is unknown.
     pub(crate) sides: Vec<UnknownSide>,
 }
 
-/// An axis of which it is not known from which side it came, and what more its errors are where it came in the positive direction.
+/// An axis whose approach direction is unknown, and the addition to its errors if it came in the positive direction.
 #[derive(Clone, Debug)]
 pub(crate) struct UnknownSide {
     pub(crate) axis: usize,
-    /// Of the errors that are known.
+    /// Addition to the known errors.
     pub(crate) known: ErrorMotion,
-    /// Component and coefficient of each unknown reversal value, of which it is half.
+    /// Component and coefficient of each unknown reversal value; the addition is half of it.
     pub(crate) unknown: Vec<(usize, usize)>,
 }
 
-/// The cells of a grid over the coordinates in which a pose of the same coordinates may be: one, and more where one is nearly at
-/// the border. Poses in no common cell differ.
+/// Grid cells that can contain a pose with the same coordinates: one, and more if a coordinate is close to a border.
+/// Poses without a common cell differ.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "a number beyond all cells is in the last one"
 )]
 fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
-    /// Cells are much wider than what makes another pose, so that few poses are near a border.
+    /// Cells are much wider than the tolerance on a pose, so that few poses are close to a border.
     const WIDTH: f64 = 1e3 * SAME_POSE;
-    /// Coordinates are round numbers as a rule: borders are none.
+    /// Offset of the borders: coordinates are usually round numbers, which must not lie on a border.
     const BORDER: f64 = 0.381_966;
     let mut cells = vec![[0; MAX_AXES]];
     for (axis, at) in at.iter().enumerate() {
@@ -177,7 +176,7 @@ fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
     cells
 }
 
-/// A row with its poses and, mm, the tip of the ideal machine.
+/// A row with its prepared poses and the tip of the ideal machine, mm.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedRow {
     pub(crate) row: Row,
@@ -203,8 +202,8 @@ impl Rows {
         self.0.iter().map(|row| &row.row)
     }
 
-    /// At which pose the machine stood in each row, counted from 0, and how many poses there are. Rows whose axes stand
-    /// within 1e-6 mm or deg are of one pose, and so are those a turn of a `modulo` apart.
+    /// Index of the pose of each row, from 0, and the number of poses. Rows whose axes agree within 1e-6 mm or deg
+    /// share a pose, also if they are a turn of a `modulo` apart.
     pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
         let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
         let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();
@@ -230,7 +229,7 @@ impl Rows {
         (pose_of, poses.len())
     }
 
-    /// Only these rows.
+    /// The rows whose index satisfies `keep`.
     pub(crate) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
         let kept = self.0.iter().enumerate().filter(|(place, _)| keep(*place));
         Self(kept.map(|(_, row)| row.clone()).collect())
@@ -318,7 +317,7 @@ impl System {
         prepared
     }
 
-    /// The axes of a pose of which it is not known from which side they came.
+    /// Axes of a pose whose approach direction is unknown.
     fn unknown_sides(&self, stand: &Stand) -> Vec<UnknownSide> {
         let source = self.machine.source(&Temperatures::default());
         let axes = 0..self.machine.axes().len();
@@ -347,25 +346,26 @@ impl System {
     }
 }
 
-/// How the other errors of a machine follow one unknown: straight, as far as they are known.
+/// Linear dependence of the other errors of a machine on one unknown, as far as they are known.
 #[derive(Clone, Debug)]
 pub struct Follower {
-    /// The unknown by its name among the parameters.
+    /// Name of the unknown among the parameters.
     parameter: String,
-    /// Its value with which the machine of the observations was made, in the unit of the parameter.
+    /// Value of the unknown with which the machine of the observations was built, in the unit of the parameter.
     value: f64,
-    /// A machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
+    /// A machine, and the same machine with the unknown larger by `by`, in the unit of the parameter.
     machines: [Machine; 2],
     by: f64,
 }
 
 impl Follower {
-    /// A follower of an unknown error, which has now the value with which the machine of the observations was made:
-    /// `machines` are a machine, and what it is where the unknown is larger by `by`, in the unit of the parameter.
+    /// Creates a follower of an unknown error, whose current value is that with which the machine of the observations
+    /// was built. `machines` are a machine, and the same machine with the unknown larger by `by`, in the unit of the
+    /// parameter.
     ///
     /// # Errors
-    /// [`IdentifyError::NotFollowing`] for a number of a set-up, for a change that is no number or 0, and for machines of two
-    /// structures.
+    /// [`IdentifyError::NotFollowing`] for a number of a set-up, for a change that is not finite or is 0, and for
+    /// machines with different structures.
     pub fn new(
         parameter: &Parameter,
         machines: [Machine; 2],
@@ -394,18 +394,18 @@ impl Follower {
         })
     }
 
-    /// The unknown by its name among the parameters.
+    /// Name of the unknown among the parameters.
     pub fn parameter(&self) -> &str {
         &self.parameter
     }
 
-    /// The same where the machine of the observations was made with another value of the unknown, in the unit of the parameter.
+    /// The same follower for a machine built with another value of the unknown, in the unit of the parameter.
     #[must_use]
     pub fn with_value(self, value: f64) -> Self {
         Self { value, ..self }
     }
 
-    /// What one unit of the unknown adds to an error: six numbers.
+    /// Change of an error per unit of the unknown: three linear and three angular components.
     fn rate(&self, of: impl Fn(&Machine) -> ErrorMotion) -> [f64; 6] {
         let [from, to] = [&self.machines[0], &self.machines[1]].map(of);
         let (linear, angular) = (
@@ -417,10 +417,10 @@ impl Follower {
 }
 
 impl System {
-    /// The system with errors that follow its unknowns.
+    /// Adds errors that follow the unknowns.
     ///
     /// # Errors
-    /// A follower of an unknown that it does not have, or with machines of another structure.
+    /// A follower of a name that is not an unknown, or with machines of another structure.
     pub(crate) fn followed_by(mut self, followers: &[Follower]) -> Result<Self, IdentifyError> {
         let none = Temperatures::default();
         for follower in followers {
@@ -457,7 +457,7 @@ impl System {
         Ok(self)
     }
 
-    /// Takes what follows the unknowns into a prepared pose: the known errors as they were without them, and a term for each.
+    /// Removes the contribution of the followed unknowns from the known errors of a prepared pose, and adds a term for each.
     pub(crate) fn follow(&self, stand: &mut PreparedStand) {
         let none = Temperatures::default();
         let state: State = stand.stand.state;

@@ -1,4 +1,4 @@
-//! The order of the rows: their place in time, and from which side each axis came.
+//! Order of the rows: their time, and the approach direction of each axis.
 
 use volcomp_kinematics::State;
 use volcomp_model::Machine;
@@ -14,7 +14,7 @@ pub(crate) struct Timed {
     pub(crate) has_drift: bool,
 }
 
-/// The frame that all rows of an observation see from.
+/// Frame in which all rows of an observation are measured.
 fn frame_of(observation: &Observation) -> Option<usize> {
     observation.rows.first().and_then(|row| match row.seen {
         Seen::Point { frame, .. } => Some(frame),
@@ -22,8 +22,8 @@ fn frame_of(observation: &Observation) -> Option<usize> {
     })
 }
 
-/// Sets time and direction of approach of every row. Files with the column `order` and the same frame are one run; the
-/// others are a run each, and the rows of a judged file have the times of a fitted one's row numbers.
+/// Sets time and approach direction of every row. Files with the column `order` and the same frame form one run; each
+/// of the others is a separate run. The rows of a judged file use the time scale of the fitted ones.
 pub(crate) fn set_times(
     mut timed: Vec<Timed>,
     machine: &Machine,
@@ -94,7 +94,7 @@ pub(crate) fn set_times(
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
             row.run = Some(first);
-            // Its poses have theirs from the rows that name them.
+            // Its poses get their directions from the rows that name them.
             if let Seen::Pair { .. } = row.seen {
                 continue;
             }
@@ -104,10 +104,10 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
-/// How far an axis has gone: one that counts anew after each period passes its end where that is the shorter way.
+/// Travel of an axis; a periodic axis passes its end if that is shorter.
 fn by_the_short_way(travelled: f64, period: Option<f64>) -> f64 {
     match period {
-        // Half a period is gone as the numbers say.
+        // Exactly half a period is taken as stated.
         Some(period) if travelled.abs() > 0.5 * period * (1.0 + 1e-9) => {
             travelled - period * (travelled / period).round()
         }
@@ -115,18 +115,18 @@ fn by_the_short_way(travelled: f64, period: Option<f64>) -> f64 {
     }
 }
 
-/// From which side each axis of a machine came, over the poses in their order. A change of direction counts after travel
-/// over [`TURNED_AFTER`] or [`TURNED_AFTER_ROTARY`] from the last turning point. An axis with `modulo` goes the shorter way: from 270 to 0 deg
-/// it goes on.
+/// Approach direction of each axis, over poses in their order. A reversal counts after travel beyond [`TURNED_AFTER`]
+/// or [`TURNED_AFTER_ROTARY`] from the last turning point. An axis with `modulo` takes the shorter way: from 270 to 0
+/// deg it continues.
 #[derive(Clone, Debug, Default)]
 pub struct Approach {
-    /// The last turning point of each axis, mm or rad.
+    /// Last turning point of each axis, mm or rad.
     extreme: Option<[f64; MAX_AXES]>,
     direction: [Option<Direction>; MAX_AXES],
 }
 
 impl Approach {
-    /// Of axes that came from these sides before.
+    /// Starts with axes that came from these sides.
     #[must_use]
     pub fn from_sides(direction: [Option<Direction>; MAX_AXES]) -> Self {
         Self {
@@ -135,8 +135,7 @@ impl Approach {
         }
     }
 
-    /// Goes to a state of the machine and sets its directions of approach; `None` until an axis has moved whose side is not
-    /// known.
+    /// Moves to a state of the machine and sets its approach directions; `None` for an axis of unknown side that has not moved yet.
     pub fn to(&mut self, state: &mut State, machine: &Machine) {
         let extreme = self.extreme.get_or_insert(state.q.0);
         for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {

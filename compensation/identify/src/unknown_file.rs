@@ -11,16 +11,16 @@ use crate::{
     observations::{SecondAxis, Unknown},
 };
 
-/// Whether penalties are chosen where an unknown does not say so.
+/// Decodes whether penalties are chosen for unknowns that do not state it.
 pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
     section.one_of("penalty", &[("auto", true), ("none", false)], default)
 }
 
 impl Unknown {
-    /// The key `unknown` of a file of observations: what is to be found on this machine.
+    /// Decodes the key `unknown` of a file of observations: the errors to be identified on this machine.
     ///
     /// # Errors
-    /// What is no error of the machine, or stands twice; a curve that the error cannot have.
+    /// An entry that is not an error of the machine or is listed twice; a curve that the error cannot have.
     pub fn decode(value: &Value<'_>, machine: &Machine) -> Result<Vec<Self>, InputError> {
         let found = decode_unknown(value, machine, false)?;
         if found.is_empty() {
@@ -29,7 +29,7 @@ impl Unknown {
         Ok(found)
     }
 
-    /// The item of the key `unknown` that is read back as this, in a file whose own `penalty` is `auto` (`by_default`) or is not there.
+    /// Formats the item of the key `unknown` that decodes to this, in a file whose own `penalty` is `auto` (`by_default`) or missing.
     pub fn to_toml(&self, by_default: bool) -> String {
         let mut keys = vec![format!("error = \"{}\"", self.error)];
         match self.basis {
@@ -38,7 +38,7 @@ impl Unknown {
                 keys.push(format!("bspline = {coefficients}"));
             }
             Some(Basis::Fourier { harmonics }) => keys.push(format!("fourier = {harmonics}")),
-            // A reversal value beside a constant: a polynomial of order 0 is one.
+            // A reversal value with a constant is written as a polynomial of order 0.
             Some(Basis::Constant) if self.reversal => keys.push("legendre = 0".to_owned()),
             Some(Basis::Constant) | None => {}
         }
@@ -62,7 +62,7 @@ impl Unknown {
     }
 }
 
-/// Decodes every unknown. None of them is an answer, too: the observations then judge the machine as it is.
+/// Decodes every unknown. An empty list is valid: the observations then validate the machine as it is.
 pub(crate) fn decode_unknown(
     value: &Value<'_>,
     machine: &Machine,
@@ -73,7 +73,7 @@ pub(crate) fn decode_unknown(
         let unknown = decode_item(&item, machine, penalised)?;
         match found.iter_mut().find(|other| other.error == unknown.error) {
             None => found.push(unknown),
-            // `{ error = "ECC", reversal = true }` beside `{ error = "ECC", legendre = 3 }`.
+            // `{ error = "ECC", reversal = true }` together with `{ error = "ECC", legendre = 3 }`.
             Some(other)
                 if (other.basis.is_none() || unknown.basis.is_none())
                     && !(other.reversal && unknown.reversal) =>
@@ -90,8 +90,8 @@ pub(crate) fn decode_unknown(
     Ok(found)
 }
 
-/// Refuses the tilts of two linear axes about the same direction: both together turn all that the tool and the workpiece do
-/// alike, so that only their difference, a squareness, is seen by anything.
+/// Rejects the tilts of two linear axes about the same direction: together they rotate everything that the tool and the
+/// workpiece do alike, so that only their difference, a squareness, is observable.
 fn refuse_both_tilts(
     item: &Value<'_>,
     error: ErrorName,
@@ -200,7 +200,7 @@ fn decode_item(
     })
 }
 
-/// The second axis of an error and the kind of curve along it.
+/// Second axis of an error, and the kind of curve along it.
 fn decode_second(
     value: &Value<'_>,
     error: ErrorName,

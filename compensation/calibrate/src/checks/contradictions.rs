@@ -1,4 +1,4 @@
-//! Lines of one error that contradict each other after the tilts of their axis have been taken out.
+//! Lines of one error that contradict each other after the tilts of their axis have been removed.
 
 use std::collections::BTreeMap;
 
@@ -11,20 +11,20 @@ use crate::{abbe::Lever, profile::Profile};
 
 /// Lines contradict each other if they differ by more than this multiple of their noise.
 const TIMES_NOISE: f64 = 3.0;
-/// Differences that are nowhere larger matter to no machine tool, µm or µrad.
+/// Differences up to this are irrelevant for any machine tool, µm or µrad.
 const NEVER_BELOW: f64 = 0.5;
-/// No instrument reads more finely, µm or µrad.
+/// Minimum noise of an instrument, µm or µrad.
 const LEAST_NOISE: f64 = 0.01;
 
-/// The tilts that were taken out of lines.
+/// Tilts that were removed from lines.
 pub(crate) struct Tilts<'a> {
     pub(crate) machine: &'a Machine,
-    /// The standard deviation of each tilt at a target, µrad; one without it counts as known.
+    /// Standard deviation of each tilt at a target, µrad; a tilt without one counts as known.
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 
-/// Notes on the lines of an error that do not agree within their noise, without what tilts and locations add; `tilts` is `None` where
-/// no tilt acts on the error.
+/// Notes on the lines of an error that disagree beyond their noise, without the contributions of tilts and locations;
+/// `tilts` is `None` if no tilt acts on the error.
 pub(crate) fn contradictions(
     error: ErrorName,
     cleared: &[Profile<'_>],
@@ -72,7 +72,7 @@ fn contradiction(
 }
 
 impl Tilts<'_> {
-    /// What the noise of the tilts adds to the difference of two lines, µm: each over what the levers of the lines differ by.
+    /// Contribution of the noise of the tilts to the difference of two lines, µm: each over the difference of the lines' lever arms.
     fn noise_um(
         &self,
         error: ErrorName,
@@ -100,8 +100,9 @@ impl Tilts<'_> {
     }
 }
 
-/// The standard deviation of the mean of the lines of one error at a target: from repeated runs, else from how unevenly
-/// each line runs from target to target. No curve through the lines is noisier. `None` where it is not known of a line.
+/// Standard deviation of the mean of the lines of one error at a target: from repeated runs, otherwise from the
+/// unevenness of each line from target to target. No curve through the lines has more noise. `None` if it is not known
+/// for one line.
 pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     let mut variance = 0.0;
     for profile in profiles {
@@ -111,13 +112,13 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
 }
 
-/// The standard deviation of the difference of two lines: from repeated runs, else from how unevenly each runs from target
-/// to target, which also stands for what is lost where targets had to be interpolated.
+/// Standard deviation of the difference of two lines: from repeated runs, otherwise from the unevenness of each from
+/// target to target, which also covers the loss by interpolated targets.
 fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
         let points = beside.places.iter().zip(values);
-        // Each direction by itself: from the end of one to the beginning of the other a value jumps by the whole slope.
+        // Each direction separately: from the end of one to the beginning of the other a value jumps by the whole slope.
         let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
             let own = points.clone().filter(|((of, _), _)| *of == direction);
             unevenness(
@@ -136,19 +137,18 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
     Some(variance.sqrt())
 }
 
-/// Mean readings of several lines at targets that all of them cover, each line without its own zero, which carries
-/// nothing; straightness lines without a line of their own.
+/// Mean readings of parallel lines at their common targets, offset removed (and, for straightness, the fitted slope).
 pub(crate) struct SideBySide {
-    /// The direction of travel and the target of each place, mm or deg.
+    /// Direction of travel and target of each place, mm or deg.
     pub(crate) places: Vec<(Direction, f64)>,
-    /// The values of each line, by place, µm or µrad.
+    /// Values of each line, by place, µm or µrad.
     pub(crate) lines: Vec<Vec<f64>>,
-    /// Whether a line had to be interpolated, because its targets are others.
+    /// Whether a line was interpolated because its targets differ.
     pub(crate) is_interpolated: bool,
 }
 
 impl SideBySide {
-    /// `None` where the lines have fewer than three targets in common, or no direction.
+    /// `None` if the lines have fewer than three targets in common, or no common direction.
     pub(crate) fn of(profiles: &[&Profile<'_>], is_straightness: bool) -> Option<Self> {
         let mut side_by_side = Self {
             places: Vec::new(),
@@ -187,7 +187,7 @@ impl SideBySide {
         Some(side_by_side)
     }
 
-    /// Values by place without their mean, those of straightness without their least-squares line.
+    /// Values by place without their mean, for straightness without their least-squares line.
     pub(crate) fn without_zero(&self, values: Vec<f64>, is_straightness: bool) -> Vec<f64> {
         let targets = self.places.iter().map(|(_, target)| *target);
         let points: Vec<(f64, f64)> = targets.zip(values.iter().copied()).collect();
@@ -203,7 +203,7 @@ impl SideBySide {
     }
 }
 
-/// The value of a profile at a target within it, straight between its own targets, and whether it lies between two.
+/// Value of a profile at a target within it, linearly interpolated, and whether the target lies between two of the profile's.
 fn value_at(points: &[(f64, f64)], target: f64) -> (f64, bool) {
     let after = points.partition_point(|(q, _)| *q < target);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {

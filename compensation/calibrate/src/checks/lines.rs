@@ -1,4 +1,4 @@
-//! Checks of lines and stated values: refusals of what cannot be what the calibration file says, and notes on what could mislead.
+//! Checks of lines and stated values: rejection of those that cannot match the calibration file, and notes on those that could mislead.
 
 use volcomp_document::{InputError, Value, quoted};
 use volcomp_kinematics::MotionFrame;
@@ -14,12 +14,13 @@ use crate::{
     setup::{Method, Setup},
 };
 
-/// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
+/// Maximum error of a machine tool: 100 mm and 100 mrad, in µm and µrad.
 pub(crate) const NEVER_ABOVE: f64 = 1e5;
-/// No angle of a machine tool varies by more along or about an axis: 5 mrad, in µrad. Arc seconds that are read as mrad do.
+/// Maximum variation of an angle along or about an axis of a machine tool: 5 mrad, in µrad. Arc seconds read as mrad exceed it.
 const ANGLE_NEVER_VARIES: f64 = 5e3;
-/// Refuses a line of an error motion that turns with its axis: an instrument that does not turn sees two of them mixed. Only
-/// those along and about the axis itself are the same in both frames. `name` is the value that names the error.
+/// Rejects a line of an error motion that rotates with its axis: an instrument that does not rotate measures a mixture
+/// of two of them. Only those along and about the axis itself are the same in both frames. `name` is the value that
+/// names the error.
 pub(crate) fn refuse_turning(
     name: &Value<'_>,
     error: ErrorName,
@@ -38,13 +39,15 @@ pub(crate) fn refuse_turning(
     )))
 }
 
-/// Refuses a line whose readings would count twice, or be those of another error. `file` is the value that names its file.
+/// Rejects a line whose readings would count twice, or belong to another error. `file` is the value that names its
+/// file.
 ///
 /// * A file that another line of the same error names already.
-/// * A second file of one error along one line, over the same targets in the same direction: which of them holds is for the operator to
-///   say, and the mean of both would be none of them. Files that go on where another ends, or hold the other direction, are one test.
-/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and, summed up, a
-///   straightness.
+/// * A second file of one error along one line, over the same targets in the same direction: the operator must state
+///   which of them holds, because their mean would be neither. Files that continue where another ends, or contain the
+///   other direction, are one test.
+/// * The file of another error, read in the same way. Angles of a bridge may give the angular error itself and, summed,
+///   a straightness.
 pub(crate) fn refuse_twice(
     before: &[Line],
     line: &Line,
@@ -52,7 +55,7 @@ pub(crate) fn refuse_twice(
 ) -> Result<(), InputError> {
     let error = line.setup.error;
     let named = quoted(file.text()?);
-    // Both were read; one that is no longer there is compared as it is named.
+    // Both were read; a file that no longer exists is compared by name.
     let path = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
     let name = |line: &Line| {
         let name = line.file.file_name().unwrap_or_default();
@@ -93,7 +96,7 @@ pub(crate) fn refuse_twice(
     Ok(())
 }
 
-/// Whether more than half of the readings of `other` are at places that `one` went over in the same direction.
+/// Whether more than half of the readings of `other` lie in the range that `one` covers in the same direction.
 fn covers(one: &Measurement, other: &Measurement) -> bool {
     let span = |direction| {
         let readings = one.readings.iter().filter(|of| of.direction == direction);
@@ -113,8 +116,8 @@ fn covers(one: &Measurement, other: &Measurement) -> bool {
     2 * covered > other.readings.len()
 }
 
-/// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them
-/// within the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
+/// Rejects readings (µm or µrad) that cannot belong to this line: of another axis of the machine, none of them within
+/// the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
 pub(crate) fn refuse(
     file: &Value<'_>,
     setup: &Setup,
@@ -168,7 +171,7 @@ pub(crate) fn refuse(
     Ok(())
 }
 
-/// Refuses a stated value (µm or µrad) of a size that only a wrong unit gives.
+/// Rejects a stated value (µm or µrad) of a size that only a wrong unit gives.
 pub(crate) fn refuse_value(
     value: &Value<'_>,
     kind: AxisKind,
@@ -187,12 +190,12 @@ pub(crate) fn refuse_value(
     )))
 }
 
-/// Whether two names of machines or serial numbers are of one machine: case and blanks at the ends are no difference.
+/// Whether two names or serial numbers denote one machine; case and surrounding blanks are ignored.
 fn is_same_name(one: &str, other: &str) -> bool {
     one.trim().eq_ignore_ascii_case(other.trim())
 }
 
-/// What is said of a file that states the name of another machine than the machine file.
+/// Message on a file that states another machine name than the machine file.
 pub(crate) fn other_machine(readings: &Measurement, machine: &Machine) -> Option<String> {
     let known = machine.name.trim();
     let stated = readings.metadata.machine.as_deref()?.trim();
@@ -204,7 +207,7 @@ pub(crate) fn other_machine(readings: &Measurement, machine: &Machine) -> Option
     })
 }
 
-/// Notes where measurement files state different machines or serial numbers. Each file by its name.
+/// Notes on measurement files that state different machines or serial numbers; each file comes with its name.
 pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     let mut notes = Vec::new();
     for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
@@ -234,7 +237,7 @@ pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     notes
 }
 
-/// The files of lines with their metadata.
+/// Files of lines with their metadata.
 pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
     let file = |line: &Line| line.file.display().to_string();
     let lines = lines.iter();
@@ -243,7 +246,7 @@ pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
         .collect()
 }
 
-/// Refuses a file that states another serial number than the calibration file. `file` is the value that names the file.
+/// Rejects a file that states another serial number than the calibration file. `file` is the value that names the file.
 pub(crate) fn refuse_serial(
     file: &Value<'_>,
     readings: &Measurement,
@@ -260,7 +263,7 @@ pub(crate) fn refuse_serial(
     }
 }
 
-/// Notes on files with the same readings under two names: no two tests scatter alike.
+/// Notes on files with the same readings under two names: no two tests have the same scatter.
 pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
     let mut seen = SeenReadings::default();
     let mut notes = Vec::new();
@@ -280,9 +283,9 @@ pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
     notes
 }
 
-/// A line over a smaller share of the travel is noted.
+/// Minimum share of the travel that a line covers without a note.
 const SHORT_BELOW: f64 = 0.5;
-/// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
+/// Distance of a target beyond the end of the travel, in travels, above which it is noted: targets may be slightly outside for the overrun.
 const BEYOND_ABOVE: f64 = 0.02;
 
 /// The smallest and the largest target.
@@ -294,7 +297,7 @@ pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     })
 }
 
-/// Stated location and squareness errors, and uncertainties of these, of a size that only a wrong unit gives.
+/// Notes on stated location and squareness errors, and on their uncertainties, of a size that only a wrong unit gives.
 pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     let stated = Stated::all(file);
     let note = |of: &Stated, what: &str, micro: f64| {
@@ -312,7 +315,7 @@ pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
     values.chain(unsure).collect()
 }
 
-/// What is said of targets that go beyond the travel of their axis.
+/// Message on targets beyond the travel of their axis.
 pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<String> {
     let [first, last] = ends(readings)?;
     let [low, high] = axis.travel;
@@ -326,7 +329,7 @@ pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<Strin
     })
 }
 
-/// The largest deviation of a line, µm or µrad, without what its set-up adds: the line of a straightness, the mean tilt of a bridge.
+/// Largest deviation of a line, µm or µrad, without the contribution of its set-up: the line of a straightness, the mean tilt of a bridge.
 fn largest_deviation(line: &Line) -> Option<f64> {
     let largest = |values: &mut dyn Iterator<Item = f64>| {
         values.fold(0.0_f64, |largest, value| largest.max(value.abs()))
@@ -345,7 +348,7 @@ fn largest_deviation(line: &Line) -> Option<f64> {
     Some(largest(&mut left.iter().map(|p| p.1)))
 }
 
-/// Notes on what is odd about a line that is not refused.
+/// Notes on anomalies of a line that is not rejected.
 pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let error = line.setup.error;
     let mut notes = Vec::new();
@@ -407,7 +410,7 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     notes
 }
 
-/// An error that the title of the file names where it does not name the error of the line.
+/// Error named in the title of the file, if the title does not name the error of the line.
 fn named_in_title(line: &Line) -> Option<ErrorName> {
     let title = line.readings.metadata.title.as_deref()?;
     let names = errors_named(title);
@@ -415,8 +418,7 @@ fn named_in_title(line: &Line) -> Option<ErrorName> {
     (!names.contains(&line.setup.error)).then_some(other)
 }
 
-/// A note that names the lines which state no `point` though tilts of their axis are known: the lever may have been
-/// forgotten.
+/// Note on lines without a `point` although tilts of their axis are known: the lever arm may have been forgotten.
 pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> {
     let named = |line: &Line| {
         let error = line.setup.error;
@@ -447,7 +449,7 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
     })
 }
 
-/// A location or squareness error that a calibration file states, µm or µrad, with its standard uncertainty.
+/// Location or squareness error stated in a calibration file, µm or µrad, with its standard uncertainty.
 pub(crate) struct Stated {
     pub(crate) table: &'static str,
     pub(crate) place: usize,
@@ -480,7 +482,7 @@ impl Stated {
         locations.chain(squareness).collect()
     }
 
-    /// The file with the value changed by `step`.
+    /// The file with this value changed by `step`.
     pub(crate) fn changed(&self, file: &CalibrationFile, step: f64) -> CalibrationFile {
         let mut other = file.clone();
         if self.table == "location" {
@@ -493,8 +495,7 @@ impl Stated {
     }
 }
 
-/// Sentences, each once behind the names of all files that it is about, from pairs of a file's name and what is to be said of it: in the order
-/// in which each was first said.
+/// Merges pairs of file name and sentence: each sentence once, after the names of all files that it concerns, in the order of first occurrence.
 pub fn with_files(notes: impl IntoIterator<Item = (String, String)>) -> Vec<String> {
     let mut by_note: Vec<(String, Vec<String>)> = Vec::new();
     for (file, note) in notes {

@@ -1,4 +1,4 @@
-//! Checks that stop a wrong number.
+//! Checks of the input before the fit, and of its result.
 
 pub(crate) mod contradictions;
 pub(crate) mod lines;

@@ -1,4 +1,4 @@
-//! Checks of what was found: curves that the readings do not bear out, and stated values that observations contradict.
+//! Checks of the result: curves that the readings do not support, and stated values that observations contradict.
 
 use volcomp_document::Note;
 use volcomp_vocabulary::{Displacement, ErrorName, Um, Urad};
@@ -11,12 +11,12 @@ use crate::{
     lines_share::{CHANGE, LinesShare},
 };
 
-/// A warning for each error whose chosen curve leaves more of the readings than these scatter, whose targets are too sparse, or whose curve swings
-/// between them.
+/// Warning for each error whose chosen curve leaves residuals larger than the scatter of the readings, whose targets
+/// are too sparse, or whose curve oscillates between them.
 pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut rest = curves;
-    // The branches of an error stand one after the other; one of them speaks for both.
+    // The branches of an error are adjacent; one of them represents both.
     while let Some(curve) = rest.first() {
         let error = curve.error;
         let (branches, others) = rest.split_at(
@@ -52,7 +52,7 @@ pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<
     warnings
 }
 
-/// `a.csv, b.csv: `, the files of an error.
+/// Files of an error as a prefix: `a.csv, b.csv: `.
 fn files(lines: &[FittedLine], error: ErrorName) -> String {
     let of_error = lines.iter().filter(|line| line.error == error);
     let mut files: Vec<&str> = of_error
@@ -67,15 +67,15 @@ fn files(lines: &[FittedLine], error: ErrorName) -> String {
     }
 }
 
-/// Stated values that the observations contradict: with another sign, in another unit, halved or doubled.
+/// Stated values that the observations contradict: wrong sign, wrong unit, halved or doubled.
 pub(crate) fn contradicted_values(
     lines: &LinesShare<'_>,
 ) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
-    /// A contradiction in units of both standard uncertainties together, and as a share of the value.
+    /// Minimum contradiction, in the combined standard uncertainty and as a share of the value.
     const UNCERTAINTIES: f64 = 4.0;
     const SHARE: f64 = 0.4;
     let all = Stated::all(lines.file);
-    // To the opposite value, and further from one that is much smaller than what may be wanted of it.
+    // To the opposite value, or further if the value is much smaller than the change that may be supported.
     let step = |of: &Stated| {
         if 2.0 * of.value.abs() > CHANGE {
             -2.0 * of.value

@@ -1,5 +1,5 @@
-//! Checks of observations before the fit: one rule for each number and size, whether a file states it or a program, and units and
-//! directions that cannot be.
+//! Checks of observations before the fit: one limit for each number and size, whether a file or a program provides it,
+//! and implausible units and directions.
 
 use volcomp_document::{CsvTable, InputError, Value};
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
@@ -12,25 +12,25 @@ use crate::{
     observations::{Observations, Part, Quantity, Row, Seen, SetUp, Stand, Unknown},
 };
 
-/// The highest order of a drift.
+/// Maximum order of a drift.
 pub(crate) const MOST_DRIFT: usize = 12;
-/// The most parts into which poses are divided.
+/// Maximum number of cross-validation folds.
 pub(crate) const MOST_FOLDS: usize = 100;
-/// More coefficients than this are no error of an axis.
+/// Maximum number of coefficients of one curve; more do not describe an error of an axis.
 pub(crate) const MOST_COEFFICIENTS: usize = 60;
-/// The highest order along a second axis, and the most coefficients of a spline along it.
+/// Maximum order along a second axis, and maximum number of spline coefficients along it.
 pub(crate) const MOST_SECOND: usize = 8;
-/// The fewest coefficients of a cubic spline.
+/// Minimum number of coefficients of a cubic spline.
 pub(crate) const LEAST_SPLINE: usize = 4;
 
-/// A standard uncertainty, µm, by which numbers can be weighed.
+/// Returns a standard uncertainty, µm, if it is usable as a weight: 1e-6 to 1e6.
 ///
 /// # Errors
-/// What was found and expected, in words.
+/// Another number; the message states the value and the expected range.
 pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
     const LEAST: f64 = 1e-6;
     const MOST: f64 = 1e6;
-    // What was brought to mm and back is off by rounding.
+    // A value converted to mm and back differs by rounding.
     const ROUNDING: f64 = 1e-12;
     if (LEAST * (1.0 - ROUNDING)..=MOST * (1.0 + ROUNDING)).contains(&found) {
         return Ok(found);
@@ -40,7 +40,7 @@ pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
     ))
 }
 
-/// The direction of a vector of any length.
+/// Unit vector along a vector of any length.
 pub(crate) fn unit_vector(value: &Value<'_>) -> Result<Vector3<f64>, InputError> {
     Vector3::from(value.vector::<3>()?)
         .try_normalize(1e-12)
@@ -54,7 +54,7 @@ fn wrong(place: String, why: impl Into<String>) -> IdentifyError {
     }
 }
 
-/// Refuses observations of which no equations can be made; a file that was read has none of this.
+/// Rejects observations from which no equations can be formed. Observations read from a file always pass.
 pub(crate) fn check(observations: &Observations) -> Result<(), IdentifyError> {
     if observations.folds > MOST_FOLDS {
         let why = format!("found {}, expected 0 to {MOST_FOLDS}", observations.folds);
@@ -92,7 +92,7 @@ fn check_unknown(unknown: &Unknown) -> Result<(), IdentifyError> {
         _ => {}
     }
     match unknown.second.map(|second| second.basis) {
-        // A harmonic has two coefficients; orders and harmonics go up to the same number here.
+        // Orders and harmonics share one limit here, although a harmonic has two coefficients.
         Some(Basis::Fourier { harmonics }) if harmonics <= MOST_SECOND => Ok(()),
         Some(basis) if !within(basis, MOST_SECOND) => {
             refuse(basis, MOST_SECOND, " along the second axis")
@@ -191,24 +191,24 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
     Ok(())
 }
 
-/// Refuses the rows of one file whose unit cannot be mm.
+/// Rejects the rows of one file if their lengths cannot be in mm.
 pub(crate) fn refuse_units(
     table: &CsvTable,
     machine: &Machine,
     rows: &[Row],
     setup: &SetUp,
 ) -> Result<(), InputError> {
-    /// Targets that spread more or less than the tool by this factor are in another unit: an inch is 25 times a mm.
+    /// Ratio between the spread of targets and that of the tool, either way, that indicates another unit: an inch is 25 times a mm.
     const OTHER_UNIT: f64 = 15.0;
     /// Minimum motion of the tool for a check of the unit, mm.
     const MIN_MOTION_MM: f64 = 1.0;
-    /// Largest difference of a length between two poses from the nominal one, mm at usual extents, and per mm of length.
+    /// Largest difference between a measured and the nominal length between two poses, mm at usual extents, and per mm of length.
     const MAX_APART_MM: f64 = 5.0;
     const MAX_APART_SHARE: f64 = 2e-3;
-    /// No ballbar and no tracer reaches this many times the diagonal of the travels.
+    /// Maximum length in diagonals of the travels: no ballbar or tracer is longer.
     const MAX_DIAGONALS: f64 = 20.0;
     let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
-    // A machine that only turns has arms of unknown length.
+    // A machine with rotary axes only has arms of unknown length.
     let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
     let diagonal = diagonal.unwrap_or(f64::INFINITY);
     let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
@@ -256,11 +256,11 @@ pub(crate) fn refuse_units(
     Ok(())
 }
 
-/// A line of sight that goes neither along its rows (positioning) nor across them (straightness): its readings would count in a
-/// wrong direction.
+/// Reason to reject a line of sight that runs neither along its rows (positioning) nor across them (straightness): its
+/// readings would count in a wrong direction.
 pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
     const ALIGNED_DEG: f64 = 1.0;
-    /// Largest spread across the line as a share of that along it.
+    /// Largest spread across the line as a share of the spread along it.
     const STRAIGHT: f64 = 1e-3;
     const MIN_SPREAD_MM: f64 = 1.0;
     let tips = rows

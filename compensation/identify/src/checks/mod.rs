@@ -1,4 +1,4 @@
-//! Checks that stop a wrong number. Limits are stated for usual machine tools and grow with what the rows cover.
+//! Plausibility checks. Limits are stated for usual machine tools and scale with the extent of the rows.
 
 pub(crate) mod input;
 pub(crate) mod result;
@@ -8,14 +8,14 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
 use crate::observations::Row;
 
-/// Limits are stated for rows that extend over these lengths, mm: nearly all machine tools.
+/// Extents of rows for which limits are stated, mm: those of nearly all machine tools.
 const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
 
-/// Smallest factor on a limit, for rows in a corner of a machine.
+/// Minimum factor on a limit, for rows in a corner of a machine.
 const SMALLEST_FACTOR: f64 = 0.1;
 
-/// The diagonal of the box around all coordinates of the linear axes, or around all nominal tips in workpiece axes where it is
-/// larger, mm: a tip on a sphere does not move, and axes at rest carry a tip that does.
+/// Diagonal, mm, of the box around all coordinates of the linear axes, or of the box around all nominal tips in
+/// workpiece axes if that is larger: a tip on a sphere does not move, and axes at rest can carry a tip that does.
 fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
     let is_linear: Vec<bool> = (machine.axes().iter())
         .map(|axis| axis.name.kind() == AxisKind::Linear)
@@ -39,7 +39,7 @@ fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 
     diagonal(&coordinates).max(diagonal(&tips))
 }
 
-/// A limit in mm, stated for usual machine tools, for the extent of these rows; to two digits, as messages show it.
+/// Scales a limit, mm, stated for usual machine tools to the extent of these rows; rounded to two digits, as messages show it.
 pub(crate) fn limit_mm<'r>(
     machine: &Machine,
     rows: impl Iterator<Item = &'r Row>,
@@ -51,7 +51,7 @@ pub(crate) fn limit_mm<'r>(
 fn scaled(usual_mm: f64, extent_mm: f64) -> f64 {
     let [small, large] = USUAL_EXTENT_MM;
     let factor = if extent_mm <= 0.0 {
-        // One pose does not show the size of the machine.
+        // A single pose does not show the size of the machine.
         1.0
     } else if extent_mm < small {
         (extent_mm / small).max(SMALLEST_FACTOR)

@@ -1,4 +1,4 @@
-//! Checks of what was found: refusals of what no machine explains, and notes on results that could mislead.
+//! Checks of the result: rejection of rows that no machine explains, and warnings about results that could mislead.
 
 use std::collections::BTreeSet;
 
@@ -18,20 +18,20 @@ use crate::{
     system::{Rows, System},
 };
 
-/// Largest distance of a row from the nominal machine, mm at usual extents: a machine that was just assembled misses by a few mm.
+/// Maximum distance of a row from the nominal machine, mm at usual extents: a newly assembled machine deviates by a few mm.
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;
-/// Largest RMS residual of a file after the fit, mm at usual extents.
+/// Maximum RMS residual of a file after the fit, mm at usual extents.
 const MAX_RESIDUAL_MM: f64 = 0.5;
-/// RMS residuals below this many stated uncertainties are within the instrument.
+/// RMS residuals below this multiple of the stated uncertainty are attributed to the instrument.
 const WITHIN_UNCERTAINTY: f64 = 6.0;
-/// A file counts as inverted if turning its sign leaves less than this share of the RMS residual.
+/// A file counts as inverted if reversing its sign leaves less than this share of the RMS residual.
 const INVERTED_LEAVES: f64 = 0.25;
-/// Fewer numbers per unknown than this leave nearly nothing to judge the unknowns by.
+/// Minimum number of readings per unknown; with fewer, almost no redundancy remains to check the unknowns.
 const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
 /// Maximum number of rows or names that one check lists.
 const MAX_LISTED: usize = 5;
 
-/// Refuses rows from which nothing can be found.
+/// Rejects an empty set of rows, and a single pose if errors are unknown.
 pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
     if rows.len() == 0 {
         return Err(IdentifyError::NothingToFit);
@@ -44,8 +44,8 @@ pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyEr
     Ok(())
 }
 
-/// Refuses rows further from the nominal machine than machines are, once set-ups were found without any error of the machine
-/// (`values`).
+/// Rejects rows further from the nominal machine than real machines deviate. `values` contains the fitted set-ups,
+/// without any error of the machine.
 pub(crate) fn refuse_far(
     system: &System,
     observations: &Observations,
@@ -81,7 +81,7 @@ pub(crate) fn refuse_far(
     Err(IdentifyError::FarRows { files })
 }
 
-/// Refuses a file whose residuals no machine explains. Robust weights leave out single rows: then the median counts.
+/// Rejects a file whose residuals no machine explains. With robust weights, which discount single rows, the median counts.
 pub(crate) fn refuse_unexplained(
     system: &System,
     observations: &Observations,
@@ -117,14 +117,14 @@ pub(crate) fn refuse_unexplained(
     Ok(())
 }
 
-/// Refuses a target whose place nothing determines where tilts are found: they act over its lever, so that the machine found
-/// would be right at the target and wrong at the tip.
+/// Rejects a target whose position is not determined while tilts are unknown: they act through its lever arm, so the
+/// identified machine would be right at the target and wrong at the tip.
 pub(crate) fn refuse_target(
     system: &System,
     rows: &Rows,
     rank: &Rank,
 ) -> Result<(), IdentifyError> {
-    /// A smaller share in a combination moves the target by little.
+    /// Shares below this in a combination move the target by a negligible amount.
     const SHARE: f64 = 1e-3;
     let is_tilt = |&param: &usize| match system.params.at(param) {
         Param::Coefficient(place) => {
@@ -147,7 +147,7 @@ pub(crate) fn refuse_target(
         matches!(system.params.at(param), Param::SetUp { part: Part::Point(place), order: 0, .. }
             if targets.contains(&place))
     };
-    // Where an error is left at zero, the target is known within the size of errors.
+    // If an error is fixed at zero instead, the target is known to within the size of errors.
     let of_setup = |null: &&Vec<(usize, f64)>| null[0].0 < system.params.setup();
     for null in rank.null.iter().filter(of_setup) {
         let target = (null.iter()).find(|(param, share)| is_target(*param) && share.abs() > SHARE);
@@ -166,7 +166,7 @@ pub(crate) fn refuse_target(
     Ok(())
 }
 
-/// Files whose readings fit far better with the opposite sign, by one linear refit for each.
+/// Warnings for files whose readings fit far better with the opposite sign, from one linear refit each.
 pub(crate) fn inverted(
     system: &System,
     observations: &Observations,
@@ -202,7 +202,7 @@ pub(crate) fn inverted(
             continue;
         };
         let there = system.plain_equations(&system.prepare(turned.iter()), values, false);
-        // Calibrated numbers of the set-up follow below the rows, and stay.
+        // Calibrated numbers of the set-up follow after the rows and do not change sign.
         let count: usize = there.places.iter().map(|(_, count)| count).sum();
         let mut change = DVector::zeros(plain.residuals.len());
         let by = there.residuals.rows(0, count) - plain.residuals.rows(first, count);
@@ -221,7 +221,7 @@ pub(crate) fn inverted(
     notes
 }
 
-/// How many times the stated uncertainty is left of each file, the worst first.
+/// Ratio of residuals to stated uncertainty of each file, largest first.
 pub(crate) fn times_by_file<'a>(
     observations: &'a Observations,
     rows: &Rows,
@@ -238,7 +238,7 @@ pub(crate) fn times_by_file<'a>(
     files
 }
 
-/// Residuals larger than the stated uncertainties and chance explain, with the files that fit worst.
+/// Warning if residuals exceed what the stated uncertainties and chance explain, with the files that fit worst.
 pub(crate) fn contradiction(
     observations: &Observations,
     rows: &Rows,
@@ -269,8 +269,8 @@ pub(crate) fn contradiction(
     Some(Note::warning("", what))
 }
 
-/// Linear axes that all keep to a small part of their travel: coordinates and readings may be in inches alike, and what is found
-/// holds for this part only.
+/// Warning if every linear axis keeps to a small part of its travel: coordinates and readings may both be in inches,
+/// and the result holds for this part only.
 pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
     const SMALL: f64 = 1.0 / 20.0;
     let mut largest: Option<(f64, AxisName, f64)> = None;
@@ -293,11 +293,11 @@ pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
     Some(Note::warning("", what))
 }
 
-/// Numbers that hardly exceed the unknowns.
+/// Warning if there are hardly more readings than unknowns.
 pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
     let numbers: usize = rows.iter().map(|row| row.seen.count()).sum();
     let found = fitted.rank.kept.len();
-    // With penalties the unknowns count less, but more unknowns than numbers are few numbers all the same.
+    // Penalties reduce the effective number of unknowns, but fewer readings than unknowns are too few in any case.
     let is_few = (numbers as f64) < MIN_NUMBERS_PER_UNKNOWN * fitted.solution.degrees;
     (is_few || numbers < found).then(|| {
         let what = format!(
@@ -308,7 +308,7 @@ pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
     })
 }
 
-/// Errors that are larger than those of machines, and known to be.
+/// Warnings for errors significantly larger than those of real machines.
 pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     let values = &fitted.solution.values;
     let mut large: Vec<(f64, usize)> = Vec::new();
@@ -340,7 +340,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     notes
 }
 
-/// Rows that fit far worse than the others of their file.
+/// Warnings for rows that fit far worse than the others of their file.
 pub(crate) fn outliers(
     observations: &Observations,
     rows: &Rows,
@@ -351,7 +351,7 @@ pub(crate) fn outliers(
     for (observation, own) in observations.fitted() {
         let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
         let directions = observation.rows.iter().map(|row| row.seen.count()).max();
-        // The median of the distances in one, two or three directions, in standard deviations.
+        // Median length of a standard normal vector in one, two or three dimensions.
         let usual = match directions {
             Some(3..) => 1.538,
             Some(2) => 1.177,
@@ -366,7 +366,7 @@ pub(crate) fn outliers(
         far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
         for place in far.iter().take(SHOWN) {
             let (row, size) = (rows.get(*place), residuals[*place].norm());
-            // Where the others fit exactly, no number says how many times worse it is than they are.
+            // If the others fit exactly, there is no meaningful ratio to them.
             let beside = if sigma > 0.01 * row.uncertainty_mm {
                 format!("{:.0} times what is usual in this file", size / sigma)
             } else {
