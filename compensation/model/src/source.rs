@@ -1,4 +1,4 @@
-//! The errors of a machine as kinematics asks for them.
+//! The errors of a machine as an error source for kinematics.
 
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_vocabulary::{Component, ErrorName, MAX_AXES};
