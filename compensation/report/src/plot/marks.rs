@@ -1,19 +1,19 @@
-//! Signs at points, which tell directions apart without colour.
+//! Point markers, which distinguish directions without colour.
 
 use super::svg::finite;
 
-/// The sign at each point of a series.
+/// The marker at each point of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// No sign.
+    /// No marker.
     None,
     /// A filled dot.
     Dot,
     /// A triangle that points up: forward.
     Up,
-    /// A triangle that points down: backward.
+    /// An upward triangle: forward.
     Down,
-    /// A cross.
+    /// A downward triangle: backward.
     Cross,
 }
 
