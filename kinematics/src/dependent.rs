@@ -67,7 +67,7 @@ impl Chain {
                 let share = vector[place] / scale;
                 if share.abs() < 1e-9 { 0.0 } else { share }
             };
-            found.push(PerAxis::from_fn(moves)); // one for each axis at the most
+            found.push(PerAxis::from_fn(moves)); // at most one per axis
         }
         found
     }

@@ -229,7 +229,6 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
 /// The functional point on the walk to the workpiece, with its first-order displacement (mm) and rotation (rad) so far.
 ///
 /// Inlining is forced: in a call the vectors are stored to memory in another width than they are loaded with, which doubled the time.
-/// read back with, which doubled the time.
 struct Walk {
     point: Vector3<f64>,
     linear_mm: Vector3<f64>,

@@ -458,7 +458,7 @@ fn two_turns(
                 .all(|(a, b)| (a - b).abs() < SAME_BELOW_RAD)
         });
         if !same {
-            found.push((angles, None)); // two at the most
+            found.push((angles, None)); // at most two
         }
     }
     Ok(found)

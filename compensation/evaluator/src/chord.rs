@@ -131,7 +131,7 @@ impl CompiledMachine {
     fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
         let [linear, angular] = axis.size_bounds();
         let (location, assembly) = (&self.location[index], &self.assembly[index]);
-        // The effect of a location error changes with the rotation of its own axis, too.
+        // The effect of a location error changes with the rotation of its axis, too.
         [
             linear + 2.0 * location.linear_mm.norm() + assembly.linear_mm.norm(),
             angular + 2.0 * location.angular_rad.norm() + assembly.angular_rad.norm(),

@@ -39,7 +39,7 @@ impl FreeAxes {
         own.map(|(place, _, travel)| (*place, *travel))
     }
 
-    /// Poses spread over the travels: each axis visits `poses` even positions, ends included, once each in a random order of its own.
+    /// Poses spread over the travels: each axis visits `poses` even positions, ends included, once each in an independent random order.
     pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
         let mut states = vec![self.held; poses];
         for (place, kind, travel) in &self.free {

@@ -94,8 +94,8 @@ impl Observer<'_> {
             })
     }
 
-    /// A planned pose with the ideal tip at the sphere: the linear axes are solved for if the plan commands none of them; otherwise they
-    /// must bring the tip near it.
+    /// A planned pose with the ideal tip at the sphere: the linear axes are solved for if the plan commands none of them; otherwise the
+    /// commanded tip must be near it.
     fn to_sphere(
         &self,
         pose: usize,
