@@ -13,7 +13,7 @@ use crate::{
     source::{ErrorSource, State},
 };
 
-/// How a correction is computed.
+/// Options of a correction.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {

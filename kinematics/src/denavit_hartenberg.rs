@@ -179,7 +179,7 @@ impl DhTable {
     }
 }
 
-/// The row that leads from a frame on one axis to one on the next, along their common normal.
+/// The row from a frame on one axis to one on the next, along their common normal.
 fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     // In the axes of the frame, where the previous joint runs along z through the origin.
     let inverse = frame.inverse();

@@ -1,9 +1,8 @@
 //! Inverse kinematics of the ideal chain: from a tool tip and a tool axis in workpiece axes to the coordinates.
 //!
-//! Linear axes do not turn the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes
-//! then from the tip. Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first
-//! (Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed
-//! form.
+//! Linear axes do not rotate the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes then from the tip.
+//! Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first (Murray, Li and Sastry, *A Mathematical
+//! Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed form.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
@@ -48,7 +47,7 @@ pub struct Pointing {
     pub free: Option<usize>,
 }
 
-/// Why there is no solution.
+/// Why no solution exists.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoSolution {
@@ -419,7 +418,7 @@ fn two_turns(
         let second = one_turn(u2, from, &back(held[0]))?.unwrap_or(held[1]);
         return one([held[0], second], 0);
     }
-    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto lies on two cones, about u₁ and about u₂.
+    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto is on two cones, about u₁ and about u₂.
     let (k, square) = (u1.dot(u2), sine.norm_squared());
     let (along1, along2) = (u1.dot(onto), u2.dot(from));
     let (x, y) = (
@@ -434,7 +433,7 @@ fn two_turns(
     if rest < 0.0 {
         let polar = |u: &Vector3<f64>, v: &Vector3<f64>| angle_between(u, v);
         let (between, cone1, cone2) = (polar(u1, u2), polar(u1, onto), polar(u2, from));
-        // The cones do not meet: this is the gap between them.
+        // The cones do not intersect: this is the gap between them.
         let gaps = [
             between - cone1 - cone2,
             cone1 - cone2 - between,

@@ -58,7 +58,7 @@ pub enum StructureError {
     /// The code ended before `t`.
     #[error("`{missing}` is missing, expected the order: w, axes with a prime, b, axes, t")]
     Missing {
-        /// The letter that was expected.
+        /// The expected letter.
         missing: char,
     },
     /// The same axis twice.
@@ -89,7 +89,7 @@ pub enum StructureError {
     /// A type number outside its range.
     #[error("{name} = {found}, expected 0, 1, 2 or 3")]
     TypeNumber {
-        /// Which number it is: `translational` or `rotary`.
+        /// The name of the number: `translational` or `rotary`.
         name: &'static str,
         /// The rejected number.
         found: u8,
@@ -99,7 +99,7 @@ pub enum StructureError {
         "rotary = {rotary} with {found} rotary axes, expected {expected} different letters of A B C"
     )]
     RotaryAxes {
-        /// The rotary type that was given.
+        /// The given rotary type.
         rotary: u8,
         /// Number of different rotary letters given.
         found: usize,

@@ -1,4 +1,4 @@
-//! The largest correction that a command writes.
+//! Limit of the corrections that a command writes.
 
 use volcomp_vocabulary::CorrectionLimit;
 

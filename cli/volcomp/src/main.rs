@@ -1,6 +1,6 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 //!
-//! The result of `write!` to a `String`, which cannot fail, is dropped everywhere.
+//! Results of `write!` to a `String` are ignored everywhere: it cannot fail.
 
 mod commands;
 mod compensation;

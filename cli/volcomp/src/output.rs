@@ -84,7 +84,7 @@ impl Drop for OutputFile {
 }
 
 impl OutputFile {
-    /// Opens the output before work starts.
+    /// Opens the output before work starts, so that an unwritable path fails early.
     pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
         let refused = |why: &dyn std::fmt::Display| {
             Failure::Input(format!("{}: cannot be written: {why}", path.display()))

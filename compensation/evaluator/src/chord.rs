@@ -19,7 +19,7 @@ const MOST_RAD: f64 = 0.1;
 struct Slopes {
     /// Range of the slopes of displacement (mm) and tilt (rad) within the interval.
     varies: [f64; 2],
-    /// The largest slopes.
+    /// Maximum slopes of displacement (mm) and tilt (rad).
     largest: [f64; 2],
 }
 

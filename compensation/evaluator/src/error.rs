@@ -86,7 +86,7 @@ pub enum BlobError {
     /// The checksum does not match the content.
     #[error("its checksum does not fit: it was changed or cut off")]
     Checksum,
-    /// The bytes end before the machine does.
+    /// The bytes are truncated.
     #[error("it ends too early")]
     CutOff,
     /// The machine is followed by further bytes.

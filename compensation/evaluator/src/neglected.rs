@@ -20,7 +20,7 @@ struct Share {
     is_rotary: bool,
     /// Maximum change of the position error per mm or rad of the axis.
     slope_mm: f64,
-    /// The largest displacement of its errors.
+    /// Maximum displacement from its errors, mm.
     linear_mm: f64,
 }
 

@@ -98,7 +98,7 @@ fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f
 const REDUCED_BELOW_RAD: f64 = 1e5;
 /// Adding and subtracting this rounds to a whole number.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// π/2 in two parts: 33 bits, whose product with a count of quarter turns is exact, and the rest.
+/// π/2 in two parts: 33 bits, whose product with a number of quarter turns is exact, and the remainder.
 const QUARTER: f64 = 1.570_796_326_734_125_6;
 const QUARTER_REST: f64 = 6.077_100_506_506_192e-11;
 

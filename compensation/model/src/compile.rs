@@ -20,7 +20,7 @@ impl Machine {
     /// Compiles the machine with its thermal terms at steady temperatures.
     ///
     /// # Errors
-    /// As [`compile`](Self::compile).
+    /// See [`compile`](Self::compile).
     pub fn compile_at(
         &self,
         tolerance: Tolerance,
@@ -50,8 +50,7 @@ impl Machine {
         Ok(compiled)
     }
 
-    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm,
-    /// µrad).
+    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm, µrad).
     fn curve_errors(
         &self,
         axis: usize,

@@ -24,7 +24,7 @@ impl Machine {
         let mut state = State::default();
         for (place, &(axis, found)) in coordinates.iter().enumerate() {
             let index = self.index_of(axis)?;
-            // Also refuses NaN.
+            // Also rejects NaN.
             if !(-MOST_COORDINATE..=MOST_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }

@@ -110,7 +110,7 @@ impl Machine {
     }
 }
 
-/// The number of a range that is nearest to 0.
+/// The number in a range that is nearest to 0.
 pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
     0.0_f64.max(low).min(high)
 }

@@ -12,7 +12,7 @@ use crate::{
 /// Maximum number of solutions: an axis with many turns has one for each turn.
 const MOST_SOLUTIONS: usize = 1000;
 
-/// The coordinates that bring the ideal tool to a tip and a direction.
+/// The solutions of the inverse kinematics for a tip and a tool direction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reached {
     /// All solutions within travel, mm and rad in chain order, sorted by the sum of rotations. With more than two rotary axes, or more than
@@ -47,7 +47,7 @@ impl Machine {
     /// [`ModelError::Target`] for a tip that is not a number up to 1e9 mm or a direction of zero length; [`ModelError::TooMany`] if the
     /// turns of an axis give more than 1000 solutions.
     pub fn axes_at(&self, tip_mm: [f64; 3], tool_axis: [f64; 3]) -> Result<Reached, ModelError> {
-        // Also refuses NaN.
+        // Also rejects NaN.
         let fits = |found: &[f64; 3]| found.iter().all(|x| x.abs() <= 1e9);
         if !fits(&tip_mm) {
             return Err(ModelError::Target {
@@ -260,7 +260,7 @@ fn note(names: &mut Vec<AxisName>, name: AxisName) {
 fn too_many(found: f64) -> ModelError {
     ModelError::TooMany {
         what: "solutions",
-        // Saturates, which is enough for a message.
+        // Saturates, which is good enough for a message.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -260,8 +260,7 @@ impl Machine {
         Ok(self.chain.set_tool(tip.into(), axis.into())?)
     }
 
-    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in
-    /// chain order and component.
+    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in chain order and by component.
     pub fn errors(&self) -> impl Iterator<Item = (ErrorName, &ErrorCurve)> {
         self.axes
             .iter()
@@ -274,7 +273,7 @@ impl Machine {
             })
     }
 
-    /// The curve of one error motion (argument mm or deg, value µm or µrad); `None` where it is zero.
+    /// The curve of one error motion (argument mm or deg, value µm or µrad); `None` if it is zero.
     pub fn error(&self, name: ErrorName) -> Option<&ErrorCurve> {
         let index = self.chain.structure().index_of(name.axis)?;
         self.motions[index][name.component.index()]

@@ -162,12 +162,12 @@ impl Lengths {
         self.largest = self.largest.max(other.largest);
     }
 
-    /// The root of the mean square, in the unit of the vectors; 0 without a vector.
+    /// Root mean square, in the unit of the vectors; 0 without a vector.
     pub fn rms(&self) -> f64 {
         (self.squares / self.count.max(1.0)).sqrt()
     }
 
-    /// The largest length, in the unit of the vectors; 0 without a vector.
+    /// Maximum length, in the unit of the vectors; 0 without a vector.
     pub fn max(&self) -> f64 {
         self.largest
     }

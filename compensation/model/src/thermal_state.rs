@@ -23,7 +23,7 @@ pub struct Fading {
 }
 
 impl Default for Fading {
-    /// Five minutes of holding, then ten minutes of fading.
+    /// Holds for five minutes, then fades over ten minutes.
     fn default() -> Self {
         Self {
             hold_s: 300.0,
@@ -86,7 +86,7 @@ enum Effect {
 }
 
 impl ThermalState {
-    /// The terms of a machine before any temperature is known.
+    /// The terms of a machine without any temperature yet.
     ///
     /// # Errors
     /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
@@ -342,7 +342,7 @@ impl Term {
 }
 
 impl Thermal {
-    /// Whether there is no term.
+    /// True if there is no term.
     pub fn is_empty(&self) -> bool {
         self.expansion.is_empty() && self.drift.is_empty()
     }

@@ -61,15 +61,15 @@ pub struct VolumetricError {
     pub max_mm: f64,
     /// Root mean square of the error of the tip before alignment, mm.
     pub rms_mm: f64,
-    /// Largest error of the tip after alignment, found in the same way.
+    /// Largest error of the tip after alignment, found by the same search.
     pub position: Worst,
     /// Root mean square of the error of the tip after alignment, mm.
     pub position_rms_mm: f64,
-    /// Largest tilt of the tool axis after alignment, found in the same way.
+    /// Largest tilt of the tool axis after alignment, found by the same search.
     pub tilt: Worst,
     /// Root mean square of the tilt after alignment, rad.
     pub tilt_rms_rad: f64,
-    /// The alignment.
+    /// The rigid-body alignment of the workpiece.
     pub alignment: RigidMotion,
 }
 

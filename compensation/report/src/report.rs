@@ -5,7 +5,7 @@ use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{Direction, ErrorName};
 
-/// A report of a calibration.
+/// A report of a calibration, an identification or a machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Machine, date, operator, instrument.
@@ -16,7 +16,7 @@ pub struct Report {
     pub warnings: Vec<Warning>,
     /// Every error curve.
     pub curves: Vec<Curve>,
-    /// Positioning tests by ISO 230-2.
+    /// Positioning tests to ISO 230-2.
     pub positioning: Vec<Positioning>,
     /// The angles between the linear axes.
     pub squareness: Vec<Square>,
@@ -75,7 +75,7 @@ pub struct Head {
 /// An axis and its travel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisTravel {
-    /// The letter.
+    /// The axis letter.
     pub axis: String,
     /// Both ends of the travel, mm or deg.
     pub travel: [f64; 2],
@@ -208,9 +208,9 @@ pub struct Warning {
 /// One error: its readings and its curves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Curve {
-    /// The name: `EXX`.
+    /// The error name, such as `EXX`.
     pub error: String,
-    /// The axis that moves.
+    /// The moving axis.
     pub axis: String,
     /// `mm` or `deg`.
     pub x_unit: String,
@@ -235,7 +235,7 @@ pub struct CurveLine {
     pub file: Option<String>,
     /// Single runs; empty if only means are known.
     pub runs: Vec<Run>,
-    /// Mean readings forward and backward.
+    /// Mean readings forward and backward: targets and deviations.
     pub means: [Vec<(f64, f64)>; 2],
 }
 
@@ -244,7 +244,7 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Its number among those of its direction.
+    /// Its number among the runs of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
@@ -255,11 +255,11 @@ pub struct Run {
 pub struct Branch {
     /// The direction; `None`: both.
     pub direction: Option<Direction>,
-    /// The curve over the travel.
+    /// The curve over the travel: coordinates and values.
     pub points: Vec<(f64, f64)>,
-    /// Mean readings minus curve.
+    /// Residuals at the targets: mean readings minus curve.
     pub residuals: Vec<(f64, f64)>,
-    /// A band about the curve.
+    /// Its confidence band.
     pub band: Option<Band>,
     /// Fit results; `None` if the curve comes from the machine file.
     pub fit: Option<FitNumbers>,
@@ -270,9 +270,9 @@ pub struct Branch {
 pub struct Band {
     /// Coordinates, ascending.
     pub x: Vec<f64>,
-    /// The lower edge.
+    /// Lower limit at each coordinate.
     pub low: Vec<f64>,
-    /// The upper edge.
+    /// Upper limit at each coordinate.
     pub high: Vec<f64>,
     /// What was resampled to compute it.
     pub source: BandSource,
@@ -289,18 +289,18 @@ pub struct FitNumbers {
     pub residual: Residual,
     /// The leave-one-out error; `None` if a reading cannot be predicted from the others.
     pub leave_one_out: Option<f64>,
-    /// The largest difference forward − backward of the curves.
+    /// Maximum difference of the curves, forward − backward.
     pub reversal: Option<f64>,
 }
 
 /// Residuals of a fit: readings minus curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// The smallest.
+    /// Minimum.
     pub min: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
-    /// The root mean square.
+    /// Root mean square.
     pub rms: f64,
 }
 
@@ -315,7 +315,7 @@ pub struct Positioning {
     pub x_unit: String,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Every run as it was read.
+    /// All runs, with raw readings.
     pub runs: Vec<Run>,
     /// The year of the edition of ISO 230-2.
     pub edition: u16,
@@ -379,7 +379,7 @@ pub struct Location {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// The errors that this calibration found.
+    /// The errors identified by this calibration.
     Found,
     /// The machine file given as the state before.
     GivenBefore,
@@ -418,7 +418,7 @@ pub struct Diagonal {
     pub range_um: f64,
 }
 
-/// The error of the tool over the working space.
+/// Volumetric error over the working space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Volume {
     /// The state before compensation, or the only known one.
@@ -433,7 +433,7 @@ pub struct Volume {
     pub undecided: Vec<String>,
     /// True if the machine of the last state has any error.
     pub knows_errors: bool,
-    /// Planes through the middle of the working space.
+    /// Maps on planes through the middle of the working space.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; both 0 for a missing axis.
     pub travels_mm: [[f64; 2]; 3],

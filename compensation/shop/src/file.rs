@@ -7,7 +7,7 @@ use volcomp_metrology::{
 
 use crate::shop::{Shop, ShopLine};
 
-/// The kind of a measurement file.
+/// Format of a measurement file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Format {
     /// Files of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.

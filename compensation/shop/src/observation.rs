@@ -5,7 +5,7 @@ use volcomp_vocabulary::{AxisName, Um, Urad};
 
 use crate::{error::ObservationError, instrument::Instrument, plan::Plan};
 
-/// An observation to be made on the truth machine.
+/// A volumetric observation of the truth machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShopObservation {
     /// Name of the row file without its extension.
@@ -23,7 +23,7 @@ pub struct ShopObservation {
 /// An instrument and its set-up; points and directions in workpiece axes, mm.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Setting {
-    /// A tracker follows a target on the tool.
+    /// A laser tracker that follows a target on the tool.
     Points {
         /// The poses.
         poses: Poses,
@@ -41,7 +41,7 @@ pub enum Setting {
         /// What is recorded.
         reads: Reads,
     },
-    /// Distances from a point on the table.
+    /// Distances from a point on the table: ballbar or laser tracer.
     Distance {
         /// The poses.
         poses: Poses,
@@ -61,7 +61,7 @@ pub enum Setting {
         /// What is recorded.
         reads: Reads,
     },
-    /// A laser along body diagonals, `PPP` and so on.
+    /// A laser along body diagonals, such as `PPP`.
     Diagonals {
         /// The diagonals.
         names: Vec<String>,

@@ -112,7 +112,7 @@ fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// An instrument at the truth machine.
+/// An instrument on the truth machine.
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,

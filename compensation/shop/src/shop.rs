@@ -63,6 +63,6 @@ pub struct ShopLine {
     pub holds_location: bool,
     /// Name of the measurement file without its extension.
     pub name: String,
-    /// The kind of the measurement file.
+    /// The format of the measurement file.
     pub format: Format,
 }

@@ -22,7 +22,7 @@ const GEAR_URAD: f64 = 0.2;
 const BEARING_UM: f64 = 0.02;
 /// Standard deviation of the monthly drift of a squareness or parallelism, µrad.
 const SETTLED_URAD: f64 = 0.15;
-/// The standard deviation of the logarithm of the factors.
+/// Standard deviation of the natural logarithm of the random factors.
 const SPREAD: f64 = 0.4;
 
 /// The operating time of a machine. All wear is proportional to `months` and `load`.

@@ -356,7 +356,6 @@ struct Columns<'t> {
     carried: Vec<(Column, &'t str)>,
     /// Names of input columns that are replaced by computed ones.
     replaced: Vec<&'t str>,
-    /// The axes in the order of their columns.
     axes: Vec<AxisName>,
     /// True if uncertainties are written.
     uncertain: bool,

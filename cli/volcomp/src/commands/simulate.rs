@@ -1,4 +1,4 @@
-//! `volcomp simulate`: the virtual shop.
+//! `volcomp simulate`: measurement files of a virtual shop.
 
 use std::{
     collections::BTreeMap,
@@ -129,7 +129,6 @@ impl From<ShopError> for Failure {
 
 /// Files written into a folder.
 pub(crate) struct Written {
-    /// The names of all files.
     names: Vec<String>,
     /// Those that replaced existing files.
     replaced: Vec<String>,

@@ -17,7 +17,7 @@ pub enum Mark {
     Cross,
 }
 
-/// Adds the outline of a sign at a place to the data of a path.
+/// Appends the outline of a marker at a position to SVG path data.
 pub(crate) fn outline(path: &mut String, mark: Mark, [x, y]: [f64; 2], size: f64) {
     use std::fmt::Write as _;
     if !(x.is_finite() && y.is_finite()) {

@@ -14,7 +14,7 @@ pub struct SquareSketch {
     pub first: String,
     /// The axis drawn upwards.
     pub second: String,
-    /// The angle from the first to the second, less 90°, µrad.
+    /// The angle from the first to the second, minus 90°, µrad.
     pub angle_urad: f64,
     /// Factor by which the deviation is exaggerated.
     pub exaggeration: f64,

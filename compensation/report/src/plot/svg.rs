@@ -72,7 +72,7 @@ impl Svg {
         }
     }
 
-    /// The whole element.
+    /// Closes the element and returns its text.
     pub fn finish(mut self) -> String {
         self.text += "</svg>";
         self.text

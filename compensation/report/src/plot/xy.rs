@@ -62,7 +62,7 @@ pub struct Series {
     pub name: String,
     /// Coordinates and values, coordinates ascending.
     pub points: Vec<(f64, f64)>,
-    /// How they look.
+    /// Their look.
     pub look: Look,
     /// The marker at each point.
     pub mark: Mark,
@@ -75,9 +75,9 @@ pub struct Series {
 pub struct Band {
     /// Coordinates, ascending.
     pub x: Vec<f64>,
-    /// The lower edge at each.
+    /// The lower limit at each coordinate.
     pub low: Vec<f64>,
-    /// The upper edge at each.
+    /// The upper limit at each coordinate.
     pub high: Vec<f64>,
     /// Its look; [`Look::Backward`] is hatched.
     pub look: Look,
@@ -86,7 +86,7 @@ pub struct Band {
 /// A span of values with its label: next to the plot, or at a coordinate within it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// The letter and the number.
+    /// The letter with the number.
     pub label: String,
     /// The values at both ends.
     pub span: [f64; 2],
@@ -113,7 +113,7 @@ pub struct XyPlot {
     pub height: f64,
     /// The series.
     pub series: Vec<Series>,
-    /// The areas behind them.
+    /// The bands, drawn behind the series.
     pub bands: Vec<Band>,
     /// Labelled spans.
     pub brackets: Vec<Bracket>,
