@@ -246,7 +246,7 @@ impl CompiledMachine {
 }
 
 /// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns whether a direction
-/// is left out, and whether two axes or more are near a singular pose.
+/// is not fully corrected, and whether at least two axes correct and the pose is near a singular one.
 #[inline(always)]
 fn correct_axis(
     correctors: &Correctors,

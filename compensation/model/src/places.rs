@@ -13,8 +13,7 @@ impl Machine {
 
     /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and as many points between
     /// them as the kind of curve needs ([`Curve::places`](volcomp_curve::Curve::places)). Equidistant samples alone could hit an error that
-    /// repeats with the pitch of a screw only at its zeros. Within the travel (for an axis with `modulo`, reduced into it), ends included.
-    /// Ascending, without duplicates.
+    /// repeats with the pitch of a screw only at its zeros. Within the travel, including its ends; ascending, without duplicates.
     pub fn places(&self) -> Vec<Vec<f64>> {
         let mut places = self.along_axes(Curve::places);
         for (places, axis) in places.iter_mut().zip(self.axes()) {
