@@ -25,7 +25,7 @@ const KINDS: [&str; 7] = [
 /// Maximum number of table points listed in a message.
 const SHOWN_POINTS: usize = 4;
 
-/// What the decoding of a curve depends on: the travel of its own axis, and all axes for a grid.
+/// What the decoding of a curve depends on: the travel of its axis and, for a grid, all axes.
 pub(crate) struct CurveContext<'a> {
     pub(crate) axes: &'a [Axis],
     pub(crate) travel: [f64; 2],

@@ -110,7 +110,7 @@ pub enum CheckOf {
     Part,
     /// Errors of which at least one is not determined by the measurements.
     NotBorneOut,
-    /// The residual after correction, while the figures of tests are of the machine without it.
+    /// The residual after correction, whereas the figures of tests are of the uncorrected machine.
     Corrected,
     /// The machine at the reference temperature, without its thermal terms.
     AtReference,
