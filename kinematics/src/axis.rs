@@ -1,9 +1,9 @@
-//! The direction that an axis letter stands for.
+//! Directions of the axis letters.
 
 use nalgebra::Vector3;
 use volcomp_vocabulary::AxisName;
 
-/// The unit direction in MCS that the letter of an axis stands for: along it for X Y Z U V W, about it for A B C.
+/// The unit direction of an axis letter in MCS: along it for X Y Z U V W, about it for A B C.
 pub fn letter_direction(name: AxisName) -> Vector3<f64> {
     let mut direction = Vector3::zeros();
     direction[name.mcs_index()] = 1.0;

@@ -13,15 +13,15 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
-/// The frame in which the error motions of a rotary axis stay.
+/// The frame in which the error motions of a rotary axis are stated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionFrame {
-    /// The frame that does not turn: as a spindle analyser or a measuring device on the bed sees the axis (ISO 230-7).
+    /// The non-rotating frame: as a spindle analyser or a measuring device on the bed measures the axis (ISO 230-7).
     #[default]
     Fixed,
-    /// Behind the joint: the error motions turn with the axis, as the model of 60 error twists has them (Procedia
-    /// Engineering 24 (2011) 845–849).
+    /// The frame after the joint: the error motions rotate with the axis, as in the model of 60 error twists (Procedia Engineering 24
+    /// (2011) 845–849).
     Turning,
 }
 
@@ -30,23 +30,22 @@ pub enum MotionFrame {
 pub struct Joint {
     /// The letter of the axis.
     pub name: AxisName,
-    /// Whether the axis slides or turns.
+    /// Linear or rotary.
     pub kind: AxisKind,
-    /// Whether the axis carries the workpiece or the tool.
+    /// The side of the bed: the axis carries the workpiece or the tool.
     pub side: Side,
     /// Unit direction u in MCS.
     pub direction: Vector3<f64>,
-    /// Point c, mm in MCS: on the line of a rotary axis; of a linear axis the point of the
-    /// carriage at which its errors are stated.
+    /// Point c, mm in MCS: on the line of a rotary axis; for a linear axis, the point of the carriage at which its errors are stated.
     pub point_mm: Vector3<f64>,
-    /// The frame of the error motions of a rotary axis; those of a linear axis always ride with its carriage.
+    /// The frame of the error motions of a rotary axis; those of a linear axis always move with its carriage.
     pub motion_frame: MotionFrame,
 }
 
 impl Joint {
-    /// Whether the error motions stand on the tool side of the joint's own motion, so that its coordinate does not
-    /// change the lever from its `point_mm` to the tool. Those of a linear axis ride with its carriage, those of a rotary axis stay
-    /// in the frame that does not turn, unless its [`MotionFrame`] is the turning one.
+    /// True if the error motions are on the tool side of the joint's own motion, so that its coordinate does not change the lever from its
+    /// `point_mm` to the tool. Error motions of a linear axis move with its carriage; those of a rotary axis are in the non-rotating frame,
+    /// unless its [`MotionFrame`] is the turning one.
     pub fn errors_on_tool_side(&self) -> bool {
         let ride = self.kind == AxisKind::Linear || self.motion_frame == MotionFrame::Turning;
         ride == (self.side == Side::Tool)
@@ -77,7 +76,7 @@ impl Joint {
     }
 }
 
-/// A serial machine from workpiece to tool with its tool and workpiece points.
+/// A serial machine from the workpiece to the tool, with its tool tip and workpiece origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     structure: Structure,
@@ -88,8 +87,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The orthogonal chain of a structure: directions of the letters, every point, the tool tip and
-    /// the workpiece origin at the MCS origin, the tool axis along +Z.
+    /// The orthogonal chain of a structure: directions from the letters; every point, the tool tip and the workpiece origin at the MCS
+    /// origin; the tool axis along +Z.
     pub fn new(structure: Structure) -> Self {
         let joints = structure
             .axes()
@@ -113,7 +112,7 @@ impl Chain {
         }
     }
 
-    /// Sets the direction of an axis (MCS at machine zero; any length, made a unit vector).
+    /// Sets the direction of an axis (MCS at machine zero; normalised here).
     ///
     /// # Errors
     /// [`ChainError::NoSuchAxis`], [`ChainError::Direction`].
@@ -133,11 +132,10 @@ impl Chain {
         Ok(())
     }
 
-    /// Sets the frame in which the error motions of a rotary axis stay.
+    /// Sets the frame in which the error motions of a rotary axis are stated.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions ride with its
-    /// carriage.
+    /// [`ChainError::NoSuchAxis`]; [`ChainError::MotionFrame`] for a linear axis, whose error motions move with its carriage.
     pub fn set_motion_frame(
         &mut self,
         axis: AxisName,
@@ -180,7 +178,7 @@ impl Chain {
         }
     }
 
-    /// The structure that the chain was made from.
+    /// The structure from which the chain was built.
     pub fn structure(&self) -> &Structure {
         &self.structure
     }
@@ -205,7 +203,7 @@ impl Chain {
         self.workpiece_origin_mm
     }
 
-    /// One value for each axis, in any order, put into the order of the chain.
+    /// Reorders one value for each axis, given in any order, into chain order.
     ///
     /// # Errors
     /// [`ChainError::NoSuchAxis`], [`ChainError::AxisTwice`], [`ChainError::AxisMissing`].
@@ -235,8 +233,7 @@ impl Chain {
         Ok(found.map(Option::unwrap_or_default))
     }
 
-    /// The value of an axis, of values in the order of the chain such as a correction; `None` for an axis that the chain does not
-    /// have.
+    /// The value of an axis in a list in chain order, such as a correction; `None` for an axis that the chain does not have.
     pub fn of_axis<T: Copy>(&self, axis: AxisName, values: &PerAxis<T>) -> Option<T> {
         self.structure.index_of(axis).map(|index| values[index])
     }
@@ -249,8 +246,8 @@ impl Chain {
             .fold(Pose::identity(), |pose, (joint, q)| pose * joint.motion(q))
     }
 
-    /// How far the tool tip is from the line of a rotary axis at `state`, mm: so many mm the tip moves for each rad. The
-    /// axis's own coordinate has no part in it. Zero for a linear axis and for an index without an axis.
+    /// Distance of the tool tip from the line of a rotary axis at `state`, mm, which is also mm of tip motion per rad. Independent of the
+    /// axis's own coordinate. Zero for a linear axis and for an index without an axis.
     pub fn lever_mm(&self, index: usize, state: &State) -> f64 {
         let Some(axis) = self.joints.get(index) else {
             return 0.0;
@@ -265,9 +262,8 @@ impl Chain {
         axis.direction.cross(&(tip_mm - axis.point_mm)).norm()
     }
 
-    /// Where the axes between the bed and the axis at `index` have carried that axis: a transform of MCS that takes its
-    /// point and its direction from machine zero to where they are at `state`. The axis's own coordinate has no part in
-    /// it. The identity for an index without an axis.
+    /// Pose of the axis at `index` after the motion of the axes between the bed and it: a transform of MCS that maps its point and
+    /// direction at machine zero to those at `state`. Independent of the axis's own coordinate. The identity for an index without an axis.
     pub fn carrier_pose(&self, index: usize, state: &State) -> Pose {
         let Some(carried) = self.joints.get(index) else {
             return Pose::identity();
@@ -285,7 +281,7 @@ impl Chain {
         });
         match carried.side {
             Side::Tool => pose,
-            // Coordinates are of the tool relative to the workpiece: the bed sees the way back.
+            // Coordinates are of the tool relative to the workpiece: seen from the bed, the motion is inverted.
             Side::Workpiece => pose.inverse(),
         }
     }
@@ -305,7 +301,7 @@ fn finite(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainErro
 }
 
 fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError> {
-    // Scaled first, so that neither tiny nor huge vectors under- or overflow in the square.
+    // Scaled first, so that the square of a tiny or huge vector neither under- nor overflows.
     let largest = found.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     if !found.iter().all(|x| x.is_finite()) || largest == 0.0 {
         return Err(ChainError::Direction { what, found });
@@ -317,7 +313,7 @@ impl State {
     /// A state from the coordinate (mm, rad) of every axis of a chain, in any order; approach unknown.
     ///
     /// # Errors
-    /// What [`Chain::by_axis`] refuses.
+    /// See [`Chain::by_axis`].
     pub fn new(
         chain: &Chain,
         coordinates: impl IntoIterator<Item = (AxisName, f64)>,

@@ -1,4 +1,4 @@
-//! The correction of a command: what must be added so that the actual tool pose is the ideal one.
+//! Correction of a command: the displacement that makes the actual tool pose equal to the ideal one.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Vector2, Vector3};
@@ -13,15 +13,15 @@ use crate::{
     source::{ErrorSource, State},
 };
 
-/// How a correction is computed.
+/// Options of a correction.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionOptions {
-    /// The axes that may move, linear or rotary; all others are held, and what these cannot reach is residual.
-    /// Linear axes are chosen in this order (see [`Correctors`]); names that the chain does not have are passed
-    /// over. `None`: every axis, in chain order.
+    /// The axes that may move, linear or rotary; the others are held, and errors that these axes cannot correct remain as residual. Linear
+    /// axes are chosen in this order (see [`Correctors`]); names that the chain does not have are ignored. `None`: every axis, in chain
+    /// order.
     pub correct: Option<ArrayVec<AxisName, MAX_AXES>>,
-    /// Newton steps at the most; 1 is the first-order correction of a real-time cycle.
+    /// Maximum number of Newton steps; 1 gives the first-order correction of a real-time cycle.
     pub max_iterations: usize,
     /// Stop when the correctable position residual is below this, mm.
     pub position_tolerance_mm: f64,
@@ -30,7 +30,7 @@ pub struct CorrectionOptions {
 }
 
 impl Default for CorrectionOptions {
-    /// All directions, up to 10 steps, 1e-5 µm and 1e-4 µrad.
+    /// All axes, up to 10 steps, 1e-5 µm and 1e-4 µrad.
     fn default() -> Self {
         Self {
             correct: None,
@@ -42,8 +42,7 @@ impl Default for CorrectionOptions {
 }
 
 impl CorrectionOptions {
-    /// Options under which only these axes move, in this order of preference; the others are as by default. An axis
-    /// that is named twice counts once.
+    /// Options that move only these axes, in this order of preference; other options at their defaults. Repeated names are ignored.
     #[must_use]
     pub fn of(axes: &[AxisName]) -> Self {
         let mut named = ArrayVec::new();
@@ -76,7 +75,7 @@ impl CorrectionOptions {
     }
 }
 
-/// A correction and what it leaves.
+/// A correction and its residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
@@ -86,26 +85,24 @@ pub struct Correction {
     pub residual_mm: Vector3<f64>,
     /// actual − ideal unit tool axis, in workpiece axes, with the correction applied.
     pub residual_axis: Vector3<f64>,
-    /// How many Newton steps were taken.
+    /// Number of Newton steps taken.
     pub iterations: usize,
-    /// Whether what the axes can correct was brought below the tolerances of the options within their number of
-    /// steps. `false` also where a position or an error is no finite number. The correction is then the first or the last
-    /// step, whichever is larger: with errors that grow faster than the coordinate, steps swing back to almost nothing.
+    /// True if the correctable residual was brought below the tolerances within the maximum number of steps. `false` also if a position or
+    /// an error is not finite. Without convergence the correction is the larger of the first and the last step: with errors that grow
+    /// faster than the coordinate, steps can swing back to almost nothing.
     pub converged: bool,
-    /// A direction of the tool axis is corrected in part only or not at all: the pose is within about 1° of a singular one,
-    /// or fewer than two rotary axes may move.
+    /// A direction of the tool axis is corrected only in part or not at all: the pose is within about 1° of a singular one, or fewer than
+    /// two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// Two rotary axes or more may move, and the pose is a singular one or so near it (about 6°) that they take more
-    /// than 10 times the error of the tool axis, or leave a direction of it out. See
-    /// [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
+    /// At least two rotary axes may move, and the pose is singular or close to it (about 6°): they move more than 10 times the tool-axis
+    /// error, or leave out a direction. See [`NEAR_SINGULAR_BELOW`](crate::NEAR_SINGULAR_BELOW).
     pub near_singular: bool,
 }
 
 /// The correction at a command `state`.
 ///
-/// Each step first moves the rotary axes alone (minimum norm, on the tool-axis error), then the
-/// linear axes on position; position is never traded for orientation. Errors are evaluated at the
-/// corrected coordinates on the reversal branches of `state.approach`.
+/// Each step first moves the rotary axes alone (minimum norm, on the tool-axis error), then the linear axes on position; position is never
+/// traded for orientation. Errors are evaluated at the corrected coordinates on the reversal branches of `state.approach`.
 pub fn correct<S: ErrorSource>(
     chain: &Chain,
     source: &S,
@@ -114,7 +111,7 @@ pub fn correct<S: ErrorSource>(
 ) -> Correction {
     let goal = Goal::new(chain, state);
     let correctors = options.correctors(chain);
-    // Which directions are left out is decided on the ideal chain at the command, once.
+    // The directions to leave out are determined once, on the ideal chain at the command.
     let nominal = Columns::at(chain, state, &goal, &correctors);
     let rank = nominal.gram.rank();
     let mut left_out = None;
@@ -126,7 +123,7 @@ pub fn correct<S: ErrorSource>(
         let mut miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
         let columns = Columns::at(chain, &corrected, &goal, &correctors);
         let axis = goal.normal_components(&miss.axis);
-        // What is not to be corrected stays as it is at the command.
+        // The uncorrected part stays as it is at the command.
         let left_out = *left_out.get_or_insert_with(|| axis - nominal.gram.corrected(&axis));
         let (weighted, seen_rad) = columns.gram.solve(rank, &(axis - left_out));
         let linear = linear.at(columns.linear);
@@ -164,7 +161,7 @@ pub fn correct<S: ErrorSource>(
     }
 }
 
-/// The largest way of an axis between two states, mm or rad.
+/// The largest displacement of an axis between two states, mm or rad.
 fn size(a: &State, b: &State) -> f64 {
     let ways = a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs());
     ways.fold(0.0, f64::max)
@@ -174,7 +171,7 @@ fn size(a: &State, b: &State) -> f64 {
 struct Goal {
     tip_mm: Vector3<f64>,
     axis: Vector3<f64>,
-    /// Two unit vectors normal to the tool axis and to one another.
+    /// Two unit vectors normal to the tool axis and to each other.
     normals: [Vector3<f64>; 2],
 }
 
@@ -206,12 +203,12 @@ impl Goal {
     }
 }
 
-/// How tip and tool axis move with each correcting axis on the ideal chain, in workpiece axes.
+/// Derivatives of the tip and the tool axis with respect to each correcting axis on the ideal chain, in workpiece axes.
 struct Columns {
-    /// Place in the chain and column of each rotary axis, rad for each rad along the two normals.
+    /// Index in the chain and column of each rotary axis, rad per rad along the two normals.
     rotary: ArrayVec<(usize, Vector2<f64>), MAX_AXES>,
     gram: RotaryGram,
-    /// mm for each mm of each linear axis, in the order of the correctors.
+    /// mm per mm of each linear axis, in the order of the correctors.
     linear: [Vector3<f64>; 3],
 }
 

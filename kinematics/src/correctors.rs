@@ -1,4 +1,4 @@
-//! Which axes of a machine correct: one rule for the command line, the gateway and every other program.
+//! Selection of the axes that correct, shared by all programs.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -6,15 +6,15 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use crate::{chain::Chain, error::ChainError};
 
-/// A linear axis counts as a new direction when more than this part of its unit direction is normal to the linear
-/// axes chosen before it (0.02 is 1.15°).
+/// A linear axis counts as a new direction if more than this part of its unit direction is normal to the linear axes chosen before it (0.02
+/// is 1.15°).
 pub const INDEPENDENT_ABOVE: f64 = 0.02;
 
-/// The axes that a correction moves; all others are held where they are.
+/// The axes that a correction moves; the others are held.
 ///
-/// Of the linear axes that may move, the first of each direction corrects, three at the most: a second axis along
-/// the same direction (U beside X, also when it is a degree off) would take large shares against the first. All
-/// rotary axes that may move correct together with the least norm.
+/// Of the linear axes that may move, the first in each direction corrects, at most three: a second axis along the same direction (U
+/// parallel to X, or a degree off) would take large shares against the first. All rotary axes that may move correct together with least
+/// norm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Correctors {
     linear: ArrayVec<usize, 3>,
@@ -27,7 +27,7 @@ impl Correctors {
         Self::choose(chain, chain.structure().axes())
     }
 
-    /// Only the axes named may move; linear axes are chosen in the order of the names.
+    /// Only the named axes may move; linear axes are chosen in the order of the names.
     ///
     /// # Errors
     /// [`ChainError::NoSuchAxis`] for a name that the chain does not have.
@@ -43,7 +43,7 @@ impl Correctors {
         Ok(Self::choose(chain, names))
     }
 
-    /// Only the axes named may move; names that the chain does not have are passed over.
+    /// Only the named axes may move; names that the chain does not have are ignored.
     pub fn choose(chain: &Chain, names: &[AxisName]) -> Self {
         let (mut linear, mut rotary) = (ArrayVec::<usize, 3>::new(), ArrayVec::new());
         let mut basis = ArrayVec::<Vector3<f64>, 3>::new();
@@ -58,8 +58,8 @@ impl Correctors {
                 }
                 continue;
             }
-            // Directions are compared at machine zero: rotary axes between two linear ones turn whole groups, and a
-            // group that is parallel there is one slide on another.
+            // Directions are compared at machine zero: rotary axes between two linear ones turn whole groups, and linear axes that are
+            // parallel there form one direction.
             let mut normal = joint.direction;
             for unit in &basis {
                 normal -= unit * unit.dot(&normal);
@@ -73,22 +73,22 @@ impl Correctors {
         Self { linear, rotary }
     }
 
-    /// The places in the chain of the linear axes that correct, in the order in which they were chosen.
+    /// Chain indices of the correcting linear axes, in the order in which they were chosen.
     pub fn linear(&self) -> &[usize] {
         &self.linear
     }
 
-    /// The places in the chain of the rotary axes that correct, rising.
+    /// Chain indices of the correcting rotary axes, ascending.
     pub fn rotary(&self) -> &[usize] {
         &self.rotary
     }
 
-    /// Of the rotary axes only those keep correcting for which this holds of their place in the chain.
+    /// Keeps only the rotary axes for whose chain index `keeps` returns true.
     pub fn retain_rotary(&mut self, mut keeps: impl FnMut(usize) -> bool) {
         self.rotary.retain(|place| keeps(*place));
     }
 
-    /// Whether the axis at this place in the chain corrects.
+    /// True if the axis at this chain index corrects.
     pub fn contains(&self, axis: usize) -> bool {
         self.linear.contains(&axis) || self.rotary.contains(&axis)
     }

@@ -1,4 +1,4 @@
-//! Denavit–Hartenberg tables in the distal and the proximal convention, and chains from and to them.
+//! Denavit–Hartenberg tables in the distal and the proximal convention, and their conversion from and to chains.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
@@ -12,19 +12,19 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// Two axes enclosing a smaller angle than this (rad) count as parallel: over 10 m that is 1 nm.
+/// Maximum angle between axes that count as parallel, rad: over 10 m it is 1 nm.
 const PARALLEL_BELOW_RAD: f64 = 1e-10;
 
-/// In which order the four elementary motions of a row are made.
+/// The order of the four elementary motions of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum DhConvention {
-    /// A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`: joint i turns about or slides along the z axis of the frame
-    /// before its row (Denavit and Hartenberg; Paul).
+    /// A = `Rot_z(θ)` `Trans_z(d)` `Trans_x(a)` `Rot_x(α)`: joint i rotates about or moves along the z axis of the frame before its row
+    /// (Denavit and Hartenberg; Paul).
     #[default]
     Distal,
-    /// A = `Rot_x(α)` `Trans_x(a)` `Rot_z(θ)` `Trans_z(d)`: joint i turns about or slides along the z axis of the frame
-    /// behind its row, also called modified (Craig); its a and α lead from the joint before.
+    /// A = `Rot_x(α)` `Trans_x(a)` `Rot_z(θ)` `Trans_z(d)`: joint i rotates about or moves along the z axis of the frame after its row,
+    /// also called modified (Craig); its a and α lead from the previous joint.
     Proximal,
 }
 
@@ -75,7 +75,7 @@ impl DhRow {
 
 /// A Denavit–Hartenberg table: T(q) = base · Π `A_i(q_i)` · tool, from the workpiece to the tool.
 ///
-/// `tool` brings the last frame back onto the MCS, so that T(0) is the identity like that of every chain here.
+/// `tool` maps the last frame back to the MCS, so that T(0) is the identity, as in every chain of this crate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DhTable {
     /// The order of the motions in each row.
@@ -96,8 +96,8 @@ impl DhTable {
         .inverse()
     }
 
-    /// The same table in a convention: the a and α of each row move to the next row or to the one before. What leads
-    /// to the first joint or away from the last one goes into the base or into the tool.
+    /// The same table in another convention: a and α of each row move to the next or the previous row. The parts before the first joint and
+    /// after the last one go into the base and the tool.
     #[must_use]
     pub fn in_convention(&self, convention: DhConvention) -> Self {
         let mut table = self.clone();
@@ -123,10 +123,10 @@ impl DhTable {
         table
     }
 
-    /// The chain of this table. A linear axis gets the origin of the frame before it as its point.
+    /// The chain of this table. The point of a linear axis is the origin of the frame before it.
     ///
     /// # Errors
-    /// Not one row for each axis, numbers that are not finite.
+    /// A row count other than the number of axes, numbers that are not finite.
     pub fn to_chain(&self, structure: Structure) -> Result<Chain, ZeroPositionError> {
         let axes = structure.axes().len();
         if self.rows.len() != axes {
@@ -148,8 +148,8 @@ impl DhTable {
         Ok(chain)
     }
 
-    /// The table of a chain, in the distal convention. The lines of linear axes are free: they run through the frame before
-    /// them, so the points of linear axes are not kept.
+    /// The table of a chain, in the distal convention. Linear axes have no fixed line: theirs runs through the previous frame, so the
+    /// points of linear axes are not kept.
     pub fn of_chain(chain: &Chain) -> Self {
         let joints = chain.joints();
         let mut base = Pose::identity();
@@ -179,9 +179,9 @@ impl DhTable {
     }
 }
 
-/// The row that leads from a frame on one axis to one on the next, along their common normal.
+/// The row from a frame on one axis to one on the next, along their common normal.
 fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
-    // Everything in the axes of the frame, where the joint before runs along z through the origin.
+    // In the axes of the frame, where the previous joint runs along z through the origin.
     let inverse = frame.inverse();
     let direction = inverse.rotation * next.direction;
     let point = match next.kind {
@@ -211,7 +211,7 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     }
     let normal = normal / sin_alpha;
     let a_mm = normal.dot(&point);
-    // The point of the next line where the common normal meets it: its part across z is a·normal.
+    // The point of the next line at the common normal: its part across z is a·normal.
     let along = -(point - normal * a_mm).dot(&direction.xy().push(0.0)) / (sin_alpha * sin_alpha);
     DhRow {
         theta_rad: atan2(normal.y, normal.x),

@@ -1,5 +1,4 @@
-//! Linear axes that become dependent where rotary axes between them turn one along another: they move against each other and the tip
-//! stays.
+//! Linear axes that become dependent because rotary axes between them make them parallel: they can move against each other while the tip stays.
 
 use arrayvec::ArrayVec;
 use nalgebra::SMatrix;
@@ -7,9 +6,9 @@ use nalgebra::SMatrix;
 use crate::{chain::Chain, source::State};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Moves that take the tip by less than this share of themselves leave it where it is: 1 µm in a metre.
+/// Maximum tip displacement, relative to the move, of a dependent move: 1 µm in a metre.
 const DEPENDENT_BELOW: f64 = 1e-6;
-/// Angles, rad, at which no axis of a machine is built to be along another: there the linear axes are as independent as they get.
+/// Arbitrary angles, rad, at which no machine's axes are parallel: there the linear axes have their largest rank.
 const ANYWHERE: [[f64; MAX_AXES]; 3] = [
     [0.0; MAX_AXES],
     [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],
@@ -17,8 +16,8 @@ const ANYWHERE: [[f64; MAX_AXES]; 3] = [
 ];
 
 impl Chain {
-    /// The moves of linear axes, in chain order, that leave the ideal tip where it is with the rotary axes as in `state`: the
-    /// largest is 1. None where there are no more of them than elsewhere, so that two axes in one direction (U beside X) are none.
+    /// The moves of linear axes, in chain order, largest component 1, that leave the ideal tip in place with the rotary axes as in `state`.
+    /// Empty if there are no more of them than at other rotary angles, so two axes in one direction (U parallel to X) do not count.
     pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
         let elsewhere = ANYWHERE.map(|q| {
@@ -42,7 +41,7 @@ impl Chain {
             let joint = self.joints().get(place);
             joint.is_some_and(|joint| joint.kind == AxisKind::Linear)
         };
-        // What does not move stands apart with a value of 1.
+        // Axes that do not move get an eigenvalue of 1, apart from the others.
         let gram = SMatrix::<f64, MAX_AXES, MAX_AXES>::from_fn(|i, j| {
             if is_linear(i) && is_linear(j) {
                 columns[i].dot(&columns[j])
@@ -60,7 +59,7 @@ impl Chain {
             if *value >= DEPENDENT_BELOW * DEPENDENT_BELOW {
                 continue;
             }
-            // The first that moves as far as any goes up.
+            // Sign: the first component of maximum size is positive.
             let most = vector.amax();
             let first = vector.iter().find(|move_| move_.abs() > 0.999_999 * most);
             let scale = first.copied().unwrap_or(1.0);
@@ -68,7 +67,7 @@ impl Chain {
                 let share = vector[place] / scale;
                 if share.abs() < 1e-9 { 0.0 } else { share }
             };
-            found.push(PerAxis::from_fn(moves)); // one for each axis at the most
+            found.push(PerAxis::from_fn(moves)); // at most one per axis
         }
         found
     }

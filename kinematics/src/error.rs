@@ -1,4 +1,4 @@
-//! Why a chain cannot be built, and why it cannot have an error.
+//! Errors of building a chain and of setting its error values.
 
 use core::fmt;
 
@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::structure::{Side, Structure};
 
-/// Why a chain cannot be built, or cannot have an error.
+/// Why a chain or one of its error values is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
@@ -17,13 +17,13 @@ pub enum ChainError {
         axis: AxisName,
         structure: Structure,
     },
-    /// An axis of the chain without a value.
+    /// An axis of the chain has no value.
     #[error("axis {axis} has no value, expected one for each axis of `{structure}`")]
     AxisMissing {
         axis: AxisName,
         structure: Structure,
     },
-    /// An axis with two values.
+    /// An axis has two values.
     #[error("axis {axis} has two values, expected one")]
     AxisTwice { axis: AxisName },
     /// A direction that is zero or not finite.
@@ -33,10 +33,10 @@ pub enum ChainError {
     #[error("{what} is [{}, {}, {}], expected finite numbers", found[0], found[1], found[2])]
     Point {
         what: &'static str,
-        /// The vector that was given, mm.
+        /// The rejected vector, mm.
         found: [f64; 3],
     },
-    /// A frame of the error motions for a linear axis.
+    /// A frame of error motions was set for a linear axis.
     #[error(
         "axis {axis} is linear: its error motions ride with its carriage, expected a rotary axis"
     )]
@@ -45,36 +45,36 @@ pub enum ChainError {
     #[error("{error} is {found}, expected a finite number of {}", error.component.symbol())]
     NotFinite {
         error: ErrorName,
-        /// The value that was given, µm or µrad.
+        /// The rejected value, µm or µrad.
         found: f64,
     },
-    /// A location error that moves nothing.
+    /// A location error without effect.
     #[error("{error} {reason}")]
     NoEffect { error: ErrorName, reason: NoEffect },
 }
 
-/// Why a location error of an axis moves nothing, and the error motion whose constant says the same.
+/// Why a location error of an axis has no effect, and the error motion whose constant describes the same deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoEffect {
-    /// A location offset of a linear axis moves nothing.
+    /// A location offset of a linear axis has no effect.
     #[error("has no effect; put a zero offset into {0}")]
     OffsetOfLinearAxis(InsteadConstant),
-    /// A location error along a rotary axis, or about it, moves nothing.
+    /// A location error along or about a rotary axis has no effect.
     #[error("lies along the axis itself and has no effect; put {} into {}", .0.offset(), .0)]
     AlongRotaryAxis(InsteadConstant),
-    /// A tilt of a linear axis about itself moves nothing.
+    /// A tilt of a linear axis about itself has no effect.
     #[error("turns the axis about itself and has no effect; put a constant roll into {0}")]
     AboutLinearAxis(InsteadConstant),
 }
 
-/// The error motion whose constant takes the place of a location error that moves nothing.
+/// The error motion whose constant replaces a location error without effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsteadConstant {
     /// The error motion.
     pub error: ErrorName,
-    /// The side of the axis. A location error says where the axis lies, an error motion how the tool moves relative to
-    /// the workpiece: on the workpiece side the constant has the opposite sign.
+    /// The side of the axis. A location error states where the axis lies, an error motion how the tool moves relative to the workpiece: on
+    /// the workpiece side the constant has the opposite sign.
     pub side: Side,
 }
 

@@ -16,7 +16,7 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES};
 
-/// Which form of the model computes the volumetric error; all agree to first order.
+/// The form of the model that computes the volumetric error; all agree to first order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Form {
@@ -29,7 +29,7 @@ pub enum Form {
     Twist,
 }
 
-/// A form name that is none of `exact`, `htm`, `twist`.
+/// A form name other than `exact`, `htm`, `twist`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown model form, expected exact, htm or twist")]
 pub struct UnknownForm;
@@ -81,12 +81,12 @@ pub fn volumetric_error<S: ErrorSource>(
     }
 }
 
-/// T_actual(q): the product of exponentials with every error in it.
+/// T_actual(q): the product of exponentials including every error.
 pub fn actual_pose<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Pose {
     actual_product::<Exponential, S>(chain, source, state)
 }
 
-/// The differences between the `exact` and the `htm` products.
+/// The operations in which the `exact` and the `htm` products differ.
 trait SmallMotion {
     fn rotation(r_rad: &Vector3<f64>) -> Matrix3<f64>;
     fn tilted(direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, kind: AxisKind) -> Vector3<f64>;
@@ -152,7 +152,7 @@ fn actual_product<M: SmallMotion, S: ErrorSource>(
             rotation: M::rotation(&assembly.angular_rad),
             translation_mm: assembly.linear_mm,
         };
-        // The assembly error sits between an axis and what carries it.
+        // The assembly error is between an axis and its carrier.
         pose = match (joint.side, joint.errors_on_tool_side()) {
             (Side::Tool, true) => pose * assembly * motion * error,
             (Side::Tool, false) => pose * assembly * error * motion,
@@ -170,7 +170,7 @@ fn error_pose<M: SmallMotion>(error: &ErrorMotion, point_mm: &Vector3<f64>) -> P
     pose
 }
 
-/// M(q): the joint's motion along or about its axis where that physically lies.
+/// M(q): the joint's motion along or about its actual axis.
 fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) -> Pose {
     let direction = M::tilted(&joint.direction, &location.angular_rad, joint.kind);
     match joint.kind {
@@ -182,16 +182,15 @@ fn actual_motion<M: SmallMotion>(joint: &Joint, q: f64, location: &ErrorMotion) 
     }
 }
 
-/// The sum of the error twists. Walking from the tool to the workpiece, the functional point and
-/// what has been summed so far are carried through each ideal joint: the same as the adjoint of
-/// the chain before each axis, without forming a matrix for the linear ones.
+/// The sum of the error twists. From the tool to the workpiece, the functional point and the sum so far are transformed by each ideal
+/// joint: the same as the adjoint of the chain before each axis, without forming a matrix for the linear ones.
 fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> VolumetricError {
     let mut walk = Walk {
         point: chain.tool_tip_mm(),
         linear_mm: Vector3::zeros(),
         angular_rad: Vector3::zeros(),
     };
-    // All angles first: a call in the walk would push every vector out of its registers.
+    // All angles first: a call inside the walk would spill every vector from its registers.
     let mut sines = [(0.0, 1.0); MAX_AXES];
     for ((place, joint), &q) in sines.iter_mut().zip(chain.joints()).zip(&state.q) {
         if joint.kind == AxisKind::Rotary {
@@ -227,11 +226,9 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
     }
 }
 
-/// The functional point on its way to the workpiece and its first-order displacement (mm) and
-/// rotation (rad) so far.
+/// The functional point on the walk to the workpiece, with its first-order displacement (mm) and rotation (rad) so far.
 ///
-/// Inlined by force: called, the vectors go through memory in pieces of another width than they are
-/// read back with, which doubled the time.
+/// Inlining is forced: in a call the vectors are stored to memory in another width than they are loaded with, which doubled the time.
 struct Walk {
     point: Vector3<f64>,
     linear_mm: Vector3<f64>,
@@ -240,7 +237,7 @@ struct Walk {
 
 #[expect(clippy::inline_always, reason = "measured: see `Walk`")]
 impl Walk {
-    /// A motion stated at `about_mm` acts on the functional point.
+    /// Applies a motion stated at `about_mm` to the functional point.
     #[inline(always)]
     fn add(&mut self, motion: &ErrorMotion, about_mm: &Vector3<f64>) {
         let lever = self.point - about_mm;
@@ -248,15 +245,14 @@ impl Walk {
         self.angular_rad += motion.angular_rad;
     }
 
-    /// Through a linear joint whose line is tilted.
+    /// Passes a linear joint with a tilted line.
     #[inline(always)]
     fn slide(&mut self, direction: &Vector3<f64>, tilt_rad: &Vector3<f64>, q_mm: f64) {
         self.point += direction * q_mm;
         self.linear_mm += tilt_rad.cross(direction) * q_mm;
     }
 
-    /// Through a rotary joint whose line lies elsewhere. The line does not turn with the joint, the
-    /// body does: (I − Ad) of the location twist.
+    /// Passes a rotary joint with a displaced line. The line does not rotate with the joint, the body does: (I − Ad) of the location twist.
     #[inline(always)]
     fn turn(&mut self, joint: &Joint, location: &ErrorMotion, (sin, cos): (f64, f64)) {
         let turn = rotation_from_sin_cos(&joint.direction, sin, cos);

@@ -1,4 +1,4 @@
-//! Errors as numbers, set by their names.
+//! Constant errors, set by name.
 
 use volcomp_vocabulary::{Displacement, ErrorName, PerAxis};
 
@@ -8,8 +8,8 @@ use crate::{
     source::{ErrorMotion, ErrorSource, State},
 };
 
-/// Given error values, one set for each axis in chain order: for tables of numbers, tests and
-/// controllers that evaluate their curves elsewhere. Axes beyond the given ones have none.
+/// Constant error values, one set for each axis in chain order: for tables of numbers, tests and controllers that evaluate their curves
+/// elsewhere. Axes beyond the given ones have no error.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GivenErrors {
@@ -22,12 +22,12 @@ pub struct GivenErrors {
 }
 
 impl GivenErrors {
-    /// Sets one error of an axis of `chain` by its name: µm for `EX EY EZ`, µrad for `EA EB EC`; an error motion
-    /// `E?N` or a location error `E?0N`. A refused value changes nothing.
+    /// Sets one error of an axis of `chain` by its name: µm for `EX EY EZ`, µrad for `EA EB EC`; an error motion `E?N` or a location error
+    /// `E?0N`. An invalid value changes nothing.
     ///
     /// # Errors
-    /// [`ChainError::NoSuchAxis`] for an axis that the chain does not have, [`ChainError::NotFinite`] for a value that
-    /// is no finite number, [`ChainError::NoEffect`] for a location error that moves nothing.
+    /// [`ChainError::NoSuchAxis`] for an axis that the chain does not have, [`ChainError::NotFinite`] for a value that is not finite,
+    /// [`ChainError::NoEffect`] for a location error without effect.
     pub fn set(
         &mut self,
         chain: &Chain,

@@ -1,9 +1,8 @@
 //! Inverse kinematics of the ideal chain: from a tool tip and a tool axis in workpiece axes to the coordinates.
 //!
-//! Linear axes do not turn the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes
-//! then from the tip. Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first
-//! (Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed
-//! form.
+//! Linear axes do not rotate the tool, so the rotary axes are found first, from the tool axis alone, and the linear axes then from the tip.
+//! Two rotary axes in any directions are Paden and Kahan's second subproblem, one is their first (Murray, Li and Sastry, *A Mathematical
+//! Introduction to Robotic Manipulation*, 1994, section 3.3.2), both in closed form.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
@@ -17,63 +16,62 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Two directions that enclose less than this, rad, are one: the tool axis is then along a rotary axis, which has no part
-/// in it.
+/// Maximum angle between coinciding directions, rad: a tool axis along a rotary axis does not depend on it.
 const ALONG_BELOW_RAD: f64 = 1e-9;
-/// The largest angle, rad, by which a tool axis may miss what the rotary axes reach.
+/// Maximum tool-axis deviation of a solution, rad.
 const REACHED_WITHIN_RAD: f64 = 1e-9;
-/// Two solutions whose angles differ by less than this, rad, are one: where they meet, rounding parts them.
+/// Maximum difference of the angles of one solution, rad: where two solutions meet, rounding separates them.
 const SAME_BELOW_RAD: f64 = 1e-6;
-/// The largest distance, mm, at which a tip counts as being at a point.
+/// Maximum distance of a tip from its target, mm.
 pub const REACHED_WITHIN_MM: f64 = 1e-7;
-/// A tip that is brought to a point is there, mm: what rounding leaves of coordinates of some metres.
+/// Convergence tolerance of the tip position, mm: the rounding of coordinates of some metres.
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
-/// Steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
+/// Maximum number of steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
 const MOST_STEPS: usize = 12;
-/// Changes of which axes stand at an end of their travel.
+/// Maximum number of changes of the set of axes at an end of travel.
 const MOST_CHANGES: usize = 10 * MAX_AXES;
-/// Directions of three linear axes whose box of unit edges has less volume than this count as lying in one plane. Such axes reach
-/// a point beside the plane only by moving far against each other; they are not made to where no travel bounds them.
+/// Minimum volume of the box of three unit directions of linear axes that do not count as coplanar. Coplanar axes reach a point off their
+/// plane only by moving far against each other; without travel limits they are not made to.
 const FLAT_BELOW: f64 = 1e-3;
-/// Within travels they are: beside a pose at which a turn brings two axes along one another, only moves far against each other reach a point.
-/// What a smaller volume keeps them from is less than [`REACHED_WITHIN_MM`].
+/// The same with travel limits: next to a pose at which a rotation makes two axes parallel, only long moves against each other reach a
+/// point. A smaller volume affects the tip by less than [`REACHED_WITHIN_MM`].
 const EXACT_ABOVE: f64 = 1e-10;
 
-/// The angles that point the tool, and the rotary axes that have no part in it.
+/// Rotary angles for a tool direction, and the rotary axis without influence on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pointing {
-    /// Coordinates of the rotary axes, rad from −π to π; linear axes stand at 0.
+    /// Coordinates of the rotary axes, rad from −π to π; linear axes are 0.
     pub state: State,
-    /// The rotary axis that does not turn the tool axis at this pose, in chain order its place: the pose is singular,
-    /// and every coordinate of this axis is a solution. It stands where it was held.
+    /// Chain index of the rotary axis that does not move the tool axis at this pose: the pose is singular, and every coordinate of this
+    /// axis is a solution. It keeps its held coordinate.
     pub free: Option<usize>,
 }
 
-/// Why there is no solution.
+/// Why no solution exists.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoSolution {
-    /// The rotary axes cannot point the tool that way.
+    /// The rotary axes cannot reach the tool direction.
     #[error("the tool axis cannot be reached: the rotary axes miss it by {:.6} deg", miss_rad.to_degrees())]
     ToolAxis {
-        /// The smallest angle that remains, rad; not a number where the tool axis has no direction.
+        /// Smallest remaining angle, rad; NaN if the tool axis has zero length.
         miss_rad: f64,
     },
-    /// The linear axes cannot bring the tip there.
+    /// The linear axes cannot reach the tip position.
     #[error("the tool tip cannot be reached: the linear axes miss it by {miss_mm:.6} mm")]
     Tip {
-        /// The smallest distance that remains, mm.
+        /// Smallest remaining distance, mm.
         miss_mm: f64,
     },
 }
 
-/// A tool axis that has no direction, or a rotary axis that is held nowhere.
+/// The tool axis has no direction, or the coordinate of a held rotary axis is not finite.
 const NO_DIRECTION: NoSolution = NoSolution::ToolAxis { miss_rad: f64::NAN };
 
 impl Chain {
-    /// The angles at which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the
-    /// spindle, any length but zero): up to two with two rotary axes. With three or more, all but the two at the places
-    /// `pair` stay where `held` has them; so does an axis that has no part in the direction.
+    /// The rotary angles for which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the spindle, any
+    /// non-zero length): up to two solutions with two rotary axes. With three or more, all but the two at the indices `pair` keep their
+    /// coordinates in `held`; so does an axis without influence on the direction.
     ///
     /// # Errors
     /// [`NoSolution::ToolAxis`].
@@ -83,12 +81,12 @@ impl Chain {
         pair: &[usize],
         held: &State,
     ) -> Result<ArrayVec<Pointing, 2>, NoSolution> {
-        // Scaled first: the square of a large length is infinite, and that of a small one zero.
+        // Scaled first: the square of a large length overflows, that of a small one underflows.
         let wanted = (tool_axis / tool_axis.amax()).normalize();
         if !wanted.iter().all(|x| x.is_finite()) {
             return Err(NO_DIRECTION);
         }
-        // P·Rot(u₁)·H·Rot(u₂)·K·a = n is Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n; P, H and K are the turns of the held axes.
+        // P·Rot(u₁)·H·Rot(u₂)·K·a = n is Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n; P, H and K are the rotations of the held axes.
         let mut turns = [Matrix3::identity(); 3];
         let mut turning: ArrayVec<(usize, Vector3<f64>), 2> = ArrayVec::new();
         for (index, joint) in self.joints().iter().enumerate() {
@@ -139,13 +137,12 @@ impl Chain {
         }
     }
 
-    /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin);
-    /// rotary axes stay.
+    /// Moves the linear axes of `state` so that the ideal tip is at `tip_mm` (workpiece axes, from the workpiece origin); rotary axes do not move.
     ///
-    /// Up to three linear axes of different directions are solved for in closed form, whatever their travels. Of more, the
-    /// first of each direction moves and the others stand as near to 0 as their `travel` (mm) lets them; where the first
-    /// reaches an end of its travel the others take over, found step by step. So do axes that the rotary axes have turned along
-    /// one another ([`Chain::dependent_moves`]), which share the way.
+    /// Up to three linear axes of different directions are solved in closed form, regardless of their travels. With more, the first of each
+    /// direction moves and the others are as near to 0 as their `travel` (mm) allows; if the first reaches an end of its travel, the others
+    /// take over, found iteratively. The same applies to axes that the rotary axes have made parallel ([`Chain::dependent_moves`]), which
+    /// share the motion.
     ///
     /// # Errors
     /// [`NoSolution::Tip`].
@@ -173,7 +170,7 @@ impl Chain {
                 0.0_f64.max(low).min(high)
             };
         }
-        // Twice: the second step takes away what the first one lost to rounding.
+        // Twice: the second step removes the rounding error of the first.
         for _ in 0..2 {
             let missing = tip_mm - self.ideal_tip_mm(&found);
             for (q, step) in
@@ -187,21 +184,21 @@ impl Chain {
         }
         let mut reaches = found.q.iter().zip(&travel.0);
         let is_beyond = reaches.any(|(q, [low, high])| q < low || q > high);
-        // Where rotary axes turn one direction along another, these axes share the way like two of one direction.
+        // Axes made parallel by rotary axes share the motion like two of one direction.
         if redundant || (is_beyond && !self.dependent_moves(state).is_empty()) {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
-        // A distance that is no number is refused, too.
+        // NaN is rejected, too.
         if miss_mm <= REACHED_WITHIN_MM {
             return Ok(found);
         }
         Err(NoSolution::Tip { miss_mm })
     }
 
-    /// Brings linear axes that are beyond their travel back to its ends, and lets the others take over: the least squares of
-    /// what the tip misses where every axis is bounded, by an active set that gives axes back (the method of P. B. Stark and
-    /// R. L. Parker, Computational Statistics 10, 1995). `free` are the axes that moved so far.
+    /// Moves linear axes that are beyond their travel back to its ends, and lets the others take over: bounded least squares of the tip
+    /// deviation by an active-set method that also releases axes (P. B. Stark and R. L. Parker, Computational Statistics 10, 1995). `free`
+    /// are the axes that moved so far.
     fn share(
         &self,
         tip_mm: &Vector3<f64>,
@@ -229,7 +226,7 @@ impl Chain {
             let mut stopped = None;
             for _ in 0..2 {
                 let steps = least_norm(columns, free, &missing, EXACT_ABOVE);
-                // How far all can go until the first is at an end of its travel.
+                // Step length until the first axis reaches an end of its travel.
                 let mut share = 1.0;
                 for (index, step) in steps.into_iter().enumerate() {
                     let [low, high] = travel[index];
@@ -252,7 +249,7 @@ impl Chain {
             if stopped.is_some() {
                 continue;
             }
-            // An axis at an end that would make the rest smaller by leaving it is given back.
+            // An axis at an end of travel is released if leaving it reduces the residual.
             let gain = |index: usize| {
                 let towards = columns[index].dot(&missing);
                 let inside = if found.q[index] <= travel[index][0] {
@@ -278,12 +275,11 @@ impl Chain {
         }
     }
 
-    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]; rotary axes
-    /// stay, and so do the linear ones whose place in the chain `moves` refuses. Of many ways it is the shortest from where
-    /// the axes stand, whatever their travels; where there is none they go as near as they can. Returns the distance, mm, that
-    /// remains.
+    /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]. Rotary axes do not move,
+    /// nor do linear axes whose chain index `moves` excludes. Of several solutions this is the shortest move, regardless of the travels;
+    /// without a solution the axes go as near as they can. Returns the remaining distance, mm.
     ///
-    /// `tip` may be that of another tool, or an actual one: errors that are small against the moves take some steps more.
+    /// `tip` may be that of another tool, or an actual one: errors that are small against the moves need a few more steps.
     pub fn bring(
         &self,
         state: &mut State,
@@ -310,8 +306,8 @@ impl Chain {
         missing.norm()
     }
 
-    /// How the ideal tip moves with each linear axis where the rotary axes stand as in `state`: unit vectors in workpiece
-    /// axes, zeros for rotary axes.
+    /// Derivative of the ideal tip with respect to each linear axis with the rotary axes as in `state`: unit vectors in workpiece axes,
+    /// zeros for rotary axes.
     pub(crate) fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
         let mut columns = [Vector3::zeros(); MAX_AXES];
         let mut turned = Matrix3::identity();
@@ -326,8 +322,8 @@ impl Chain {
     }
 }
 
-/// The steps of least norm of the axes that move, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes are made to reach a point exactly where their
-/// box of unit edges has at least the volume `flat_below`.
+/// The least-norm steps of the moving axes, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes reach a point exactly if the box of their unit directions
+/// has at least the volume `flat_below`.
 fn least_norm(
     columns: &[Vector3<f64>; MAX_AXES],
     moving: &[bool; MAX_AXES],
@@ -350,7 +346,7 @@ fn least_norm(
     let gram = used().fold(Matrix3::zeros(), |gram, (column, _)| {
         gram + column * column.transpose()
     });
-    // A direction of less than a thousandth has no axis.
+    // No axis moves along a direction whose singular value is below a thousandth.
     let weighted = match gram.pseudo_inverse(1e-6) {
         Ok(inverse) => inverse * missing,
         Err(_) => Vector3::zeros(),
@@ -364,7 +360,7 @@ fn least_norm(
     })
 }
 
-/// Refuses an angle, rad, by which the tool axis is missed; also one that is no number.
+/// Rejects a tool-axis deviation, rad, above the tolerance, or NaN.
 fn reached(miss_rad: f64) -> Result<(), NoSolution> {
     if miss_rad <= REACHED_WITHIN_RAD {
         return Ok(());
@@ -377,8 +373,7 @@ fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     atan2(a.cross(b).norm(), a.dot(b))
 }
 
-/// The angle about `u` that turns the unit vector `from` onto `onto`; `None` where `from` lies along `u`, so that any
-/// angle does.
+/// The angle about `u` that rotates the unit vector `from` onto `onto`; `None` if `from` is along `u`, where any angle is a solution.
 fn one_turn(
     u: &Vector3<f64>,
     from: &Vector3<f64>,
@@ -392,17 +387,17 @@ fn one_turn(
     Ok(Some(turn_in_plane(u, from, onto)))
 }
 
-/// The angle about `u` from one vector to another, both seen along `u`.
+/// The angle about `u` from one vector to another, both projected along `u`.
 fn turn_in_plane(u: &Vector3<f64>, from: &Vector3<f64>, onto: &Vector3<f64>) -> f64 {
     let across = |v: &Vector3<f64>| v - u * u.dot(v);
     let (from, onto) = (across(from), across(onto));
     atan2(u.dot(&from.cross(&onto)), from.dot(&onto))
 }
 
-/// The angles of two turns, and which of the two, 0 or 1, is free.
+/// Angles of two rotations, and which of them, 0 or 1, is free.
 type TwoTurns = ArrayVec<([f64; 2], Option<usize>), 2>;
 
-/// The pairs of angles with Rot(u₁, θ₁)·Rot(u₂, θ₂)·`from` = `onto`.
+/// The solutions of Rot(u₁, θ₁)·Rot(u₂, θ₂)·`from` = `onto`.
 fn two_turns(
     u1: &Vector3<f64>,
     u2: &Vector3<f64>,
@@ -415,7 +410,7 @@ fn two_turns(
     let back = |angle: f64| rotation_about_axis(u1, -angle) * onto;
     let turned = |angle: f64| rotation_about_axis(u2, angle) * from;
     if sine.norm() < ALONG_BELOW_RAD || from.cross(u2).norm() < ALONG_BELOW_RAD {
-        // Parallel axes turn together, and a tool along the second axis does not see it.
+        // Parallel axes add up, and a tool along the second axis is independent of it.
         let first = one_turn(u1, &turned(held[1]), onto)?.unwrap_or(held[0]);
         return one([first, held[1]], 1);
     }
@@ -423,7 +418,7 @@ fn two_turns(
         let second = one_turn(u2, from, &back(held[0]))?.unwrap_or(held[1]);
         return one([held[0], second], 0);
     }
-    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto lies on two cones, about u₁ and about u₂.
+    // c = Rot(u₂)·from = Rot(u₁)⁻¹·onto is on two cones, about u₁ and about u₂.
     let (k, square) = (u1.dot(u2), sine.norm_squared());
     let (along1, along2) = (u1.dot(onto), u2.dot(from));
     let (x, y) = (
@@ -438,7 +433,7 @@ fn two_turns(
     if rest < 0.0 {
         let polar = |u: &Vector3<f64>, v: &Vector3<f64>| angle_between(u, v);
         let (between, cone1, cone2) = (polar(u1, u2), polar(u1, onto), polar(u2, from));
-        // The cones do not meet: this is the gap between them.
+        // The cones do not intersect: this is the gap between them.
         let gaps = [
             between - cone1 - cone2,
             cone1 - cone2 - between,
@@ -462,7 +457,7 @@ fn two_turns(
                 .all(|(a, b)| (a - b).abs() < SAME_BELOW_RAD)
         });
         if !same {
-            found.push((angles, None)); // two at the most
+            found.push((angles, None)); // at most two
         }
     }
     Ok(found)

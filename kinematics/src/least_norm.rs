@@ -1,5 +1,5 @@
-//! The two small systems of a correction step, solved the same way by the exact correction and by the compiled
-//! machine: rotary axes on the direction of the tool axis with the least norm, linear axes on position.
+//! The two small systems of a correction step, shared by the exact correction and the compiled machine: rotary axes on the direction of the
+//! tool axis with least norm, linear axes on position.
 
 #![allow(
     clippy::inline_always,
@@ -10,26 +10,25 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::{correctors::INDEPENDENT_ABOVE, math::sqrt};
 
-/// A direction of the tool axis whose nominal singular value is below this is corrected in part only (about 1° from the
-/// singular pose); no rotary correction is then more than 1/0.02 = 50 times the tool-axis error.
+/// Singular value below which a direction of the tool axis is corrected only in part (about 1° from the singular pose); a rotary correction
+/// is then at most 1/0.02 = 50 times the tool-axis error.
 pub const SINGULAR_BELOW: f64 = 0.02;
 
-/// A direction of the tool axis whose nominal singular value is below this is not corrected at all. Between this and
-/// [`SINGULAR_BELOW`] the part that is corrected grows from nothing to the whole, so that a rotary axis which passes the
-/// edge, or whose last digit flickers there, turns no other to and fro.
+/// Singular value below which a direction of the tool axis is not corrected. Between this and [`SINGULAR_BELOW`] the corrected part grows
+/// from nothing to the whole, so that a rotary axis that passes the limit, or whose last digit toggles there, does not make another axis
+/// jump.
 pub const LEFT_OUT_BELOW: f64 = 0.75 * SINGULAR_BELOW;
 
-/// A pose counts as near a singular one when a nominal singular value is below this (about 6° from it): a rotary
-/// correction is then more than 1/0.1 = 10 times the tool-axis error along that direction, or left out.
+/// Singular value below which a pose counts as nearly singular (about 6° from singular): a rotary correction is then more than 1/0.1 = 10
+/// times the tool-axis error along that direction, or left out.
 pub const NEAR_SINGULAR_BELOW: f64 = 0.1;
 
-/// At a pose, a linear axis whose part normal to those before it fell below this is left out: rotary axes between
-/// linear ones may turn two of them into one direction. Half of [`INDEPENDENT_ABOVE`], so that axes which were
-/// chosen at machine zero and keep their angles are never at the edge.
+/// A linear axis is left out at a pose if its part normal to the axes before it is below this: rotary axes between linear ones may make two
+/// of them parallel. Half of [`INDEPENDENT_ABOVE`], so that axes chosen at machine zero that keep their angles are never at the limit.
 const DEGENERATE_BELOW: f64 = 0.5 * INDEPENDENT_ABOVE;
 
-/// Two unit vectors that make a right-handed frame with a unit vector as its third (Duff et al.,
-/// Building an Orthonormal Basis, Revisited, JCGT 6, 2017).
+/// Two unit vectors that complete a unit vector, the third, to a right-handed frame (Duff et al., Building an Orthonormal Basis, Revisited,
+/// JCGT 6, 2017).
 #[inline(always)]
 pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let sign = 1.0_f64.copysign(unit.z);
@@ -41,8 +40,8 @@ pub fn normals(unit: &Vector3<f64>) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// A·Aᵀ of the 2×n matrix A whose columns say how the tool axis moves, along two directions normal to it, with each
-/// rotary axis (rad for each rad). The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
+/// A·Aᵀ of the 2×n matrix A whose columns are the motion of the tool axis, along two directions normal to it, per rotary axis (rad per
+/// rad). The least-norm solution of A·x = m is Aᵀ·(A·Aᵀ)⁺·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RotaryGram {
     a: f64,
@@ -59,14 +58,13 @@ impl RotaryGram {
         self.c += column.y * column.y;
     }
 
-    /// Half the difference of the diagonal, the radius of the eigenvalues about their mean, and the eigenvalues, the
-    /// larger first.
+    /// Half the difference of the diagonal, the radius of the eigenvalues about their mean, and the eigenvalues, larger first.
     #[inline(always)]
     fn eigenvalues(&self) -> (f64, f64, [f64; 2]) {
         let half_difference = 0.5 * (self.a - self.c);
         let radius = sqrt(half_difference * half_difference + self.b * self.b);
         let larger = 0.5 * (self.a + self.c) + radius;
-        // The determinant over the larger one instead of the difference: the smaller one keeps its digits.
+        // Determinant divided by the larger one instead of the difference: avoids cancellation in the smaller one.
         let smaller = if larger > 0.0 {
             (self.a * self.c - self.b * self.b) / larger
         } else {
@@ -75,8 +73,8 @@ impl RotaryGram {
         (half_difference, radius, [larger, smaller])
     }
 
-    /// How many of the two directions of the tool axis are corrected, wholly or in part: those with a singular value of
-    /// [`LEFT_OUT_BELOW`] or more.
+    /// Number of the two directions of the tool axis that are corrected, wholly or in part: those with a singular value of at least
+    /// [`LEFT_OUT_BELOW`].
     #[inline(always)]
     pub fn rank(&self) -> usize {
         let (_, _, squares) = self.eigenvalues();
@@ -84,15 +82,14 @@ impl RotaryGram {
         usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
     }
 
-    /// Whether a direction of the tool axis is not wholly corrected: one of the two singular values is below
-    /// [`SINGULAR_BELOW`], or no number.
+    /// True if a direction of the tool axis is not wholly corrected: one of the two singular values is below [`SINGULAR_BELOW`], or NaN.
     #[inline(always)]
     pub fn is_singular(&self) -> bool {
         let (_, _, [_, smaller]) = self.eigenvalues();
         smaller.is_nan() || smaller < SINGULAR_BELOW * SINGULAR_BELOW
     }
 
-    /// The part of `miss` that is corrected.
+    /// The corrected part of `miss`.
     #[inline(always)]
     pub fn corrected(&self, miss: &Vector2<f64>) -> Vector2<f64> {
         if !self.is_singular() {
@@ -119,7 +116,7 @@ impl RotaryGram {
         candidate.try_normalize(0.0).unwrap_or_else(Vector2::x)
     }
 
-    /// Whether one of the two singular values is below [`NEAR_SINGULAR_BELOW`], or no number.
+    /// True if one of the two singular values is below [`NEAR_SINGULAR_BELOW`], or NaN.
     #[inline(always)]
     pub fn is_near_singular(&self) -> bool {
         let (_, _, [_, smaller]) = self.eigenvalues();
@@ -147,7 +144,7 @@ impl RotaryGram {
     }
 }
 
-/// How the tool tip moves with each correcting linear axis: up to three unit vectors in workpiece axes.
+/// Derivatives of the tool tip with respect to each correcting linear axis: up to three unit vectors in workpiece axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearColumns {
     columns: [Vector3<f64>; 3],
@@ -155,8 +152,7 @@ pub struct LinearColumns {
 }
 
 impl LinearColumns {
-    /// The columns of a pose, the first `count` of them; a column that is (nearly) a combination of those before it
-    /// at this pose is left out.
+    /// The columns of a pose, the first `count` of them; a column that is (nearly) a combination of the previous ones at this pose is left out.
     #[inline(always)]
     pub fn new(columns: [Vector3<f64>; 3], count: usize) -> Self {
         let mut kept = [count > 0, count > 1, count > 2];
@@ -171,8 +167,8 @@ impl LinearColumns {
         Self { columns, kept }
     }
 
-    /// Whether one of the first `count` columns is left out, or nearly lies in the direction of the others: a share may
-    /// then be more than 1/[`NEAR_SINGULAR_BELOW`] times the error.
+    /// True if one of the first `count` columns is left out, or is nearly a combination of the others: a share may then be more than
+    /// 1/[`NEAR_SINGULAR_BELOW`] times the error.
     #[inline(always)]
     pub fn is_near_singular(&self, count: usize) -> bool {
         let kept = self.kept.iter().filter(|kept| **kept).count();
@@ -181,7 +177,7 @@ impl LinearColumns {
         kept < count.min(3) || volume.is_nan() || volume < NEAR_SINGULAR_BELOW
     }
 
-    /// The same choice of columns for another pose nearby: what a step moved must not change which axes correct.
+    /// The same selection of columns at another pose nearby: a step must not change which axes correct.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
         Self {
@@ -190,14 +186,14 @@ impl LinearColumns {
         }
     }
 
-    /// The share of each column in `error_mm`: exact with three columns, least squares with fewer. Columns that
-    /// are left out have no share. The shares are NaN where the error is.
+    /// The share of each column in `error_mm`: exact with three columns, least squares with fewer. Left-out columns have no share. The
+    /// shares are NaN if the error is.
     #[inline(always)]
     pub fn shares(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         self.solved().of(error_mm)
     }
 
-    /// What the shares of any error are made of.
+    /// The precomputed solution for the shares of any error.
     #[inline(always)]
     pub fn solved(&self) -> LinearShares {
         let columns = if self.kept == [true; 3] {
@@ -205,8 +201,8 @@ impl LinearColumns {
         } else {
             filled(&self.columns, self.kept)
         };
-        // Cramer's rule. Missing columns are filled with directions normal to those there are, so that the system
-        // stays regular; their shares are not applied.
+        // Cramer's rule. Missing columns are filled with directions normal to the others, so that the system stays regular; their shares
+        // are not applied.
         let [first, second, third] = columns;
         let normals = [
             second.cross(&third),
@@ -220,7 +216,7 @@ impl LinearColumns {
         }
     }
 
-    /// The length of the part of an error that these shares are, mm.
+    /// Length of the part of an error that these shares cover, mm.
     pub fn seen_mm(&self, shares: &[f64; 3]) -> f64 {
         let [x, y, z] = shares;
         let [first, second, third] = &self.columns;
@@ -228,7 +224,7 @@ impl LinearColumns {
     }
 }
 
-/// What the shares of linear axes in an error are made of, for axes whose directions stay.
+/// Precomputed solution for the shares of linear axes with constant directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearShares {
     normals: [Vector3<f64>; 3],
@@ -237,7 +233,7 @@ pub struct LinearShares {
 }
 
 impl LinearShares {
-    /// As [`LinearColumns::shares`].
+    /// See [`LinearColumns::shares`].
     #[inline(always)]
     pub fn of(&self, error_mm: &Vector3<f64>) -> [f64; 3] {
         core::array::from_fn(|place| {
@@ -250,7 +246,7 @@ impl LinearShares {
     }
 }
 
-/// Which of the wanted columns are a new direction.
+/// Which of the wanted columns are linearly independent of the previous ones.
 fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
     let mut kept = [false; 3];
     let mut basis = [Vector3::zeros(); 3];
@@ -260,7 +256,7 @@ fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
             normal -= unit * unit.dot(&normal);
         }
         let norm = normal.norm();
-        // A pose that is no number must give shares that are no numbers, not shares of zero.
+        // A NaN pose must give NaN shares, not zeros.
         if wanted[place] && (norm >= DEGENERATE_BELOW || norm.is_nan()) {
             kept[place] = true;
             basis[place] = normal / norm;
@@ -269,7 +265,7 @@ fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
     kept
 }
 
-/// The kept columns, and in the other places unit vectors normal to them and to one another.
+/// The kept columns; the others are replaced by unit vectors normal to them and to each other.
 fn filled(columns: &[Vector3<f64>; 3], kept: [bool; 3]) -> [Vector3<f64>; 3] {
     match kept {
         [true, true, true] => *columns,

@@ -1,7 +1,7 @@
-//! The few elementary functions that `core` lacks.
+//! Elementary functions missing in `core`.
 //!
-//! Sine and cosine are those of the `libm` crate everywhere: faster than the platform's call in the
-//! `twist` form, and the same to the last digit with and without `std`.
+//! Sine and cosine always come from the `libm` crate: faster than the platform's call in the `twist` form, and bit-identical with and
+//! without `std`.
 
 #[cfg(feature = "std")]
 mod functions {

@@ -1,4 +1,4 @@
-//! The rule which location errors move nothing.
+//! Location errors without effect.
 
 use nalgebra::Vector3;
 use volcomp_vocabulary::{AxisKind, Component, ErrorName};
@@ -8,15 +8,15 @@ use crate::{
     error::{InsteadConstant, NoEffect},
 };
 
-/// The place in X, Y, Z of the axis of the machine coordinate system along which a unit vector lies, and whether it
-/// points in the positive direction; `None` where it lies along none of the three.
+/// The axis of the machine coordinate system, 0 to 2 for X, Y, Z, along which a unit vector lies, and whether it points in the positive
+/// direction; `None` if it is along none of the three.
 pub fn along_machine_axis(direction: &Vector3<f64>) -> Option<(usize, bool)> {
     let place = direction.iter().position(|u| u.abs() > 1.0 - 1e-12)?;
     Some((place, direction[place] > 0.0))
 }
 
 impl Joint {
-    /// Why a location error of this axis in a component moves nothing; `None` where it moves something.
+    /// Why a location error of this axis in a component has no effect; `None` if it has one.
     pub fn no_effect(&self, component: Component) -> Option<NoEffect> {
         let place = component.mcs_index();
         let along = along_machine_axis(&self.direction);

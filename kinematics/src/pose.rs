@@ -8,8 +8,8 @@ use crate::math::{atan2, sin_cos, sqrt};
 
 /// A transform x ↦ `rotation`·x + `translation_mm`.
 ///
-/// Orthonormal in the `exact` form; in the `htm` form `rotation` may be a small-angle matrix
-/// I + ε^, so nothing here takes the transpose for an inverse except [`Pose::inverse`].
+/// Orthonormal in the `exact` form. In the `htm` form `rotation` may be a small-angle matrix I + ε^, so only [`Pose::inverse`] uses the
+/// transpose as the inverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
@@ -20,7 +20,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The transform that moves nothing.
+    /// The identity transform.
     pub fn identity() -> Self {
         Self {
             rotation: Matrix3::identity(),
@@ -74,7 +74,7 @@ impl Mul for Pose {
 /// The rotation matrix exp(r^) of a rotation vector `r_rad` (Rodrigues' formula).
 pub fn rotation_from_vector(r_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle_squared = r_rad.norm_squared();
-    // Series below 1e-4 rad: the closed quotients lose digits there, three terms do not.
+    // Series below 1e-4 rad: the closed quotients lose digits there, three terms of the series do not.
     let (sine_quotient, cosine_quotient) = if angle_squared < 1e-8 {
         (1.0 - angle_squared / 6.0, 0.5 - angle_squared / 24.0)
     } else {
@@ -134,7 +134,7 @@ pub fn skew_part(rotation: &Matrix3<f64>) -> Vector3<f64> {
 
 /// The rotation vector of a rotation matrix, rad, of length 0 to π.
 ///
-/// Full precision at small angles, where an arc cosine of the trace would leave half the digits.
+/// Full precision at small angles, where the arc cosine of the trace would lose half of the digits.
 pub fn vector_from_rotation(rotation: &Matrix3<f64>) -> Vector3<f64> {
     let skew = skew_part(rotation);
     let sin = skew.norm();
@@ -143,7 +143,7 @@ pub fn vector_from_rotation(rotation: &Matrix3<f64>) -> Vector3<f64> {
     if sin < 1e-7 && cos < 0.0 {
         return axis_of_half_turn(rotation) * angle;
     }
-    // θ/sin θ → 1 + θ²/6, whose second term is below one rounding under 1e-8 rad.
+    // θ/sin θ → 1 + θ²/6, whose second term is below rounding under 1e-8 rad.
     let scale = if sin < 1e-8 { 1.0 } else { angle / sin };
     skew * scale
 }

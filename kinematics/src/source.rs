@@ -1,17 +1,16 @@
-//! The seam of the model: where a chain asks for its errors.
+//! State of a chain, and the interface through which its errors are supplied.
 
 use nalgebra::Vector3;
 
 use volcomp_vocabulary::{Direction, PerAxis};
 
-/// Where every axis of a chain stands, in chain order.
+/// Coordinates of all axes of a chain, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
-    /// Commanded coordinates: mm for linear axes, rad for rotary ones. Places beyond the chain are 0.
+    /// Commanded coordinates: mm for linear axes, rad for rotary ones. Entries beyond the chain are 0.
     pub q: PerAxis<f64>,
-    /// The direction of the last travel of each axis; it selects the branch of a bidirectional curve. `None`: not
-    /// known, the mean of both branches.
+    /// The direction of the last travel of each axis; it selects the branch of a bidirectional curve. `None`: unknown, the mean of both branches.
     pub approach: PerAxis<Option<Direction>>,
 }
 
@@ -26,7 +25,7 @@ pub struct ErrorMotion {
 }
 
 impl ErrorMotion {
-    /// The motion without any error.
+    /// No error.
     pub const ZERO: Self = Self {
         linear_mm: Vector3::new(0.0, 0.0, 0.0),
         angular_rad: Vector3::new(0.0, 0.0, 0.0),
@@ -42,11 +41,10 @@ impl ErrorMotion {
     }
 }
 
-/// The errors of the axes of one chain, asked for by the axis's place in the chain.
+/// The errors of the axes of one chain, by chain index.
 ///
-/// Signs and frames are those of ISO 230-1 as the crate's front page states them: every error
-/// motion is that of the tool side relative to the workpiece side, a location error is where the
-/// axis line physically lies.
+/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: every error motion is that of the tool side relative to
+/// the workpiece side, a location error is where the axis line physically lies.
 pub trait ErrorSource {
     /// The six error motions `E?N` of an axis at a state (mm, rad), stated at the axis's point.
     fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion;

@@ -6,7 +6,7 @@ use arrayvec::ArrayVec;
 
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-/// On which side of the bed an axis stands: what it carries.
+/// The side of the bed on which an axis is, which determines what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
@@ -30,18 +30,18 @@ pub struct Structure {
     workpiece_axes: usize,
 }
 
-/// Why a structural code or a type number cannot be read.
+/// Why a structural code or a type number is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StructureError {
-    /// A character that is no axis, no `w`, `b`, `t`, no prime.
+    /// A character that is not an axis, `w`, `b`, `t` or a prime.
     #[error(
         "found `{found}` at character {position}, expected w, b, t, an axis X Y Z A B C U V W or a prime"
     )]
     UnknownCharacter {
-        /// The character that was found.
+        /// The rejected character.
         found: char,
-        /// Its place in the code, from 1.
+        /// Its position in the code, from 1.
         position: usize,
     },
     /// `w`, `b` or `t` is missing, repeated or out of place.
@@ -50,21 +50,21 @@ pub enum StructureError {
         if *position == 1 { "the structure to begin at the workpiece, w, in " } else { "" }
     )]
     OutOfPlace {
-        /// The character that was found.
+        /// The rejected character.
         found: char,
-        /// Its place in the code, from 1.
+        /// Its position in the code, from 1.
         position: usize,
     },
     /// The code ended before `t`.
     #[error("`{missing}` is missing, expected the order: w, axes with a prime, b, axes, t")]
     Missing {
-        /// The letter that was expected.
+        /// The expected letter.
         missing: char,
     },
     /// The same axis twice.
     #[error("axis {axis} stands twice in the structure, expected each letter once")]
     RepeatedAxis {
-        /// The axis that is repeated.
+        /// The repeated axis.
         axis: AxisName,
     },
     /// A prime on an axis right of `b`.
@@ -72,7 +72,7 @@ pub enum StructureError {
         "axis {axis} has a prime right of b, expected primes on the workpiece side only: left of b"
     )]
     PrimeOnToolSide {
-        /// The axis that has the prime.
+        /// The axis with the prime.
         axis: AxisName,
     },
     /// A prime that follows no axis.
@@ -80,18 +80,18 @@ pub enum StructureError {
         "prime at character {position} follows no axis, expected it right behind an axis letter"
     )]
     StrayPrime {
-        /// Its place in the code, from 1.
+        /// Its position in the code, from 1.
         position: usize,
     },
-    /// No axis at all.
+    /// The code contains no axis.
     #[error("the structure has no axis, expected at least one between w and t")]
     NoAxes,
     /// A type number outside its range.
     #[error("{name} = {found}, expected 0, 1, 2 or 3")]
     TypeNumber {
-        /// Which number it is: `translational` or `rotary`.
+        /// The name of the number: `translational` or `rotary`.
         name: &'static str,
-        /// The number that was given.
+        /// The rejected number.
         found: u8,
     },
     /// The wrong number or kind of rotary axes for the type.
@@ -99,11 +99,11 @@ pub enum StructureError {
         "rotary = {rotary} with {found} rotary axes, expected {expected} different letters of A B C"
     )]
     RotaryAxes {
-        /// The rotary type that was given.
+        /// The given rotary type.
         rotary: u8,
-        /// How many different rotary letters were given.
+        /// Number of different rotary letters given.
         found: usize,
-        /// How many the type has.
+        /// Number of rotary axes of the type.
         expected: usize,
     },
 }
@@ -113,7 +113,7 @@ pub enum StructureError {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TypeNumbers {
-    /// 0 to 3: how many of X, Y, Z, in that order, carry the workpiece.
+    /// 0 to 3: number of the axes X, Y, Z, in that order, that carry the workpiece.
     pub translational: u8,
     /// 0 none; 1 both rotary axes before the linear ones (table); 2 both after (spindle); 3 one each.
     pub rotary: u8,
@@ -143,7 +143,7 @@ impl Structure {
         })
     }
 
-    /// The structure that the type numbers stand for.
+    /// The structure of type numbers.
     ///
     /// # Errors
     /// A number above 3, or rotary letters that do not fit the rotary type.
@@ -183,7 +183,7 @@ impl Structure {
         Self::new(&join(rotary_before, left), &join(right, rotary_after))
     }
 
-    /// The type numbers of this structure, `None` for a chain outside the 16 types.
+    /// The type numbers of this structure; `None` for a chain outside the 16 types.
     pub fn type_numbers(&self) -> Option<TypeNumbers> {
         let rotary_axes: ArrayVec<AxisName, MAX_AXES> = self
             .axes
@@ -207,12 +207,12 @@ impl Structure {
         &self.axes
     }
 
-    /// The place of an axis in the chain.
+    /// The chain index of an axis.
     pub fn index_of(&self, axis: AxisName) -> Option<usize> {
         self.axes.iter().position(|&a| a == axis)
     }
 
-    /// The side of the bed that the axis at `index` stands on.
+    /// The side of the bed of the axis at `index`.
     pub fn side(&self, index: usize) -> Side {
         if index < self.workpiece_axes {
             Side::Workpiece
@@ -237,7 +237,7 @@ impl fmt::Display for Structure {
     }
 }
 
-/// Where the parser stands in `w … b … t`.
+/// Parser state within `w … b … t`.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
     Start,
@@ -249,8 +249,7 @@ enum Stage {
 impl FromStr for Structure {
     type Err = StructureError;
 
-    /// Reads a structural code. Blanks are free, primes on the workpiece side are optional,
-    /// and `'`, `’` and `′` are all primes.
+    /// Reads a structural code. Blanks are ignored, primes on the workpiece side are optional, and `'`, `’` and `′` all count as primes.
     fn from_str(code: &str) -> Result<Self, StructureError> {
         let mut stage = Stage::Start;
         let mut sides: [ArrayVec<AxisName, MAX_AXES>; 2] = Default::default();

@@ -1,7 +1,6 @@
-//! Screw vocabulary: twists, screws, the adjoint and the exponential.
+//! Screw theory: twists, screws, the adjoint and the exponential.
 //!
-//! After Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994),
-//! chapter 2; the linear part stands first.
+//! After Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), chapter 2; the linear part comes first.
 
 use core::ops::{Add, Mul, Neg, Sub};
 
@@ -22,27 +21,27 @@ pub struct Twist {
     pub angular_rad: Vector3<f64>,
 }
 
-/// A screw axis: a line, and the advance along it for each radian turned.
+/// A screw axis: a line, and the advance along it per radian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screw {
-    /// A motion along a unit direction, without rotation.
+    /// A translation along a unit direction, without rotation.
     Prismatic {
-        /// Unit direction in which the joint slides, in MCS.
+        /// Unit direction of the joint, in MCS.
         direction: Vector3<f64>,
     },
-    /// A turn about a line.
+    /// A rotation about a line.
     Revolute {
         /// Unit direction of the line.
         direction: Vector3<f64>,
         /// Any point of the line, mm.
         point_mm: Vector3<f64>,
-        /// Advance, mm for each rad.
+        /// Advance, mm per rad.
         pitch_mm: f64,
     },
 }
 
 impl Twist {
-    /// The twist that moves nothing.
+    /// The zero twist.
     pub fn zero() -> Self {
         Self {
             linear_mm: Vector3::zeros(),
@@ -50,8 +49,8 @@ impl Twist {
         }
     }
 
-    /// The twist of a motion that displaces `point_mm` by `displacement_mm` while it rotates by
-    /// `rotation_rad`: how an error motion stated at a point enters the sum.
+    /// The twist of a motion that displaces `point_mm` by `displacement_mm` while it rotates by `rotation_rad`: the contribution of an
+    /// error motion stated at a point.
     pub fn at_point(
         displacement_mm: Vector3<f64>,
         rotation_rad: Vector3<f64>,
@@ -68,8 +67,7 @@ impl Twist {
         self.linear_mm + self.angular_rad.cross(point_mm)
     }
 
-    /// The adjoint action of a pose: the same motion written in the frame that `pose` maps into,
-    /// ω′ = Rω, v′ = Rv + p × Rω.
+    /// The adjoint action of a pose: the same motion expressed in the frame that `pose` maps into, ω′ = Rω, v′ = Rv + p × Rω.
     #[must_use]
     pub fn adjoint(&self, pose: &Pose) -> Self {
         let angular_rad = pose.rotation * self.angular_rad;
@@ -99,7 +97,7 @@ impl Twist {
 
     /// The twist whose exponential is `pose`, for rotations below π.
     ///
-    /// `None` when the pose turns by π, where the logarithm has two values.
+    /// `None` for a rotation by π, where the logarithm has two values.
     pub fn log(pose: &Pose) -> Option<Self> {
         let angular_rad = vector_from_rotation(&pose.rotation);
         if (angular_rad.norm() - core::f64::consts::PI).abs() < 1e-9 {

@@ -1,7 +1,7 @@
-//! The zero-position model: every joint by the line of its axis at machine zero, nominal or real.
+//! The zero-position model: every joint is given by the line of its axis at machine zero, nominal or actual.
 //!
-//! Talyan et al., a five-axis machine calibrated with a ball array: direction cosines and a point of
-//! each real axis are the unknowns. They are the location errors of this crate.
+//! Talyan et al. calibrate a five-axis machine with a ball array: the direction cosines and a point of each actual axis are the unknowns.
+//! They correspond to the location errors of this crate.
 
 use nalgebra::Vector3;
 
@@ -16,31 +16,31 @@ use crate::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// Why screws do not make a chain.
+/// Why no chain can be built from screws.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ZeroPositionError {
-    /// Not one screw for each axis.
+    /// The number of screws differs from the number of axes.
     #[error("found {found} joints for the structure `{structure}`, expected {expected}")]
     Count {
-        /// The structure that was asked for.
+        /// The requested structure.
         structure: Structure,
-        /// How many were given.
+        /// Number of screws given.
         found: usize,
-        /// How many axes there are.
+        /// Number of axes.
         expected: usize,
     },
-    /// A turning joint for a sliding axis, or the other way round, or a pitch.
+    /// A revolute joint for a linear axis, a prismatic one for a rotary axis, or a pitch.
     #[error("axis {axis}: found a {found} joint, expected a {expected} one")]
     Kind {
-        /// The axis whose screw does not fit.
+        /// The axis whose screw does not match.
         axis: AxisName,
-        /// The kind of screw that was given.
+        /// The given kind of screw.
         found: &'static str,
-        /// The kind of axis that its letter stands for.
+        /// The kind of axis of its letter.
         expected: &'static str,
     },
-    /// A direction or a point that makes no axis.
+    /// An invalid direction or point.
     #[error(transparent)]
     Chain(#[from] ChainError),
 }
@@ -107,10 +107,10 @@ fn screw_kind(screw: &Screw) -> &'static str {
 }
 
 impl Joint {
-    /// The location errors (mm, rad) that put this joint's axis where it really is: ω the smallest
-    /// rotation onto the real direction, o the way of `point_mm` to the real line, normal to it.
+    /// The location errors (mm, rad) that move this joint's axis to its actual line: ω is the smallest rotation onto the actual direction,
+    /// o the vector from `point_mm` to the actual line, normal to it.
     ///
-    /// A sliding joint has a direction only: o is 0.
+    /// A linear joint has a direction only: o is 0.
     pub fn location_of(&self, real: &Screw) -> ErrorMotion {
         let (direction, point) = match real {
             Screw::Prismatic { direction } => (direction, self.point_mm),
@@ -128,7 +128,7 @@ impl Joint {
         }
     }
 
-    /// Where the axis really lies with these location errors (mm, rad).
+    /// The actual line of the axis with these location errors (mm, rad).
     pub fn real_screw(&self, location: &ErrorMotion) -> Screw {
         let direction = rotation_from_vector(&location.angular_rad) * self.direction;
         match self.kind {
@@ -142,12 +142,11 @@ impl Joint {
     }
 }
 
-/// The smallest rotation vector that turns one unit vector onto another; of opposite ones half a turn
-/// about some normal.
+/// The smallest rotation vector that rotates one unit vector onto another; for opposite vectors half a turn about some normal.
 fn smallest_turn(from: &Vector3<f64>, onto: &Vector3<f64>) -> Vector3<f64> {
     let normal = from.cross(onto);
     let (sin, cos) = (normal.norm(), from.dot(onto));
-    // The arc tangent keeps every digit of small angles, where an arc cosine would lose half of them.
+    // The arc tangent keeps full precision at small angles, where an arc cosine would lose half of the digits.
     let angle_rad = atan2(sin, cos);
     if sin > 0.0 {
         return normal * (angle_rad / sin);

@@ -1,5 +1,5 @@
-//! The correction applied to a command before the error is computed: on the model itself, or on another machine
-//! file that is taken for the truth; rounded to a control's step where one is given.
+//! Correction applied to a command before the error is computed: on the model itself, or on another machine file used as the truth;
+//! optionally rounded to the resolution of a control.
 
 use std::path::PathBuf;
 
@@ -30,7 +30,7 @@ pub(crate) struct CompensationArguments {
 }
 
 impl CompensationArguments {
-    /// Whether a correction is applied at all.
+    /// True if a correction is applied.
     pub(crate) fn is_asked_for(&self) -> bool {
         self.compensated || self.truth.is_some() || self.resolution.is_some()
     }
@@ -47,7 +47,7 @@ pub(crate) struct Compensated {
     pub(crate) resolution_urad: Option<f64>,
 }
 
-/// A machine whose correction is applied, and the machine on which it acts.
+/// The machine whose correction is applied, and the machine to which it is applied.
 pub(crate) struct Compensation<'a> {
     machine: &'a Machine,
     temperatures: &'a Temperatures,
@@ -87,7 +87,7 @@ impl<'a> Compensation<'a> {
         })
     }
 
-    /// Names thermal terms of the other machine that no temperature is given for.
+    /// Notes thermal terms of the other machine without a given temperature.
     pub(crate) fn note(&self) -> Option<String> {
         let truth = self.truth.as_ref()?;
         let note = thermal_note(truth, self.temperatures)?;
@@ -95,12 +95,12 @@ impl<'a> Compensation<'a> {
         Some(format!("{path}: {note}"))
     }
 
-    /// The machine whose errors act.
+    /// The machine whose errors apply.
     pub(crate) fn actual(&self) -> &Machine {
         self.truth.as_ref().unwrap_or(self.machine)
     }
 
-    /// The command that is given for a target: the target itself, or with the correction added.
+    /// The command for a target: the target itself, or with the correction added.
     pub(crate) fn command(&self, target: &State) -> State {
         let Some(asked) = &self.document else {
             return *target;
@@ -115,8 +115,7 @@ impl<'a> Compensation<'a> {
         corrected(target, &delta)
     }
 
-    /// Position (mm) and rotation (rad) of the tool at the corrected command against the ideal machine at the target,
-    /// in workpiece axes.
+    /// Position (mm) and rotation (rad) of the tool at the corrected command relative to the ideal machine at the target, in workpiece axes.
     pub(crate) fn residual(&self, target: &State) -> [f64; 6] {
         let actual = self.actual();
         let chain = actual.chain();
@@ -133,13 +132,12 @@ impl<'a> Compensation<'a> {
         [x, y, z, a, b, c]
     }
 
-    /// The part of the JSON document that states the correction; `None` without a correction.
+    /// The correction as part of the JSON document; `None` without a correction.
     pub(crate) fn document(&self) -> Option<Compensated> {
         self.document.clone()
     }
 
-    /// A paragraph to stand below the figures: the correction, its rounding and the machine on which they hold; empty
-    /// without a correction.
+    /// A paragraph to print below the figures: the correction, its rounding and the machine to which they apply; empty without a correction.
     pub(crate) fn words(&self) -> String {
         let Some(asked) = &self.document else {
             return String::new();
@@ -159,7 +157,7 @@ impl<'a> Compensation<'a> {
     }
 }
 
-/// Reads the machine that is taken for the truth and puts the model's tool into it.
+/// Reads the truth machine and puts the model's tool into it.
 fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
     let mut truth = Machine::read(path)?;
     refuse_other_geometry(path, &truth, machine, &"--machine")?;
@@ -167,7 +165,7 @@ fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Fail
     Ok(truth)
 }
 
-/// Refuses a file whose machine is built otherwise than that of `of`: an option or a file.
+/// Rejects a file whose machine differs in geometry from that of `of`: an option or a file.
 pub(crate) fn refuse_other_geometry(
     path: &std::path::Path,
     found: &Machine,
@@ -180,7 +178,8 @@ pub(crate) fn refuse_other_geometry(
     }
 }
 
-/// In which a machine is built otherwise than the one expected: its structure, the direction of an axis, the point of a rotary one, or the frame of its error motions.
+/// The first geometric difference from the expected machine: its structure, the direction of an axis, the point of a rotary one, or the
+/// frame of its error motions.
 fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
     let (found, expected) = (found.chain(), expected.chain());
     let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {

@@ -1,4 +1,4 @@
-//! Why the program stops, how it says so on standard error, and the exit status.
+//! Failures, their output on standard error, and the exit status.
 
 use std::{fmt::Display, io::IsTerminal, path::Path};
 
@@ -14,20 +14,20 @@ use volcomp_model::ModelError;
 
 const ERROR: Style = AnsiColor::Red.on_default().bold();
 
-/// Why the program stops.
+/// Why the program fails.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// The command line cannot be read: status 2.
+    /// The command line is invalid: status 2.
     Call(String),
-    /// The value of an option or the content of a file is wrong: status 2.
+    /// The value of an option or the content of a file is invalid: status 2.
     Input(String),
-    /// A file is wrong as a whole or at a line: status 2.
+    /// A file is invalid as a whole or at a line: status 2.
     File(Box<FileFailure>),
-    /// A place in a TOML file is wrong: status 2, shown with its line on a terminal.
+    /// A TOML file is invalid at a position: status 2, shown with its line on a terminal.
     Place(Box<InputError>),
-    /// The work failed: status 1.
+    /// The operation failed: status 1.
     Work(String),
-    /// A file could not be written while the work went on: status 1.
+    /// A file could not be written during the operation: status 1.
     WorkOn {
         /// The name of the file that could not be written.
         file: String,
@@ -36,16 +36,16 @@ pub(crate) enum Failure {
     },
 }
 
-/// An error in a file, with its place.
+/// An error in a file, with its position.
 #[derive(Debug)]
 pub(crate) struct FileFailure {
-    /// The file as it was named in the call.
+    /// The file as named in the call.
     pub(crate) file: String,
-    /// The line, from 1, where it is known.
+    /// The line, from 1, if known.
     pub(crate) line: Option<u64>,
-    /// The key or column, where it is known.
+    /// The key or column, if known.
     pub(crate) key: Option<String>,
-    /// The whole message with file, line and key.
+    /// The complete message with file, line and key.
     pub(crate) message: String,
 }
 
@@ -89,7 +89,7 @@ impl Failure {
         Self::Input(message.to_string())
     }
 
-    /// A file is wrong as a whole; `what` is said behind its name.
+    /// A file is invalid as a whole; `what` follows its name in the message.
     pub(crate) fn in_file(path: &Path, what: impl Display) -> Self {
         let file = path.display().to_string();
         Self::File(Box::new(FileFailure {
@@ -100,7 +100,7 @@ impl Failure {
         }))
     }
 
-    /// A line of a file is wrong; `key` names the column, empty where the whole line is meant.
+    /// A line of a file is invalid; `key` names the column, empty for the whole line.
     pub(crate) fn in_line(path: &Path, line: u64, key: &str, what: impl Display) -> Self {
         let file = path.display().to_string();
         let column = if key.is_empty() {
@@ -124,7 +124,7 @@ impl Failure {
         }
     }
 
-    /// The exit status that a script sees.
+    /// The exit status.
     pub(crate) fn status(&self) -> u8 {
         match self.kind() {
             Kind::Call | Kind::Input => 2,
@@ -175,10 +175,10 @@ impl Failure {
         }
     }
 
-    /// Writes to standard error: one JSON object, one unbroken line, or on a terminal the place in the file.
+    /// Writes to standard error: one JSON object, one unwrapped line, or on a terminal the position in the file.
     pub(crate) fn report(&self, json: bool) {
         if json {
-            // Texts and numbers always become JSON; without it the message still stands there.
+            // Serialisation cannot fail; if it did, the message would still be printed.
             let document = serde_json::to_string(&self.document());
             eprintln!("{}", document.unwrap_or_else(|_| self.message()));
             return;
@@ -251,7 +251,7 @@ impl From<IdentifyError> for Failure {
 }
 
 impl From<MetrologyError> for Failure {
-    /// A file that cannot be read is as wrong as one with wrong contents: it was named in the call.
+    /// An unreadable file is reported like one with invalid content: it was named in the call.
     fn from(error: MetrologyError) -> Self {
         let message = error.to_string();
         let (file, line, key) = match error {

@@ -1,11 +1,11 @@
-//! Finds a number in an answer that is not finite: JSON would write it as null, and no table means it.
+//! Finds values that are not finite in a result: JSON would write them as null.
 
 use ciborium::Value;
 use serde::Serialize;
 
-/// The key of the first number that is NaN or infinite; `None` where all are finite.
+/// The key of the first number that is NaN or infinite; `None` if all are finite.
 pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
-    // Unlike JSON, CBOR has these numbers. What it cannot write, JSON refuses next.
+    // Unlike JSON, CBOR represents these numbers. What it cannot write, JSON rejects later.
     below(&Value::serialized(document).ok()?)
 }
 

@@ -1,10 +1,10 @@
-//! The largest correction that a command writes.
+//! Limit of the corrections that a command writes.
 
 use volcomp_vocabulary::CorrectionLimit;
 
 use crate::failure::Failure;
 
-/// What a command adds to the message about a correction beyond the limit.
+/// Suffix of the message about a correction beyond the limit.
 pub(crate) const RAISE_LIMIT: &str = ", or allow more with --limit-um";
 
 /// The option of the commands that write corrections.

@@ -1,6 +1,6 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 //!
-//! The result of `write!` to a `String`, which cannot fail, is dropped everywhere.
+//! Results of `write!` to a `String` are ignored everywhere: it cannot fail.
 
 mod commands;
 mod compensation;
@@ -151,7 +151,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// A wrong command without the hidden ones among those that are like it.
+/// Removes hidden commands from the suggestions for a mistyped command.
 fn without_hidden(mut error: clap::Error) -> clap::Error {
     let alike = match error.get(ContextKind::SuggestedSubcommand) {
         Some(ContextValue::Strings(names)) => names.clone(),
@@ -173,11 +173,11 @@ fn without_hidden(mut error: clap::Error) -> clap::Error {
     error
 }
 
-/// Help and version on standard output; a wrong call on standard error, as JSON where it was asked for.
+/// Prints help and version on standard output; an invalid call on standard error, as JSON if requested.
 fn not_parsed(error: &clap::Error) -> ExitCode {
     let json = std::env::args_os().any(|argument| argument == OsStr::new("--json"));
     if !(json && error.use_stderr()) {
-        // A closed standard output or standard error leaves nothing to say and nobody to say it to.
+        // A failed write to a closed stream cannot be reported.
         let _ = error.print();
         return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
     }

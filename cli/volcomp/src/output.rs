@@ -1,4 +1,4 @@
-//! Standard output, and files that appear whole or not at all.
+//! Standard output, and files that are written atomically.
 
 use std::{
     collections::BTreeSet,
@@ -11,8 +11,7 @@ use tempfile::{NamedTempFile, TempDir};
 
 use crate::failure::Failure;
 
-/// Writes to standard output; a reader that has gone away is no failure. Bold heads reach a terminal only, and not
-/// where `NO_COLOR` is set.
+/// Writes to standard output; a closed pipe is not an error. Bold headers are used on a terminal only, unless `NO_COLOR` is set.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     let mut out = anstream::AutoStream::auto(io::stdout().lock());
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -23,18 +22,18 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Unfinished files and temporary folders, which are removed when the program is interrupted.
+/// Unfinished files and temporary folders, which are removed if the program is interrupted.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Ctrl-C and termination: nothing half-written is left, status 130 as of a shell.
+/// On Ctrl-C and termination, removes unfinished files and exits with status 130, like a shell.
 pub(crate) fn clean_up_when_interrupted() {
     let clean_up = || {
         for path in unfinished().iter() {
-            // It may be gone already; there is nobody left to tell.
+            // It may already be gone; errors cannot be reported here.
             let _ = if path.is_dir() {
                 std::fs::remove_dir_all(path)
             } else {
@@ -71,7 +70,7 @@ impl Drop for TemporaryFolder {
     }
 }
 
-/// A file that appears by rename when everything is written.
+/// A file that appears by rename once everything is written.
 pub(crate) struct OutputFile {
     path: PathBuf,
     temporary: PathBuf,
@@ -85,7 +84,7 @@ impl Drop for OutputFile {
 }
 
 impl OutputFile {
-    /// Opens the output before work starts.
+    /// Opens the output before work starts, so that an unwritable path fails early.
     pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
         let refused = |why: &dyn std::fmt::Display| {
             Failure::Input(format!("{}: cannot be written: {why}", path.display()))
@@ -97,7 +96,7 @@ impl OutputFile {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        // A device or pipe cannot be renamed over.
+        // A device or pipe must not be replaced by rename.
         if path.exists() && !path.is_file() {
             return Err(refused(&"it is no ordinary file"));
         }
@@ -111,7 +110,7 @@ impl OutputFile {
             .permissions_as_new_file()
             .tempfile_in(folder)
             .map_err(|e| {
-                // The name of the temporary file says nothing to anybody.
+                // The name of the temporary file would not help the user.
                 let message = e.to_string();
                 refused(&message.split(" at path ").next().unwrap_or_default())
             })?;
@@ -124,8 +123,7 @@ impl OutputFile {
         })
     }
 
-    /// Opens an output that must not be a file that is read: each of the `inputs` is named by its option in the
-    /// message.
+    /// Opens an output that must not be one of the `inputs`, each of which is named by its option in the message.
     pub(crate) fn open_beside(path: &Path, inputs: &[(&Path, &str)]) -> Result<Self, Failure> {
         for (input, option) in inputs {
             if let (Ok(output), Ok(input)) = (path.canonicalize(), input.canonicalize())
@@ -140,12 +138,12 @@ impl OutputFile {
         Self::open(path)
     }
 
-    /// Whether a file with another text than this is there, and will be replaced.
+    /// True if a file with different text exists and will be replaced.
     pub(crate) fn replaces(&self, text: &str) -> bool {
         std::fs::read(&self.path).is_ok_and(|there| there != text.as_bytes())
     }
 
-    /// Adds bytes to the end of the file.
+    /// Appends bytes to the file.
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {
             Some(writer) => writer
@@ -155,19 +153,19 @@ impl OutputFile {
         }
     }
 
-    /// Everything at once: the file takes its name.
+    /// Writes the whole content and renames the file into place.
     pub(crate) fn write_whole(mut self, bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
         self.append(bytes.as_ref())?;
         self.finish()
     }
 
-    /// Where what was written so far can be read.
+    /// The path of the temporary file with the content so far.
     pub(crate) fn so_far(&mut self) -> Result<&Path, Failure> {
         self.flush().map_err(|e| Failure::work_on(&self.path, &e))?;
         Ok(&self.temporary)
     }
 
-    /// Everything is written: the file takes its name.
+    /// Renames the complete file into place.
     pub(crate) fn finish(mut self) -> Result<(), Failure> {
         let Some(writer) = self.writer.take() else {
             return Ok(());
@@ -181,7 +179,7 @@ impl OutputFile {
     }
 }
 
-/// For libraries that write by themselves.
+/// For libraries that write to an `io::Write`.
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.writer
@@ -199,7 +197,7 @@ trait PermissionsAsNewFile {
 }
 
 impl PermissionsAsNewFile for tempfile::Builder<'_, '_> {
-    /// Temporary files are private by default; a result is an ordinary file under the umask.
+    /// Sets the permissions of a new file under the umask: temporary files are private by default.
     fn permissions_as_new_file(&mut self) -> &mut Self {
         #[cfg(unix)]
         {

@@ -60,7 +60,7 @@ pub(crate) struct OthersArguments {
 }
 
 impl OthersArguments {
-    /// The axes that are named, mm or deg, with a note on those beyond their travel.
+    /// The coordinates of the named axes, mm or deg, with a note on those beyond their travel.
     pub(crate) fn read(
         &self,
         machine: &Machine,
@@ -126,28 +126,28 @@ pub(crate) enum OneOrMany<T> {
     },
 }
 
-/// The positions asked for: one, or those of a file.
+/// The requested positions: a single one, or those of a file.
 pub(crate) struct States {
-    /// Every position, in the order of the rows.
+    /// All positions, in the order of the rows.
     positions: Vec<State>,
-    /// The file that they stand in; `None` for one position of the command line.
+    /// The file that contains them; `None` for a single position of the command line.
     file: Option<PointFile>,
-    /// The axes of the machine that stand at 0 because nothing names them, in the order of [`AxisName::ALL`].
+    /// The axes of the machine that are at 0 because they are not named, in the order of [`AxisName::ALL`].
     unnamed: Vec<AxisName>,
 }
 
 impl States {
-    /// Every position, in the order of the rows.
+    /// All positions, in the order of the rows.
     pub(crate) fn states(&self) -> &[State] {
         &self.positions
     }
 
-    /// The table that the positions stand in; `None` for one position of the command line.
+    /// The table of the positions; `None` for a single position of the command line.
     pub(crate) fn table(&self) -> Option<&CsvTable> {
         self.file.as_ref().map(|file| &file.table)
     }
 
-    /// The document: the one answer, or a list under `points`.
+    /// The document: the single result, or a list under `points`.
     pub(crate) fn document<T>(&self, mut answers: Vec<T>) -> OneOrMany<T> {
         match (&self.file, answers.len()) {
             (None, 1) => OneOrMany::One(answers.swap_remove(0)),
@@ -155,7 +155,7 @@ impl States {
         }
     }
 
-    /// Says which axes of the machine stand at 0 because nothing names them, or that there is no position at all.
+    /// Notes which axes of the machine are at 0 because they are not named, or that there is no position.
     pub(crate) fn note(&self) -> Option<String> {
         if self.positions.is_empty() {
             return Some("--points has no row under its header".to_owned());
@@ -232,7 +232,7 @@ impl SpindleArguments {
     }
 }
 
-/// The positions in the rows of a CSV file, approach not known.
+/// The positions in the rows of a CSV file; the approach is unknown.
 pub(crate) fn states_of(machine: &Machine, path: &Path) -> Result<States, Failure> {
     let arguments = PointArguments {
         at: None,
@@ -247,7 +247,7 @@ pub(crate) fn three(option: &str, text: &str) -> Result<[f64; 3], Failure> {
     numbers(option, text, expected)
 }
 
-/// The `N` numbers of an option; `expected` says what they are.
+/// The `N` numbers of an option; `expected` describes them.
 pub(crate) fn numbers<const N: usize>(
     option: &str,
     text: &str,
@@ -342,7 +342,7 @@ impl ApproachArguments {
     }
 }
 
-/// A compiled machine is no text: it is named instead of its first byte that is not UTF-8.
+/// Names a compiled machine in the message, instead of its first byte that is not UTF-8.
 fn not_compiled(path: &Path, error: ModelError) -> Failure {
     let starts_with_magic = || {
         let mut start = [0; 8];
@@ -378,14 +378,14 @@ pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     Ok(coordinates)
 }
 
-/// The characters between assignments to axes.
+/// Separators of assignments to axes.
 const AXES: &[char] = &[',', ';', ' ', '\t', '\n'];
 
-/// The characters between assignments to sensors, whose names may have blanks.
+/// Separators of assignments to sensors, whose names may contain blanks.
 const SENSORS: &[char] = &[',', ';'];
 
-/// The assignments of a list as names and values, with any of the `separators` between them. Blanks around names and
-/// values count nothing. `example` is a single assignment for messages.
+/// The assignments of a list as names and values, separated by any of the `separators`. Blanks around names and values are ignored.
+/// `example` is a single assignment for messages.
 fn assignments<'a>(
     option: &str,
     text: &'a str,
@@ -417,7 +417,7 @@ fn assignments<'a>(
     Ok(found)
 }
 
-/// The message about a word without `=`. Digits behind a number are taken for those behind a decimal comma.
+/// The message about a word without `=`. Digits after a number are treated as those after a decimal comma.
 fn no_assignment(option: &str, word: &str, before: &[(&str, &str)], example: &str) -> String {
     if let Some((name, value)) = before.last()
         && word.bytes().all(|byte| byte.is_ascii_digit())
@@ -439,7 +439,7 @@ pub(crate) fn axis(option: &str, name: &str) -> Result<AxisName, Failure> {
     })
 }
 
-/// The number of an assignment; `unit` is the one it is in, for the message.
+/// The number of an assignment; `unit` is its unit, for the message.
 fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failure> {
     let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
     number.ok_or_else(|| {
@@ -449,15 +449,15 @@ fn number(option: &str, name: &str, text: &str, unit: &str) -> Result<f64, Failu
     })
 }
 
-/// A table of positions: one state for each row.
+/// A table of positions, one state per row.
 pub(crate) struct PointFile {
     pub(crate) table: CsvTable,
     states: Vec<State>,
-    /// The axes whose coordinates stand in a column.
+    /// The axes with a column of coordinates.
     axes: Vec<AxisName>,
 }
 
-/// What stands behind the letter of an axis in the columns that `volcomp correct` adds.
+/// Suffixes of the axis letter in the columns that `volcomp correct` adds.
 const OF_A_CORRECTION: [&str; 4] = [
     "_corrected_mm",
     "_corrected_deg",
@@ -465,21 +465,21 @@ const OF_A_CORRECTION: [&str; 4] = [
     "_correction_urad",
 ];
 
-/// The head of a column by what stands in it.
+/// The content of a column, from its header.
 #[derive(Debug, PartialEq, Eq)]
 enum Head<'a> {
     /// Coordinates of an axis, mm or deg.
     Coordinates(AxisName),
-    /// A letter with a unit that its coordinates are not read in.
+    /// An axis letter with a unit in which coordinates are not read.
     OtherUnit(AxisName, &'a str),
-    /// A letter and something that is no unit known here: positions in an unknown unit, or no positions at all.
+    /// An axis letter with something other than a known unit: positions in an unknown unit, or no positions.
     Unclear(AxisName),
-    /// A column that is no position.
+    /// A column without positions.
     Other,
 }
 
 impl PointFile {
-    /// Reads a file whose header has axis letters, one position a row.
+    /// Reads a file whose header has axis letters, with one position per row.
     fn read(machine: &Machine, path: &Path) -> Result<Self, Failure> {
         let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
         let columns = coordinates(&table, machine)?;
@@ -504,10 +504,10 @@ impl PointFile {
     }
 }
 
-/// The column of each axis that the header names. Beside `X` a column `x` is another quantity, as in files of targets.
+/// The column of each axis that the header names. If there is a column `X`, a column `x` is another quantity, as in files of targets.
 ///
-/// An axis of the machine whose letter heads a column in another or an unknown unit, and no column with positions, is
-/// an error: it must not silently stand at 0.
+/// An axis of the machine whose letter heads a column in another or an unknown unit, without a column of positions, is an error: it must
+/// not silently be at 0.
 fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Column)>, InputError> {
     let is_small = |text: &str| text.starts_with(|letter: char| letter.is_ascii_lowercase());
     let mut found: Vec<(AxisName, Column, &str)> = Vec::new();
@@ -555,8 +555,7 @@ fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Col
     Ok(columns)
 }
 
-/// Reads a head: a letter in upper or lower case, alone or with a unit behind a blank or a mark: `X`, `X mm`, `x_mm`,
-/// `X [mm]`, `C (deg)`.
+/// Parses a column header: a letter in upper or lower case, alone or with a unit after a blank or a mark: `X`, `X mm`, `x_mm`, `X [mm]`, `C (deg)`.
 fn head(text: &str) -> Head<'_> {
     let mut letters = text.chars();
     let first = letters.next().map(|letter| letter.to_ascii_uppercase());
@@ -564,7 +563,7 @@ fn head(text: &str) -> Head<'_> {
         return Head::Other;
     };
     let unit = split_head(text).1;
-    // A letter that goes on into a word is no axis: `Zone`, `amount`.
+    // A letter that continues as a word is not an axis: `Zone`, `amount`.
     let is_word = rest.starts_with(char::is_alphabetic);
     if is_word || OF_A_CORRECTION.contains(&rest) {
         Head::Other

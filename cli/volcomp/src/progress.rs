@@ -1,4 +1,4 @@
-//! Progress of long work, drawn on standard error when it is a terminal.
+//! Progress bars, drawn on standard error if it is a terminal.
 
 use std::{fmt::Write, time::Duration};
 
@@ -11,7 +11,7 @@ pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
     styled(bar, &template)
 }
 
-/// Does work that tells how many steps are done of how many, with a bar over these.
+/// Runs an operation that reports finished and total steps, with a progress bar.
 pub(crate) fn with_bar<T, E>(
     what: &str,
     work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> Result<T, E>,
@@ -25,7 +25,7 @@ pub(crate) fn with_bar<T, E>(
     done
 }
 
-/// A bar over so many bytes.
+/// A progress bar over a number of bytes.
 pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
     let bar = ProgressBar::new(bytes);
     styled(bar, "{bar:30} {bytes}/{total_bytes} {left}")
@@ -36,13 +36,13 @@ fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.with_style(
         style.with_key("left", |state: &ProgressState, out: &mut dyn Write| {
-            // The bar has nobody to tell that it cannot be drawn.
+            // A failure to draw the bar cannot be reported.
             let _ = out.write_str(&left(state.pos(), state.eta()));
         }),
     )
 }
 
-/// How long it takes yet, which is not known before the first step is done.
+/// The remaining time, unknown before the first step is finished.
 fn left(done: u64, eta: Duration) -> String {
     match done {
         0 => String::new(),

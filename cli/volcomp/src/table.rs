@@ -1,16 +1,16 @@
-//! Tables for people: numbers to the right, heads in bold on a terminal, never wider than 80 columns or a narrower terminal.
+//! Text tables: numbers right-aligned, headers bold on a terminal, at most 80 columns or the width of a narrower terminal.
 
 use std::{fmt::Write, io::IsTerminal as _, sync::OnceLock};
 
 use anstyle::Style;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, presets};
 
-/// How wide a table may be.
+/// Maximum width of a table, columns.
 const WIDTH: usize = 80;
-/// On a terminal that is narrower than this, lines are broken by the terminal.
+/// Minimum terminal width for layout; narrower terminals wrap lines themselves.
 const NARROWEST: usize = 30;
 
-/// How wide a line may be: as the terminal is, at most [`WIDTH`]; what goes to a file or a pipe is the same everywhere.
+/// Maximum line width: that of the terminal, at most [`WIDTH`]; fixed for files and pipes.
 fn most() -> usize {
     static MOST: OnceLock<usize> = OnceLock::new();
     *MOST.get_or_init(|| {
@@ -23,17 +23,17 @@ fn most() -> usize {
     })
 }
 
-/// `COLUMNS`, where it is a number, goes before what the terminal says.
+/// `COLUMNS`, if it is a number, overrides the width reported by the terminal.
 fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
     let stated = stated.and_then(|columns| columns.trim().parse().ok());
     let columns = stated.filter(|columns| *columns > 0).or(seen);
     columns.map_or(WIDTH, |columns| columns.clamp(NARROWEST, WIDTH))
 }
 
-/// Heads of tables and of parts of an answer.
+/// Style of headers of tables and sections.
 pub(crate) const HEAD: Style = Style::new().bold();
 
-/// A table of numbers: first column left, the others right.
+/// A table of numbers: first column left-aligned, the others right-aligned.
 pub(crate) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
@@ -44,7 +44,7 @@ pub(crate) fn table(header: &[&str]) -> Table {
     table
 }
 
-/// Aligns columns of words to the left, by their places from 0.
+/// Left-aligns text columns, by their indices from 0.
 pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
     for &place in columns {
         if let Some(column) = table.column_mut(place) {
@@ -53,8 +53,7 @@ pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
     }
 }
 
-/// A table as text, without blanks at the ends of lines. One that is too wide is broken into several below one another, each with the
-/// first column in front.
+/// A table as text, without trailing blanks. A table that is too wide is split into several below one another, each starting with the first column.
 pub(crate) fn table_text(table: &Table) -> String {
     table_within(table, most())
 }
@@ -70,7 +69,7 @@ fn table_within(table: &Table, most: usize) -> String {
             to += 1;
         }
         let mut part = showing(table, from..to);
-        // On a narrow terminal a column that alone is too wide is wrapped; a file or a pipe gets it as it is.
+        // On a narrow terminal a single column that is too wide is wrapped; files and pipes get it unwrapped.
         if most < WIDTH && width(&part) > most {
             part.set_content_arrangement(ContentArrangement::Dynamic)
                 .set_width(u16::try_from(most).unwrap_or(u16::MAX));
@@ -116,8 +115,8 @@ fn text_of(table: &Table) -> String {
     text
 }
 
-/// A number with so many digits behind the point; one that rounds to zero has no sign, and one of more than twelve
-/// digits before the point stands as a power of ten.
+/// Formats a number with `digits` decimals; a value rounded to zero has no sign, and one with more than twelve digits before the point is
+/// in scientific notation.
 pub(crate) fn fixed(value: f64, digits: usize) -> String {
     if value.is_finite() && value.abs() >= 1e12 {
         return format!("{value:.digits$e}");
@@ -129,13 +128,12 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
-/// A number with so many digits, and a dash where there is none.
+/// A number with `digits` decimals, or a dash for `None`.
 pub(crate) fn or_dash(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
 }
 
-/// A sentence broken at blanks so that no line is too wide; `indent` stands in front of the first line, and two blanks more in front of
-/// the others.
+/// Wraps a sentence at blanks; `indent` precedes the first line, and two further blanks the others.
 pub(crate) fn folded(sentence: &str, indent: &str) -> String {
     folded_within(sentence, indent, most())
 }
@@ -158,7 +156,7 @@ fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     text + "\n"
 }
 
-/// A text behind a key of some width: what is too wide for the line goes on below its beginning. Blanks within stay as they are.
+/// A text after a key of some width, wrapped with continuation lines aligned to its start. Blanks within stay unchanged.
 pub(crate) fn folded_behind(key: &str, text: &str) -> String {
     let indent = key.chars().count();
     let room = most().saturating_sub(indent).max(1);

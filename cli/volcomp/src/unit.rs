@@ -1,4 +1,4 @@
-//! The unit of the deviations in a measurement file that does not state it.
+//! Unit of the deviations in a measurement file that does not state it.
 
 use std::path::Path;
 
@@ -34,16 +34,16 @@ impl Unit {
         }
     }
 
-    /// The word on the command line.
+    /// The name on the command line.
     fn key(self) -> String {
         self.to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_owned())
     }
 }
 
-/// The note that the unit of a file is not stated, with a hint where the sizes are those of mm.
+/// The note that the unit of a file is not stated, with a hint if the values look like mm.
 fn not_stated(measurement: &Measurement) -> String {
-    /// A machine tool whose deviations all are smaller, in µm, is not known.
+    /// Maximum deviation, in µm, that is implausibly small for a machine tool.
     const TOO_SMALL: f64 = 0.1;
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
@@ -57,8 +57,8 @@ fn not_stated(measurement: &Measurement) -> String {
     )
 }
 
-/// Brings the deviations of a file into µm or µrad: out of the unit asked for, where the file states none. Without
-/// either they are taken for µm. The option may repeat the unit that the file states, and never turns it into another.
+/// Converts the deviations of a file to µm or µrad, from the requested unit if the file states none; without either they are taken as µm.
+/// The option may repeat the unit stated in the file, but cannot change it.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,

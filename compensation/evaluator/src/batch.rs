@@ -1,4 +1,4 @@
-//! Many scattered poses: on the widest vectors the processor has, on one core or on all.
+//! Batches of scattered poses, with the widest vector instructions of the processor, on one core or on all.
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -7,16 +7,15 @@ use volcomp_vocabulary::{AxisName, Direction, PerAxis};
 
 use crate::{error::EvaluatorError, machine::CompiledMachine, table::Wide};
 
-/// Poses that one core takes at a time.
+/// Number of poses that one core takes at a time.
 const CHUNK: usize = 4096;
 
 impl CompiledMachine {
-    /// Evaluates scattered poses on one core: `poses` holds the coordinates (mm, rad) of `axes`,
-    /// pose after pose; `errors` gets ΔP (mm) and ρ (rad) of each. The same numbers as
-    /// [`evaluate`](Self::evaluate). As many as both slices hold.
+    /// Evaluates scattered poses on one core: `poses` holds the coordinates (mm, rad) of `axes`, pose after pose; `errors` receives ΔP (mm)
+    /// and ρ (rad) of each. Same results as [`evaluate`](Self::evaluate). Evaluates as many poses as both slices hold.
     ///
     /// # Errors
-    /// [`EvaluatorError::AxisOrder`] where `axes` are not those of the machine in chain order.
+    /// [`EvaluatorError::AxisOrder`] if `axes` are not those of the machine in chain order.
     pub fn evaluate_batch(
         &self,
         axes: &[AxisName],
@@ -53,7 +52,7 @@ impl CompiledMachine {
         });
     }
 
-    /// The same on all cores.
+    /// Evaluates scattered poses on all cores.
     ///
     /// # Errors
     /// [`EvaluatorError::AxisOrder`].

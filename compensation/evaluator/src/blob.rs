@@ -1,6 +1,6 @@
-//! A compiled machine as bytes, for the gateway and for distribution.
+//! Binary format of a compiled machine, for the gateway and for distribution.
 //!
-//! `VOLCOMPM`, version, SHA-256 of all that follows, then the machine; numbers little-endian.
+//! `VOLCOMPM`, version, SHA-256 of everything after it, then the machine; numbers are little-endian.
 
 use alloc::{string::ToString, vec::Vec};
 
@@ -19,20 +19,20 @@ use crate::{
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Version of the bytes that this program writes. It also reads version 3, in which the error motions of every rotary
-/// axis stay in the frame that does not turn, and version 2, which has no thermal offsets either.
+/// Format version that is written. Version 3, in which the error motions of every rotary axis are in the non-rotating frame, and version 2,
+/// which also lacks thermal offsets, can still be read.
 pub const BLOB_VERSION: u32 = 4;
 
-/// The oldest version that is read.
+/// Oldest format version that can be read.
 const OLDEST_READ: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
 const HEAD: usize = 8 + 4 + 32;
-/// Nodes of a patch along one axis at the most.
+/// Maximum number of nodes of a patch along one axis.
 const MAX_NODES: usize = 1 << 16;
 
 impl CompiledMachine {
-    /// The machine as bytes, with the axes that correct and the thermal offsets as they are now.
+    /// Serialises the machine, including the correcting axes and the current thermal offsets.
     pub fn to_blob(&self) -> Vec<u8> {
         let mut body = Vec::new();
         let structure = self.chain.structure().to_string();
@@ -57,7 +57,7 @@ impl CompiledMachine {
         }
         put_count(&mut body, self.may_move.len());
         for name in &self.may_move {
-            // Every axis that may move is one of the chain.
+            // Cannot fail: every axis that may move is one of the chain.
             put_count(
                 &mut body,
                 self.chain.structure().index_of(*name).unwrap_or(0),
@@ -83,11 +83,10 @@ impl CompiledMachine {
         blob
     }
 
-    /// The machine from bytes.
+    /// Reads a machine from its bytes.
     ///
     /// # Errors
-    /// [`EvaluatorError::Blob`]: other bytes, another version, a wrong checksum, numbers that make no
-    /// machine.
+    /// [`EvaluatorError::Blob`]: not a blob, another version, a wrong checksum, invalid content.
     pub fn from_blob(blob: &[u8]) -> Result<Self, EvaluatorError> {
         let (head, body) = blob.split_at_checked(HEAD).ok_or(BlobError::CutOff)?;
         if &head[..8] != MAGIC {
@@ -135,7 +134,7 @@ fn put_axis(body: &mut Vec<u8>, machine: &CompiledMachine, index: usize, axis: &
     );
     put_motion(body, &machine.location[index]);
     put_motion(body, &machine.assembly[index]);
-    // No modulo is a period of 0.
+    // A period of 0 means no modulo.
     let [low, high] = axis.travel;
     put(body, &[low, high, axis.modulo.unwrap_or(0.0)]);
     let heads = match axis.branches {
@@ -275,14 +274,14 @@ fn read_machine(reader: &mut Reader<'_>, version: u32) -> Result<CompiledMachine
         moved.push(name); // at most as many as the structure has
     }
     let mut thermal = Vec::new();
-    // Version 2 has none.
+    // Version 2 lacks them.
     for _ in structure.axes().iter().filter(|_| version >= 3) {
         thermal.push(Thermal {
             at_tip: reader.numbers()?,
             slope_mm: reader.numbers()?,
         });
     }
-    // Versions 2 and 3 have none.
+    // Versions 2 and 3 lack them.
     for &name in structure.axes().iter().filter(|_| version >= 4) {
         if reader.count(1, "as a motion frame")? == 1 {
             chain
@@ -341,7 +340,7 @@ fn read_table(reader: &mut Reader<'_>) -> Result<Vec<Piece>, BlobError> {
     for place in 0..count {
         let [start, end] = reader.numbers()?;
         let joins = pieces.last().is_none_or(|before| before.end() == start);
-        // The first and the last are the held ends.
+        // The first and the last piece hold the end values.
         let held = place == 0 || place + 1 == count;
         if !joins || (start >= end) != held || start > end {
             return Err(senseless("pieces that do not follow one another"));

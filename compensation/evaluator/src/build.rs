@@ -1,4 +1,4 @@
-//! From checked parts, or from the tables of a blob, to a compiled machine.
+//! Builds a compiled machine from checked parts, or from the tables of a blob.
 
 use alloc::vec::Vec;
 
@@ -21,7 +21,7 @@ use crate::{
 pub(crate) struct AxisTables {
     pub(crate) travel: [f64; 2],
     pub(crate) modulo: Option<f64>,
-    /// Pieces of one table, or of forward, backward and mean.
+    /// Pieces of one table, or of three: forward, backward and mean.
     pub(crate) tables: Vec<Vec<Piece>>,
     pub(crate) patches: Vec<CompiledPatch>,
 }
@@ -97,7 +97,7 @@ impl CompiledMachine {
         Ok(Self::from_tables(frame, axes, ranges))
     }
 
-    /// From tables that hold the constants already.
+    /// From tables that already include the constant errors.
     pub(crate) fn from_tables(frame: Frame, axes: Vec<AxisTables>, ranges: Vec<Range>) -> Self {
         let folded = frame.folded;
         let tip = frame.chain.tool_tip_mm();
@@ -129,7 +129,7 @@ impl CompiledMachine {
 }
 
 impl AxisTables {
-    /// Ready to evaluate, its tables among those of the machine.
+    /// The compiled axis; its tables are added to those of the machine.
     fn compiled(
         self,
         joint: &Joint,
@@ -142,7 +142,7 @@ impl AxisTables {
             .iter()
             .map(|pieces| tables.add(pieces))
             .collect();
-        // One table at least: `tables` and a blob have one or three.
+        // `tables` and a blob have one or three tables.
         let (branches, heads) = match heads[..] {
             [forward, backward, mean] => (Branches::Three, [forward, backward, mean]),
             _ => (Branches::One, [heads[0]; 3]),
@@ -164,7 +164,7 @@ impl AxisTables {
     }
 }
 
-/// The tables of one axis, errors carried to the tool tip at machine zero and constant errors in.
+/// The tables of one axis, with errors transformed to the tool tip at machine zero and constant errors included.
 fn tables(
     frame: &Frame,
     index: usize,

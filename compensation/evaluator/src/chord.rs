@@ -1,5 +1,5 @@
-//! How far the error along a straight way of the axes may be from a straight line between its ends: a bound from the
-//! derivatives of the curves, not from samples.
+//! Maximum deviation of the error along a straight move from the straight line between the errors at its ends: a bound from the derivatives
+//! of the curves, not from samples.
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction, PerAxis};
@@ -10,24 +10,24 @@ use crate::{
     table::{LANES, Piece},
 };
 
-/// No axis goes further within the ways of [`CompiledMachine::short_ways`].
+/// Maximum length of a move per axis in [`CompiledMachine::short_ways`].
 const MOST_MM: f64 = 100.0;
 const MOST_RAD: f64 = 0.1;
 
-/// Slopes of the motions of an axis over a stretch of its travel, for each mm or deg.
+/// Slopes of the motions of an axis over an interval of its travel, per mm or deg.
 #[derive(Clone, Copy, Debug, Default)]
 struct Slopes {
-    /// How much the slopes of displacement (mm) and tilt (rad) differ within the stretch.
+    /// Range of the slopes of displacement (mm) and tilt (rad) within the interval.
     varies: [f64; 2],
-    /// The largest slopes.
+    /// Maximum slopes of displacement (mm) and tilt (rad).
     largest: [f64; 2],
 }
 
 impl CompiledMachine {
-    /// A bound (mm) of the distance between the position error along the straight way of all axes from one state to the other,
-    /// and the straight line between the errors at its two ends. It holds for every place between. The directions of
-    /// travel are those of `to` all the way. An error that is linear along the way has the bound 0 on machines without rotary
-    /// axes; elsewhere the bound shrinks with the square of the length, or with the length where a slope jumps.
+    /// A bound (mm) of the distance between the position error along the straight move of all axes from one state to another and the
+    /// straight line between the errors at its two ends. It holds everywhere on the move, with the directions of travel of `to`. For an
+    /// error that is linear along the move the bound is 0 on machines without rotary axes; otherwise it shrinks with the square of the
+    /// length, or with the length where a slope jumps.
     pub fn chord_bound_mm(&self, from: &State, to: &State) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut way, mut turned) = (Vector3::zeros(), 0.0);
@@ -60,12 +60,11 @@ impl CompiledMachine {
         bound
     }
 
-    /// How far each axis may go (mm, rad, in chain order) so that [`chord_bound_mm`](Self::chord_bound_mm) is within a
-    /// tolerance wherever the way lies: where each axis passes a share of its way, and the shares together are no more than
-    /// one. Infinite for axes that change nothing.
+    /// Move lengths of the axes (mm, rad, in chain order) for which [`chord_bound_mm`](Self::chord_bound_mm) is within a tolerance anywhere
+    /// in the travels, provided that the moved shares of these lengths add up to at most one. Infinite for axes without effect.
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
-        // All ways together, by which the parts of the bound with products of ways are taken for linear ones.
+        // The terms of the bound with products of lengths are linearised with the sum of all lengths.
         let turned: f64 = self.of_kind(AxisKind::Rotary).map(|_| MOST_RAD).sum();
         let way: f64 = self.of_kind(AxisKind::Linear).map(|_| MOST_MM).sum();
         let moved = way + turned * reach_mm;
@@ -104,8 +103,7 @@ impl CompiledMachine {
         })
     }
 
-    /// The most by which the position error changes for each mm that the linear axes move, mm for each mm: a bound over all
-    /// travels and both directions of travel.
+    /// Maximum change of the position error per mm of linear motion, mm/mm: a bound over all travels and both directions of travel.
     pub fn steepness(&self) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut steepness, mut tilts) = (0.0, 0.0);
@@ -129,18 +127,18 @@ impl CompiledMachine {
         self.axes.iter().filter(move |axis| axis.joint.kind == kind)
     }
 
-    /// The largest displacement (mm) and tilt (rad) that an axis and its constant errors give.
+    /// The largest displacement (mm) and tilt (rad) from an axis and its constant errors.
     fn sizes(&self, index: usize, axis: &CompiledAxis) -> [f64; 2] {
         let [linear, angular] = axis.size_bounds();
         let (location, assembly) = (&self.location[index], &self.assembly[index]);
-        // A location error changes with the turn of its own axis, too.
+        // The effect of a location error changes with the rotation of its axis, too.
         [
             linear + 2.0 * location.linear_mm.norm() + assembly.linear_mm.norm(),
             angular + 2.0 * location.angular_rad.norm() + assembly.angular_rad.norm(),
         ]
     }
 
-    /// The slopes of an axis between two coordinates (mm or deg) that are `length` apart.
+    /// The slopes of an axis between two coordinates (mm or deg) at distance `length`.
     fn slopes(
         &self,
         axis: &CompiledAxis,
@@ -150,7 +148,7 @@ impl CompiledMachine {
     ) -> Slopes {
         let pieces = self.tables.pieces(&axis.heads[branch_index(approach)]);
         let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
-        // Where a turn passes the end of the travel, it is looked up on both sides.
+        // An interval that crosses the end of a modulo travel is looked up on both sides.
         let is_whole = high - low + 1e-9 < length;
         let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; LANES];
         let last = pieces.len().saturating_sub(1);
@@ -190,7 +188,7 @@ impl CompiledMachine {
         let thermal = Vector3::from(axis.thermal.slope_mm).norm();
         slopes.largest[0] += thermal;
         for patch in &axis.patches {
-            // Of an error over two coordinates only the largest slope is known.
+            // For an error over two coordinates only the maximum slope is available.
             let slope = patch.patch.slope_bound();
             let place = usize::from(patch.patch.component.is_angular());
             slopes.varies[place] += 2.0 * slope;
@@ -200,14 +198,14 @@ impl CompiledMachine {
     }
 }
 
-/// Takes the slopes of a piece between two coordinates into the range of each component.
+/// Extends the range of each component by the slopes of a piece between two coordinates.
 fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
     let [c1, c2, c3] = [1, 2, 3].map(|power| piece.power(power));
     let [low, high] = [low, high].map(|x| x - piece.start());
     for lane in 0..LANES {
         let slope = |t: f64| {
             let powers = c1[lane] + t * (2.0 * c2[lane] + t * 3.0 * c3[lane]);
-            // Beyond its end a curve holds its value; its powers are 0 there, and 0 times infinity is nothing.
+            // Beyond its end a curve is constant: its powers are 0 there, and 0 times infinity must count as 0.
             if powers.is_nan() { c1[lane] } else { powers }
         };
         let turning = -c2[lane] / (3.0 * c3[lane]);

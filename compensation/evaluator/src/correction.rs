@@ -1,4 +1,4 @@
-//! The first-order correction of a real-time cycle, and a bound of what it neglects.
+//! First-order correction of a real-time cycle.
 
 use volcomp_kinematics::{
     Correctors, State,
@@ -15,7 +15,7 @@ use crate::{
     walk::Turns,
 };
 
-/// How the rotary axes turned, and the levers from their points to the tip.
+/// Rotations of the rotary axes, and the levers from their points to the tip.
 struct Passed([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
 
 impl Turns for Passed {
@@ -25,42 +25,41 @@ impl Turns for Passed {
     }
 }
 
-/// How tip and tool axis move with each axis, in workpiece axes.
+/// Derivatives of tip and tool axis with respect to each axis, in workpiece axes.
 struct Directions {
     axes: [Vector3<f64>; MAX_AXES],
-    /// How the tip moves with each rotary axis, mm for each rad.
+    /// Tip motion per rotary axis, mm per rad.
     arms_mm: [Vector3<f64>; MAX_AXES],
     tool_axis: Vector3<f64>,
 }
 
-/// The correction of one step in the parts of which a coupled correction is made, and the error that it corrects. The
-/// linear shares for rotary shares δ_r, whatever those are (limited, ramped, rounded to steps of the controller), are
-/// `position` + Σ `follow[r]`·δ_r; with the δ_r of `rotary` they are those of [`FirstOrder::delta`].
+/// A first-order correction split into the parts of a coupled correction, and the error that it corrects. The linear shares for any rotary
+/// shares δ_r (limited, ramped, rounded to controller increments) are `position` + Σ `follow[r]`·δ_r; with the δ_r of `rotary` they are
+/// those of [`FirstOrder::delta`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionParts {
-    /// The error that is corrected.
+    /// The corrected error.
     pub error: Evaluation,
-    /// What the linear axes take of the position error while no rotary axis moves, −L⁻¹·e_p: mm in chain order, zero
-    /// for axes that do not correct.
+    /// Linear shares for the position error with no rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes that do not correct.
     pub position: PerAxis<f64>,
-    /// The shares of the rotary axes in the direction of the tool axis, rad in chain order, zero for all others.
+    /// Rotary shares that correct the tool direction, rad in chain order, zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tip stays where it is:
-    /// row r of −L⁻¹·P, mm for each rad of the rotary axis at place r, in chain order. All other rows are zero.
+    /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row r of −L⁻¹·P, mm per
+    /// rad of the rotary axis at index r, in chain order. All other rows are zero.
     pub follow: PerAxis<PerAxis<f64>>,
     /// As in [`FirstOrder`].
     pub tool_axis_partial: bool,
     /// As in [`FirstOrder`].
     pub near_singular: bool,
-    /// Rotary axes between the linear ones have turned two of these nearly into one direction: linear shares are more
-    /// than ten times the position error, or one of the axes is left out.
+    /// Rotary axes between the linear ones have made two of these nearly parallel: linear shares are more than ten times the position
+    /// error, or one of the axes is left out.
     pub linear_near_singular: bool,
 }
 
 impl CorrectionParts {
-    /// The whole correction, mm and rad in chain order: linear shares that belong to the rotary shares, and those.
+    /// The whole correction, mm and rad in chain order: the rotary shares with the corresponding linear shares.
     pub fn delta(&self) -> PerAxis<f64> {
-        // Rows of axes that do not turn add nothing.
+        // Rows of linear axes are zero.
         let turning = self.follow.iter().zip(&self.rotary);
         let turning = turning.filter(|(_, rotary)| **rotary != 0.0);
         let mut following = PerAxis::ZERO;
@@ -73,28 +72,28 @@ impl CorrectionParts {
     }
 }
 
-/// The correction of one step, and the error that it corrects.
+/// A first-order correction, and the error that it corrects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
-    /// The error that is corrected.
+    /// The corrected error.
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,
-    /// A direction of the tool axis is corrected in part only or not at all: the pose is within about 1° of a singular one,
-    /// or fewer than two rotary axes may move.
+    /// A direction of the tool axis is corrected only in part or not at all: the pose is within about 1° of a singular one, or fewer than
+    /// two rotary axes may move.
     pub tool_axis_partial: bool,
-    /// Two rotary axes or more may move, and the pose is a singular one or within about 6° of it: see
+    /// At least two rotary axes may move, and the pose is singular or within about 6° of a singular one: see
     /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
     pub near_singular: bool,
 }
 
 impl CompiledMachine {
-    /// The axes that its corrections move.
+    /// The axes that corrections of this machine move.
     pub fn correctors(&self) -> &Correctors {
         &self.correctors
     }
 
-    /// From now on corrections move these axes and hold all others; the default is every axis. Blobs hold it.
+    /// Sets the axes that corrections move; the others are held. By default every axis moves. Included in blobs.
     ///
     /// # Errors
     /// [`EvaluatorError::Chain`] for a name that the chain does not have.
@@ -109,8 +108,7 @@ impl CompiledMachine {
         Ok(())
     }
 
-    /// The axes that correct when only some of the machine's axes can be written: of those that may move, in their
-    /// order, the ones in `written`. Allocates nothing.
+    /// The correcting axes if only the axes in `written` can be written: those of the axes that may move, in their order. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));
@@ -215,7 +213,7 @@ impl CompiledMachine {
     fn directions(&self, passed: &Passed, registers: impl Registers) -> Directions {
         let mut axes = [Vector3::zeros(); MAX_AXES];
         let mut arms_mm = axes;
-        // The unit vectors of the body reached so far.
+        // The unit vectors of the current body.
         let mut frame = Matrix3::identity();
         let joints = self.axes.iter().map(|axis| &axis.joint).zip(&passed.0);
         for (index, (joint, turned)) in joints.enumerate() {
@@ -232,7 +230,7 @@ impl CompiledMachine {
         }
     }
 
-    /// The longest lever from a joint to the tip over the travels, mm: a bound.
+    /// Upper bound of the lever from any joint to the tip over the travels, mm.
     pub fn reach_mm(&self) -> f64 {
         let tip = self.chain.tool_tip_mm();
         let mut reach = 0.0_f64;
@@ -247,8 +245,8 @@ impl CompiledMachine {
     }
 }
 
-/// Rotary axes, least norm on the two components of the tool-axis error normal to it. Whether a direction is left
-/// out, and whether two axes or more are near a singular pose.
+/// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns whether a direction
+/// is not fully corrected, and whether at least two axes correct and the pose is near a singular one.
 #[inline(always)]
 fn correct_axis(
     correctors: &Correctors,
@@ -272,7 +270,7 @@ fn correct_axis(
     [gram.is_singular(), near_singular]
 }
 
-/// How the tip moves with the linear axes that correct.
+/// Derivatives of the tip with respect to the correcting linear axes.
 #[inline(always)]
 pub(crate) fn linear_columns(
     correctors: &Correctors,
@@ -285,7 +283,7 @@ pub(crate) fn linear_columns(
     LinearColumns::new(columns, correctors.linear().len())
 }
 
-/// Linear axes against a displacement of the tip: exactly with three directions, least squares with fewer.
+/// Corrects a displacement of the tip with the linear axes: exact with three directions, least squares with fewer.
 #[inline(always)]
 pub(crate) fn take_position(
     correctors: &Correctors,

@@ -1,4 +1,4 @@
-//! Why a machine cannot be compiled.
+//! Errors of compiling a machine and of reading its binary format.
 
 use alloc::{
     string::{String, ToString},
@@ -13,36 +13,36 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum EvaluatorError {
-    /// A curve needs too much room.
+    /// The compiled curve is too large.
     #[error(
         "curve {curve} needs more than 1 MiB for a tolerance of {tolerance_nm} nm (nrad), {}", expected(*.fitting_nm)
     )]
     TooLarge {
         curve: String,
         tolerance_nm: f64,
-        /// A tolerance that fits, nm and nrad; `None`: there are too many breakpoints for any.
+        /// A tolerance with which it fits, nm and nrad; `None` if there are too many breakpoints for any.
         fitting_nm: Option<f64>,
     },
-    /// A curve gives something that is no finite number.
+    /// A curve has a value that is not finite.
     #[error(
         "curve {curve}: found a value that is not finite near {at} (mm or deg), expected finite numbers"
     )]
     NotFinite {
         curve: String,
-        /// A coordinate near the place, mm or deg.
+        /// A coordinate near the value, mm or deg.
         at: f64,
     },
     /// A tolerance that is not positive.
     #[error("found the tolerance {found}, expected a positive finite number")]
     Tolerance { found: f64 },
-    /// A part of an axis that makes no sense.
+    /// An invalid part of an axis.
     #[error("axis {axis}: {what}: expected {expected}")]
     Axis {
         axis: AxisName,
         what: &'static str,
         expected: &'static str,
     },
-    /// Coordinates that are not in the order of the chain.
+    /// Coordinates are not in chain order.
     #[error(
         "found coordinates in the order {}, expected the chain order of `{structure}`",
         names(found)
@@ -54,7 +54,7 @@ pub enum EvaluatorError {
     /// An axis of the chain that was not added.
     #[error("axis {axis} of the chain was not added, expected every axis once")]
     MissingAxis { axis: AxisName },
-    /// A location error that is none, or with a value of the wrong kind.
+    /// Not a location error, or a value of the wrong kind.
     #[error(
         "{name}: expected a location error E?0N with a finite length (EX EY EZ) or angle (EA EB EC)"
     )]
@@ -62,7 +62,7 @@ pub enum EvaluatorError {
     /// An axis that the chain does not have.
     #[error(transparent)]
     Chain(#[from] ChainError),
-    /// Bytes that are no compiled machine.
+    /// The bytes are not a compiled machine.
     #[error("compiled machine: {0}")]
     Blob(#[from] BlobError),
 }
@@ -72,40 +72,40 @@ fn names(axes: &[AxisName]) -> String {
     words.join(" ")
 }
 
-/// Why bytes are no compiled machine.
+/// Why bytes are not a compiled machine.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum BlobError {
-    /// The bytes do not begin with the letters of a compiled machine.
+    /// The bytes do not begin with the signature of a compiled machine.
     #[error("found no VOLCOMPM at its start")]
     NotABlob,
-    /// The bytes are of a version that this program does not read.
+    /// The format version cannot be read by this program.
     #[error("found version {found}, expected {expected}")]
     Version { found: u32, expected: u32 },
-    /// The checksum does not belong to the content.
+    /// The checksum does not match the content.
     #[error("its checksum does not fit: it was changed or cut off")]
     Checksum,
-    /// The bytes end before the machine does.
+    /// The bytes are truncated.
     #[error("it ends too early")]
     CutOff,
-    /// There are bytes behind the machine.
+    /// The machine is followed by further bytes.
     #[error("it goes on behind its end")]
     TooLong,
     /// A number is NaN or infinite.
     #[error("found a number that is not finite")]
     NotFinite,
-    /// More of something than a machine can have.
+    /// A count exceeds its limit.
     #[error("found {found} {what}, expected {most} at most")]
     TooMany {
         what: &'static str,
         found: u64,
         most: usize,
     },
-    /// A part of the machine that makes no sense.
+    /// An invalid part of the machine.
     #[error("found {found}")]
     Content { found: &'static str },
-    /// Geometry that a chain cannot have.
+    /// Geometry from which no kinematic chain can be built.
     #[error(transparent)]
     Chain(#[from] ChainError),
 }

@@ -1,4 +1,4 @@
-//! Curves as piecewise cubics within a tolerance.
+//! Fits curves with piecewise cubics within a tolerance.
 
 use alloc::{format, string::ToString, vec, vec::Vec};
 
@@ -10,18 +10,18 @@ use crate::{
     table::{LANES, MAX_PIECES, Piece},
 };
 
-/// Degree of the Chebyshev interpolant that a piece is judged by, plus 1.
+/// Degree of the Chebyshev interpolant against which a piece is checked, plus 1.
 const NODES: usize = 12;
 
-/// Why a function has no table.
+/// Why no table can be fitted to a function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Unfit {
     TooManyPieces,
-    /// At or about this coordinate it is no finite number.
+    /// The function is not finite at or near this coordinate.
     NotFinite(f64),
 }
 
-/// A function of six components as piecewise cubics, the first and the last of them the held ends.
+/// Fits a function of six components with piecewise cubics; the first and the last piece hold the end values.
 fn fit(
     function: &dyn Fn(f64) -> [f64; LANES],
     mut points: Vec<f64>,
@@ -44,7 +44,7 @@ fn fit(
             if !piece.is_finite() {
                 return Err(Unfit::NotFinite(middle));
             }
-            // An interval that cannot be halved any more is taken as it is: one rounding wide.
+            // An interval of one rounding unit cannot be halved further and is accepted.
             if piece.keeps(tolerance) || middle <= from || middle >= to {
                 if pieces.len() + 1 >= MAX_PIECES {
                     return Err(Unfit::TooManyPieces);
@@ -63,10 +63,10 @@ fn fit(
     Ok(pieces)
 }
 
-/// The errors of an axis as its tables want them.
+/// The errors of an axis, prepared for its tables.
 pub(crate) struct ToTable<'a> {
     pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
-    /// The range of the table, mm or deg, which breakpoints outside widen.
+    /// Range of the table, mm or deg, extended by breakpoints outside of it.
     pub(crate) travel: [f64; 2],
     pub(crate) breakpoints: &'a [Vec<f64>; LANES],
     /// From the axis's point to the tool tip, mm.
@@ -77,13 +77,13 @@ pub(crate) struct ToTable<'a> {
 }
 
 impl ToTable<'_> {
-    /// The table, or which curve is too much for it.
+    /// The fitted table; the error names the curve that exceeds the limit.
     pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
         self.pieces(None, self.tolerance)
             .map_err(|unfit| self.refused(unfit))
     }
 
-    /// The pieces of all components or of one of them alone; displacements at the tool tip.
+    /// The pieces of all components, or of a single one; displacements at the tool tip.
     fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Result<Vec<Piece>, Unfit> {
         let function = |x: f64| {
             let mut error = (self.errors)(x);
@@ -107,7 +107,7 @@ impl ToTable<'_> {
         fit(&function, points.collect(), tolerance)
     }
 
-    /// Which curve cannot be compiled and why: the first one that cannot by itself, else all of the axis.
+    /// The error for the first curve that cannot be compiled alone, else for all curves of the axis.
     fn refused(&self, unfit: Unfit) -> EvaluatorError {
         let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_err());
         let curve = match alone.and_then(|lane| Component::ALL.get(lane)) {
@@ -139,7 +139,7 @@ struct Sampled {
 impl Sampled {
     fn over(function: &dyn Fn(f64) -> [f64; LANES], from: f64, to: f64) -> Self {
         let length = to - from;
-        // From the ends inward, so that the ends are met to the last digit.
+        // From both ends inward, so that the end points are exact.
         let at = |t: f64| {
             if t <= -1.0 {
                 function(from)
@@ -173,10 +173,9 @@ impl Sampled {
         self.series.iter().flatten().all(|value| value.is_finite())
     }
 
-    /// The cubic through the corners differs from Σ c_k T_k by 2 Σ_{k ≥ 4} |c_k| at the most: at the
-    /// corners T_k coincides with a T of an order below 4. The series is the function itself where that
-    /// is a polynomial of an order below [`NODES`]; else its last two coefficients, which must have
-    /// died out, are counted ten times for the rest.
+    /// The cubic through the corners differs from Σ c_k T_k by at most 2 Σ_{k ≥ 4} |c_k|: at the corners T_k coincides with a T of an order
+    /// below 4. The series is exact for a polynomial of an order below [`NODES`]; otherwise its last two coefficients, which must have
+    /// decayed, are counted ten times for the remainder.
     fn keeps(&self, tolerance: Tolerance) -> bool {
         (0..LANES).all(|lane| {
             let size = |k: usize| libm::fabs(self.series[k][lane]);
@@ -186,13 +185,13 @@ impl Sampled {
         })
     }
 
-    /// In powers of the distance from the start.
+    /// Coefficients of the powers of the distance from the start.
     fn powers(&self) -> [[f64; LANES]; 4] {
         let mut powers = [[0.0; LANES]; 4];
         let h = self.length;
         for lane in 0..LANES {
             let [v0, v1, v2, v3] = self.corners.map(|corner| corner[lane]);
-            // Through 0, ¼, ¾ and 1 of the length.
+            // Through the points at 0, ¼, ¾ and 1 of the length.
             let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
             let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
             let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;

@@ -1,27 +1,26 @@
-//! Constant errors, folded into the tables of the axes.
+//! Folds constant errors into the tables of the axes.
 //!
-//! To first order the error of a chain is a sum of twists, each standing in the gap between two joints.
-//! An axis line that lies elsewhere is a twist on the fixed side of its joint and the opposite one on
-//! its moving side; an assembly error is a twist in one gap. A constant twist in the gap in which an
-//! axis has its error motions is a constant of that axis's table; across a linear joint a tilt leaves
-//! a displacement that grows with the coordinate, which the table takes too. What no table can take stays
-//! in its gap: at an end of the chain, or between two rotary joints that both have their errors on their far sides.
+//! To first order the error of a chain is a sum of twists, each in the gap between two joints. A displaced axis line is a twist on the
+//! fixed side of its joint and the opposite one on its moving side; an assembly error is a twist in one gap. A constant twist in the gap in
+//! which an axis has its error motions is a constant of that axis's table. Across a linear joint a tilt leaves a displacement that is
+//! linear in the coordinate, which the table includes, too. What no table can include stays in its gap: at an end of the chain, or between
+//! two rotary joints that both have their errors on their far sides.
 
 use volcomp_kinematics::{Chain, ErrorMotion, Joint, Side, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
-/// Where the constant errors of a chain went. Displacements are those of the tool tip at machine zero.
+/// Constant errors after folding. Displacements are those of the tool tip at machine zero.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Folded {
     /// Between the last joint and the tool.
     pub(crate) tool_end: ErrorMotion,
-    /// On the tool side of each joint but the last, where no table takes it.
+    /// On the tool side of each joint but the last, if no table includes it.
     pub(crate) between: PerAxis<ErrorMotion>,
-    /// Between the workpiece and the first joint, where that joint has its errors behind it.
+    /// Between the workpiece and the first joint, if that joint has its errors on its far side.
     pub(crate) workpiece_end: ErrorMotion,
     /// Constants of each axis's table.
     pub(crate) constant: PerAxis<ErrorMotion>,
-    /// The slope that the table of a linear axis gains: displacement for each mm of its coordinate.
+    /// Slope added to the table of a linear axis: displacement per mm of its coordinate.
     pub(crate) slide: PerAxis<Vector3<f64>>,
 }
 
@@ -33,7 +32,7 @@ pub(crate) fn fold(
 ) -> Folded {
     let (joints, tip) = (chain.joints(), chain.tool_tip_mm());
     let mut slide = PerAxis([Vector3::zeros(); MAX_AXES]);
-    // Gap i lies on the workpiece side of joint i, gap i + 1 on its tool side.
+    // Gap i is on the workpiece side of joint i, gap i + 1 on its tool side.
     let mut gaps = [ErrorMotion::ZERO; MAX_AXES + 1];
     for (i, joint) in joints.iter().enumerate() {
         let fixed_to = match joint.side {
@@ -86,7 +85,7 @@ pub(crate) fn fold(
     }
 }
 
-/// With its displacement at the end of `arm_mm`.
+/// The motion with its displacement taken at the end of `arm_mm`.
 fn at_tip(motion: &ErrorMotion, arm_mm: &Vector3<f64>) -> ErrorMotion {
     ErrorMotion {
         linear_mm: motion.linear_mm + motion.angular_rad.cross(arm_mm),

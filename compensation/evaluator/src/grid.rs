@@ -1,4 +1,4 @@
-//! Tensor grids over the linear axes: per node a few additions and a store.
+//! Tensor grids over the linear axes, with a few additions and one store per node.
 
 use std::vec::Vec;
 
@@ -9,36 +9,34 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::machine::CompiledMachine;
 
-/// Numbers of one node: ΔP (mm), ρ (rad).
+/// Numbers per node: ΔP (mm), ρ (rad).
 const NODE: usize = 6;
-/// Numbers that are computed in the cache before they are copied out.
+/// Numbers computed in the cache before they are copied out.
 const COPIED_AT_ONCE: usize = 2048;
-/// Numbers that are handled together: four nodes fill whole registers of every width.
+/// Numbers processed together: four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
 
-/// The error over a tensor grid of up to three linear axes, the others held: first order is a sum of
-/// functions of one coordinate and of tilts times slides, so each axis is evaluated at its own nodes
-/// only.
+/// The error over a tensor grid of up to three linear axes, with the other axes held. To first order it is a sum of functions of one
+/// coordinate and of products of tilt and travel, so each axis is evaluated at its own nodes only.
 #[derive(Clone, Debug)]
 pub struct LinearGrid {
     /// For each grid axis in chain order from the workpiece: its nodes, mm.
     nodes_mm: Vec<Vec<f64>>,
-    /// For each grid axis and node what it adds with the others at 0: ΔP, ρ.
+    /// For each grid axis and node, its contribution with the other axes at 0: ΔP, ρ.
     adds: Vec<Vec<[f64; NODE]>>,
     /// Direction of each grid axis in workpiece axes.
     directions: Vec<Vector3<f64>>,
     base: [f64; NODE],
-    /// Adds of the innermost axis, node after node, padded to whole blocks.
+    /// Contributions of the innermost axis, node after node, padded to whole blocks.
     row: Vec<f64>,
-    /// Its coordinates, six times each.
+    /// Its coordinates, each repeated six times.
     row_mm: Vec<f64>,
 }
 
 impl CompiledMachine {
-    /// A grid over linear axes: the nodes (mm) of each, the axes in chain order; the others
-    /// stand as in `held`, whose approach counts for all. `None` for an axis that is not linear or
-    /// not there, repeated or out of order, for more than three or none, an axis without nodes, or a
-    /// machine with errors over two coordinates.
+    /// A grid over linear axes: the nodes (mm) of each, axes in chain order. The other axes are as in `held`, whose approach applies to
+    /// all. `None` for a grid axis that is rotary, missing, repeated or out of order, for no axis or more than three, for an axis without
+    /// nodes, or for a machine with errors over two coordinates.
     pub fn linear_grid(&self, grid: &[(AxisName, Vec<f64>)], held: &State) -> Option<LinearGrid> {
         let place = |axis: AxisName| self.chain.structure().index_of(axis);
         let grid: Vec<(usize, &Vec<f64>)> = grid
@@ -94,7 +92,7 @@ impl CompiledMachine {
     }
 }
 
-/// The innermost axis node after node, padded to whole blocks.
+/// The row of the innermost axis, padded to whole blocks.
 fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
     let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
         return (Vec::new(), Vec::new());
@@ -108,28 +106,27 @@ fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec
 }
 
 impl LinearGrid {
-    /// Nodes along each grid axis, in chain order.
+    /// Number of nodes along each grid axis, in chain order.
     pub fn counts(&self) -> Vec<usize> {
         self.nodes_mm.iter().map(Vec::len).collect()
     }
 
-    /// Nodes of the grid.
+    /// Number of nodes of the grid.
     pub fn len(&self) -> usize {
         self.nodes_mm.iter().map(Vec::len).product()
     }
 
-    /// Whether there is no node: never.
+    /// Always false.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Nodes of one row: the last grid axis, which runs fastest.
+    /// Number of nodes of one row: the last grid axis, which varies fastest.
     pub fn row_len(&self) -> usize {
         self.nodes_mm.last().map_or(0, Vec::len)
     }
 
-    /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, as many whole rows as it
-    /// holds, on one core.
+    /// Fills `errors` with ΔP (mm) and ρ (rad) of the rows from `first_row` on, as many whole rows as it holds, on one core.
     pub fn fill_rows(&self, first_row: usize, errors: &mut [f64]) {
         Arch::new().dispatch(Rows {
             grid: self,
@@ -138,10 +135,10 @@ impl LinearGrid {
         });
     }
 
-    /// Fills `errors` (six numbers for each node) with the whole grid, on all cores.
+    /// Fills `errors` (six numbers per node) with the whole grid, on all cores.
     pub fn fill_parallel(&self, errors: &mut [f64]) {
         let numbers = self.row_len() * NODE;
-        // About half a megabyte at a time: enough to be worth the hand-over, few enough to share.
+        // About half a megabyte at a time: large enough to be worth a task, small enough to share.
         let rows = (65_536 / numbers.max(1)).max(1);
         errors
             .par_chunks_mut(rows * numbers.max(1))
@@ -149,7 +146,7 @@ impl LinearGrid {
             .for_each(|(chunk, errors)| self.fill_rows(chunk * rows, errors));
     }
 
-    /// The terms that a row adds to those of its nodes: a constant, and a slope for each mm of the row's coordinate.
+    /// The terms that a row adds to its nodes: a constant, and a slope per mm of the row's coordinate.
     #[inline(always)]
     fn row_terms(&self, row: usize) -> ([f64; NODE], Vector3<f64>) {
         let mut sum = self.base;
@@ -183,9 +180,8 @@ struct Rows<'a> {
 impl WithSimd for Rows<'_> {
     type Output = ();
 
-    /// Plain code, compiled once for each instruction set. Rows are computed in a buffer that stays in
-    /// the cache and copied out in large pieces, for which the library copies without reading the
-    /// target first: half the traffic of storing numbers one after another.
+    /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache and copied out in large
+    /// pieces, for which the library copies without reading the target first: half the memory traffic of single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;

@@ -1,36 +1,36 @@
-//! A uniform index over breakpoints: from a coordinate to its interval in one bounded step.
+//! Uniform index over breakpoints: finds the interval of a coordinate in one bounded step.
 
 use alloc::vec::Vec;
 
-/// Cells of one index at the most.
+/// Maximum number of cells of one index.
 const MAX_CELLS: usize = 1 << 12;
-/// Added to a whole number below 2³² it leaves that in the last bits; to another, the nearest one.
+/// Adding this leaves a whole number below 2³² in the low bits of the sum, rounding to the nearest one.
 const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
-/// A stretch of an index, with no more than one breakpoint where that is possible.
+/// A cell of an index, with at most one breakpoint if possible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
-    /// Its first breakpoint: from there on the interval after `first` counts. Infinite where there is none.
+    /// Its first breakpoint: from there on the interval after `first` applies. Infinite without a breakpoint.
     pub(crate) split: f64,
-    /// The interval in which it begins.
+    /// The interval at the start of the cell.
     pub(crate) first: u32,
-    /// Further breakpoints in it.
+    /// Number of further breakpoints in it.
     pub(crate) more: u32,
 }
 
-/// Which cell a coordinate falls into.
+/// Maps a coordinate to its cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Uniform {
     low: f64,
     cells_per_unit: f64,
-    /// The last cell, counted from the first of this index.
+    /// The last cell, relative to the first of this index.
     last: f64,
-    /// [`TO_INTEGER`] and the first cell of this index among those of others.
+    /// [`TO_INTEGER`] plus the first cell of this index in the shared list.
     to_cell: f64,
 }
 
 impl Uniform {
-    /// Adds the cells of rising breakpoints, one at least; intervals are counted from `first_interval`.
+    /// Adds the cells of ascending breakpoints, at least one; intervals are counted from `first_interval`.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "breakpoints are counted in thousands"
@@ -67,19 +67,19 @@ impl Uniform {
         uniform
     }
 
-    /// The cell of a coordinate: rising with it; the first one for NaN.
+    /// The cell of a coordinate: monotonic; the first one for NaN.
     #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
     #[inline(always)]
     pub(crate) fn cell(&self, x: f64) -> usize {
         let place = (x - self.low) * self.cells_per_unit;
         let place = if place > 0.0 { place } else { 0.0 };
         let place = if place < self.last { place } else { self.last };
-        // The nearest whole number, without the branches of a cast.
+        // Rounds to the nearest whole number without the branches of a cast.
         (place + self.to_cell).to_bits() as u32 as usize
     }
 }
 
-/// Cells so narrow that none has two breakpoints, unless that would be too many.
+/// Cell width for at most one breakpoint per cell, within the maximum number of cells.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,4 +1,4 @@
-//! The compiled machine: plain data, and what it says about itself.
+//! The compiled machine: plain data, and its properties.
 
 use alloc::vec::Vec;
 
@@ -43,41 +43,40 @@ pub(crate) struct CompiledAxis {
     pub(crate) travel: [f64; 2],
     pub(crate) modulo: Option<f64>,
     pub(crate) branches: Branches,
-    /// The table for each approach. Errors are carried to the tool tip at machine zero, constant errors
-    /// are in.
+    /// The table for each approach, with errors transformed to the tool tip at machine zero and constant errors included.
     pub(crate) heads: [Head; 3],
     pub(crate) patches: Vec<CompiledPatch>,
     /// From the axis's point to the tool tip at machine zero, mm.
     pub(crate) arm_mm: Vector3<f64>,
-    /// Whether the errors stand on the tool side of the joint.
+    /// True if the errors are on the tool side of the joint.
     pub(crate) before_motion: bool,
     pub(crate) along: Along,
     pub(crate) bounds: Bounds,
     pub(crate) thermal: Thermal,
 }
 
-/// The thermal part of the error motions of an axis, as it is now.
+/// The current thermal part of the error motions of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Thermal {
-    /// Carried to the tool tip at machine zero: mm, rad.
+    /// Transformed to the tool tip at machine zero: mm, rad.
     pub(crate) at_tip: [f64; LANES],
-    /// Displacement for each mm of the coordinate.
+    /// Displacement per mm of the coordinate.
     pub(crate) slope_mm: [f64; 3],
 }
 
-/// Where the curve of one component is defined.
+/// The range over which the curve of one component is defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range {
     pub(crate) axis: usize,
     pub(crate) component: Component,
-    /// The axis whose coordinate counts, and its range in mm or deg.
+    /// The axis whose coordinate is checked, and its range in mm or deg.
     pub(crate) looked_at: usize,
     pub(crate) domain: [f64; 2],
 }
 
-/// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to
-/// first order without allocation, lock or panic. Thermal terms are in as they stood when it was made, or
-/// as [`set_thermal_offset`](Self::set_thermal_offset) said last.
+/// A machine whose curves are piecewise cubics and whose constants are folded: plain data, evaluated to first order without allocation,
+/// lock or panic. Thermal terms are those at the time of compilation, or of the last call of
+/// [`set_thermal_offset`](Self::set_thermal_offset).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompiledMachine {
     pub(crate) chain: Chain,
@@ -88,20 +87,19 @@ pub struct CompiledMachine {
     pub(crate) tables: Tables,
     pub(crate) ranges: Vec<Range>,
     pub(crate) folded: Folded,
-    /// Whether something is left at the workpiece end.
+    /// True if a constant error is left at the workpiece end.
     pub(crate) at_workpiece: bool,
-    /// Whether an axis has errors besides its table, over two coordinates or of temperature, or something is left
-    /// between two axes.
+    /// True if an axis has errors outside its table, over two coordinates or thermal, or a constant error is left between two axes.
     pub(crate) patched: bool,
-    /// Three linear axes and nothing besides their tables.
+    /// True for three linear axes without errors outside their tables.
     pub(crate) three_slides: bool,
-    /// The axes that may move, each once, and those of them that corrections move.
+    /// The axes that may move, without duplicates, and those of them that corrections move.
     pub(crate) may_move: ArrayVec<AxisName, MAX_AXES>,
     pub(crate) correctors: Correctors,
 }
 
 impl CompiledMachine {
-    /// How its errors are summed.
+    /// Selects the evaluation path.
     pub(crate) fn choose_path(&mut self) {
         let plain =
             |axis: &CompiledAxis| axis.patches.is_empty() && axis.thermal == Thermal::default();
@@ -112,9 +110,9 @@ impl CompiledMachine {
         self.three_slides = self.axes.len() == 3 && self.axes.iter().all(slides) && !self.patched;
     }
 
-    /// Sets the thermal part of the error motions of the axis at `index` (its place in the chain): `offset` (mm,
-    /// rad) at the axis's point, and `slope_mm` for each mm of a linear axis's coordinate. It replaces the thermal
-    /// part before; an index without an axis changes nothing. Allocates nothing. Blobs hold it.
+    /// Sets the thermal part of the error motions of the axis at `index` (its chain index): `offset` (mm, rad) at the axis's point, and
+    /// `slope_mm` per mm of a linear axis's coordinate. It replaces the previous thermal part; an index without an axis changes nothing.
+    /// Does not allocate. Included in blobs.
     pub fn set_thermal_offset(&mut self, index: usize, offset: &ErrorMotion, slope_mm: [f64; 3]) {
         let Some(axis) = self.axes.get_mut(index) else {
             return;
@@ -133,29 +131,28 @@ impl CompiledMachine {
         &self.chain
     }
 
-    /// How far its curves may be from their sources.
+    /// Maximum deviation of the compiled curves from their sources.
     pub fn tolerance(&self) -> Tolerance {
         self.tolerance
     }
 
-    /// Cubic pieces of all tables together.
+    /// Number of cubic pieces of all tables.
     pub fn pieces(&self) -> usize {
         self.tables.len()
     }
 
-    /// Bytes of all tables together.
+    /// Size of all tables, bytes.
     pub fn bytes(&self) -> usize {
         self.tables.bytes()
     }
 
-    /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad for each
-    /// mm or deg.
+    /// Bound of |dE/dq| of one error motion at the axis's point over all branches, mm or rad per mm or deg.
     pub fn slope_bound(&self, axis: AxisName, component: Component) -> f64 {
         let axis = self.axes.iter().find(|a| a.joint.name == axis);
         axis.map_or(0.0, |axis| axis.slope_bound(component))
     }
 
-    /// The error motions whose curves are evaluated outside their range at a state. Allocates nothing.
+    /// The error motions whose curves are evaluated outside their range at a state. Does not allocate.
     pub fn outside_range(&self, state: &State) -> OutsideRange<'_> {
         let mut outside = 0_u64;
         for range in &self.ranges {
@@ -173,7 +170,7 @@ impl CompiledMachine {
     }
 }
 
-/// Error motions whose curves were evaluated outside the range over which they are defined.
+/// Error motions whose curves were evaluated outside their range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutsideRange<'a> {
     names: &'a [AxisName],
@@ -182,7 +179,7 @@ pub struct OutsideRange<'a> {
 }
 
 impl OutsideRange<'_> {
-    /// Whether every curve was within its range.
+    /// True if every curve was within its range.
     pub fn is_empty(&self) -> bool {
         self.outside == 0
     }
@@ -200,7 +197,7 @@ impl OutsideRange<'_> {
 }
 
 impl CompiledAxis {
-    /// The coordinate (mm, rad) in mm or deg, brought into travel where the axis has a modulo.
+    /// Converts a coordinate (mm, rad) to mm or deg, reduced into travel by a modulo.
     #[inline(always)]
     pub(crate) fn looked_up(&self, q: f64) -> f64 {
         let coordinate = match self.joint.kind {
@@ -223,7 +220,7 @@ impl CompiledAxis {
             + libm::fabs(thermal.unwrap_or(0.0))
     }
 
-    /// Bound of displacement (mm) of the tool tip and tilt (rad) of tables and temperature.
+    /// Bound of the displacement (mm) of the tool tip and the tilt (rad) from tables and thermal terms.
     pub(crate) fn size_bounds(&self) -> [f64; 2] {
         let [low, high] = self.travel.map(libm::fabs);
         let slope = Vector3::from(self.thermal.slope_mm).norm() * low.max(high);

@@ -1,4 +1,4 @@
-//! A bound of what a correction of one step neglects, for many corrections of one machine.
+//! Bound of the residual of first-order corrections, for many corrections of one machine.
 
 use arrayvec::ArrayVec;
 
@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, Component, MAX_AXES, PerAxis};
 
 use crate::machine::CompiledMachine;
 
-/// What bounds the position error that corrections of one step leave, whatever their size: made once, and asked for each correction.
+/// Precomputed bound of the position error that first-order corrections of any size leave.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neglected {
     axes: ArrayVec<Share, MAX_AXES>,
@@ -14,18 +14,18 @@ pub struct Neglected {
     reach_mm: f64,
 }
 
-/// What one axis adds.
+/// Contribution of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Share {
     is_rotary: bool,
-    /// The most by which the position error changes for each mm or rad of the axis.
+    /// Maximum change of the position error per mm or rad of the axis.
     slope_mm: f64,
-    /// The largest displacement of its errors.
+    /// Maximum displacement from its errors, mm.
     linear_mm: f64,
 }
 
 impl CompiledMachine {
-    /// What bounds the position error that corrections of one step leave, with the thermal terms as they stand now.
+    /// Precomputes the bound for the current thermal terms.
     pub fn neglected(&self) -> Neglected {
         let reach_mm = self.reach_mm();
         let mut tilts = 0.0;
@@ -64,8 +64,8 @@ impl CompiledMachine {
 }
 
 impl Neglected {
-    /// A bound (mm) of the position error that a correction of one step of this size leaves: the errors change on the way, and tilts
-    /// have a second order.
+    /// A bound (mm) of the position error that a first-order correction of this size leaves: the errors change over the correction, and
+    /// tilts have a second-order part.
     pub fn mm(&self, delta: &PerAxis<f64>) -> f64 {
         let (mut bound, mut turned) = (0.0, 0.0);
         for (axis, delta) in self.axes.iter().zip(delta) {
@@ -79,8 +79,8 @@ impl Neglected {
         bound + (self.tilts + turned) * (self.tilts + turned) * self.reach_mm
     }
 
-    /// The same bound where a correction `first` was made anew with the errors of the place to which it leads, which gave
-    /// `second`: the errors change by what lies between the two, and the first itself counts by its second order only.
+    /// The same bound if a correction `first` was recomputed with the errors at its target, which gave `second`: the errors change only by
+    /// the difference of the two, and `first` itself contributes to second order only.
     pub fn there_mm(&self, first: &PerAxis<f64>, second: &PerAxis<f64>) -> f64 {
         let mut between = *second;
         let (mut turned, mut moved_mm) = (0.0, 0.0);

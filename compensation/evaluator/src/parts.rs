@@ -1,4 +1,4 @@
-//! The parts of a machine to be compiled: a builder that checks each part as it is added, by name.
+//! Builder of a machine to be compiled; checks each part by name as it is added.
 
 use alloc::{boxed::Box, vec::Vec};
 
@@ -9,12 +9,12 @@ use volcomp_vocabulary::{
 
 use crate::{EvaluatorError, error::no_axis, patch::Patch};
 
-/// How far a compiled curve may be from its source.
+/// Maximum deviation of a compiled curve from its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// Largest deviation of displacements, mm.
+    /// Maximum deviation of displacements, mm.
     pub linear_mm: f64,
-    /// Largest deviation of rotations, rad.
+    /// Maximum deviation of rotations, rad.
     pub angular_rad: f64,
 }
 
@@ -26,7 +26,7 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// The same number of nm for displacements and of nrad for rotations.
+    /// The same value in nm for displacements and in nrad for rotations.
     pub fn from_nm(nm: f64) -> Self {
         Self {
             linear_mm: nm * 1e-6,
@@ -43,20 +43,19 @@ impl Tolerance {
     }
 }
 
-/// The six error motions of an axis as its curves give them: mm and rad at a coordinate in mm or deg, for a
-/// direction of the last travel (`None`: not known).
+/// The six error motions of an axis: mm and rad at a coordinate in mm or deg, for the direction of the last travel (`None`: unknown).
 pub type RawCurve<'a> = dyn Fn(f64, Option<Direction>) -> ErrorMotion + 'a;
 
 /// Whether an axis has different errors in its two directions of travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Branches {
-    /// The same in both.
+    /// The same in both directions.
     One,
-    /// Forward, backward, and their mean where the direction is not known.
+    /// Forward, backward, and their mean for an unknown direction.
     Three,
 }
 
-/// The place of a branch among those of [`Branches::Three`]: forward, backward, mean.
+/// Index of a branch in [`Branches::Three`]: forward, backward, mean.
 #[inline(always)]
 pub(crate) fn branch_index(approach: Option<Direction>) -> usize {
     match approach {
@@ -66,7 +65,7 @@ pub(crate) fn branch_index(approach: Option<Direction>) -> usize {
     }
 }
 
-/// Where the curve of one component is defined.
+/// The range over which the curve of one component is defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StatedRange {
     pub(crate) component: Component,
@@ -97,9 +96,9 @@ pub struct AxisParts<'a> {
 }
 
 impl<'a> AxisParts<'a> {
-    /// An axis with this travel and these error motions (mm, rad) at a coordinate in mm or deg, the same in both
-    /// directions. They are compiled over the whole travel, where they must be finite, and held at its ends beyond;
-    /// where a derivative jumps, [`breakpoints`](Self::breakpoints) must say so.
+    /// An axis with this travel and these error motions (mm, rad) at a coordinate in mm or deg, the same in both directions. They are
+    /// compiled over the whole travel, where they must be finite, and held at the end values beyond it; jumps of a derivative must be
+    /// declared with [`breakpoints`](Self::breakpoints).
     pub fn new(
         travel: [Displacement; 2],
         errors: impl Fn(f64, Option<Direction>) -> ErrorMotion + 'a,
@@ -121,16 +120,15 @@ impl<'a> AxisParts<'a> {
         Self::new(travel, |_, _| ErrorMotion::ZERO)
     }
 
-    /// The errors differ in the two directions of travel: they are asked for forward, backward, and, for a direction
-    /// that is not known, for their mean.
+    /// The errors differ in the two directions of travel: they are evaluated forward, backward, and, for an unknown direction, for the mean.
     #[must_use]
     pub fn bidirectional(mut self) -> Self {
         self.branches = Branches::Three;
         self
     }
 
-    /// Coordinates (mm or deg) at which a derivative of a component may jump, in any order, besides the ends of the
-    /// travel. Where some lie outside the travel, the errors are compiled as far as the first and the last of them.
+    /// Coordinates (mm or deg) at which a derivative of a component may jump, in any order, in addition to the ends of travel. Breakpoints
+    /// outside the travel extend the compiled range.
     #[must_use]
     pub fn breakpoints(
         mut self,
@@ -141,30 +139,29 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// An additional slope of the displacements, mm for each mm or deg of the coordinate, also outside the
-    /// breakpoints: thermal expansion.
+    /// An additional slope of the displacements, mm per mm or deg of the coordinate, that continues beyond the breakpoints: thermal expansion.
     #[must_use]
     pub fn slope_mm(mut self, slope_mm: [f64; 3]) -> Self {
         self.slope_mm = slope_mm;
         self
     }
 
-    /// Period that brings a rotary coordinate into travel before its curves are looked up.
+    /// Modulo of a rotary axis: coordinates are reduced by this period into the travel before curves are evaluated.
     #[must_use]
     pub fn modulo(mut self, period: Deg) -> Self {
         self.modulo = Some(period);
         self
     }
 
-    /// An error over two coordinates, added to those of its own coordinate.
+    /// Adds an error over two coordinates.
     #[must_use]
     pub fn patch(mut self, patch: Patch) -> Self {
         self.patches.push(patch);
         self
     }
 
-    /// The range (mm or deg of the axis looked at) over which the curve of a component is defined; a state outside
-    /// is told by [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
+    /// The range (mm or deg of `looked_at`) over which the curve of a component is defined; states outside are reported by
+    /// [`CompiledMachine::outside_range`](crate::CompiledMachine::outside_range).
     #[must_use]
     pub fn range(mut self, component: Component, looked_at: AxisName, domain: [f64; 2]) -> Self {
         self.ranges.push(StatedRange {
@@ -234,7 +231,7 @@ impl<'a> AxisParts<'a> {
     }
 }
 
-/// A machine to be compiled: every axis of the chain once, and its constant errors, each by name.
+/// A machine to be compiled: every axis of the chain, and its constant errors, by name.
 pub struct MachineParts<'a> {
     pub(crate) chain: Chain,
     pub(crate) axes: [Option<AxisParts<'a>>; MAX_AXES],
@@ -243,7 +240,7 @@ pub struct MachineParts<'a> {
 }
 
 impl<'a> MachineParts<'a> {
-    /// A machine whose axes are to be added; the chain with its tool is mm and rad.
+    /// A machine without axes yet; the chain with its tool is in mm and rad.
     pub fn new(chain: &Chain) -> Self {
         Self {
             chain: chain.clone(),
@@ -261,13 +258,12 @@ impl<'a> MachineParts<'a> {
     /// Adds one axis.
     ///
     /// # Errors
-    /// An axis that the chain does not have or that was added before, numbers that are not finite, a travel of the
-    /// wrong kind or the wrong way round, an error over two coordinates whose nodes do not rise or whose values are
-    /// not as many as its nodes.
+    /// An axis that the chain does not have or that was already added, numbers that are not finite, a travel of the wrong kind or with its
+    /// ends reversed, an error over two coordinates with nodes that do not ascend or with a wrong number of values.
     pub fn axis(mut self, axis: AxisName, parts: AxisParts<'a>) -> Result<Self, EvaluatorError> {
         let index = self.place(axis)?;
         parts.check(&self.chain, axis)?;
-        // A place in the chain is below MAX_AXES.
+        // A chain index is below MAX_AXES.
         if self.axes[index].replace(parts).is_some() {
             return Err(EvaluatorError::Axis {
                 axis,

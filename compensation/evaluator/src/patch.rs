@@ -12,19 +12,18 @@ use crate::{
     index::{Cell, Uniform},
 };
 
-/// One component of an axis over two coordinates, bilinear between nodes, held outside.
+/// One component of an axis over two coordinates: bilinear between nodes, constant outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
-    /// Which component of the axis it belongs to.
+    /// The component of the axis.
     pub component: Component,
-    /// With which weight it counts after forward travel, after backward travel, and where the direction is not known.
+    /// Weights for forward travel, backward travel, and an unknown direction.
     pub weights: [f64; 3],
     /// The two axes whose coordinates it depends on.
     pub axes: [AxisName; 2],
-    /// Nodes along each of them, rising, mm or deg; at least one.
+    /// Nodes along each of them, ascending, mm or deg; at least one.
     pub nodes: [Vec<f64>; 2],
-    /// The values at all nodes of the second axis for the first node of the first axis, then for its second, and so
-    /// on; mm or rad.
+    /// The values, mm or rad, at all nodes of the second axis for the first node of the first axis, then for its second, and so on.
     pub values: Vec<f64>,
 }
 
@@ -32,22 +31,22 @@ pub struct Patch {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CompiledPatch {
     pub(crate) patch: Patch,
-    /// The places in the chain of the two axes.
+    /// The chain indices of the two axes.
     pub(crate) looked_at: [usize; 2],
     places: [Places; 2],
 }
 
-/// From a coordinate to the segment of nodes.
+/// Maps a coordinate to its segment of nodes.
 #[derive(Clone, Debug, PartialEq)]
 struct Places {
     index: Uniform,
     cells: Vec<Cell>,
-    /// Start of each segment and one over its length.
+    /// Start of each segment and the inverse of its length.
     segments: Vec<[f64; 2]>,
 }
 
 impl CompiledPatch {
-    /// A patch that was checked, and the places in the chain of its axes.
+    /// `patch` must be checked; `looked_at` are the chain indices of its axes.
     pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
         Self {
             looked_at,
@@ -80,7 +79,7 @@ impl CompiledPatch {
 }
 
 impl CompiledPatch {
-    /// A patch that was checked against the chain.
+    /// Checks a patch against the chain.
     pub(crate) fn of(patch: Patch, chain: &Chain) -> Result<Self, EvaluatorError> {
         let [first, second] = patch.axes;
         let place = |axis: AxisName| {
@@ -92,7 +91,7 @@ impl CompiledPatch {
 }
 
 impl Places {
-    /// Over rising nodes, one at least.
+    /// `nodes` are ascending, at least one.
     fn new(nodes: &[f64]) -> Self {
         let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
         let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();
@@ -100,7 +99,7 @@ impl Places {
             segments.push([nodes[0], 0.0]);
         }
         let mut cells = Vec::new();
-        // The nodes between segments; where there is none, one that changes nothing.
+        // Breakpoints of the index are the nodes between segments; without any, a dummy that changes nothing.
         let inner = nodes
             .get(1..nodes.len() - 1)
             .filter(|inner| !inner.is_empty());
@@ -112,7 +111,7 @@ impl Places {
         }
     }
 
-    /// The segment of a coordinate and the part of it passed, 0 to 1; NaN stays NaN.
+    /// The segment of a coordinate and the position in it, 0 to 1; NaN stays NaN.
     fn place(&self, x: f64) -> (usize, f64) {
         let cell = &self.cells[self.index.cell(x)];
         let mut place = cell.first as usize + usize::from(x >= cell.split);
@@ -132,7 +131,7 @@ impl Places {
 }
 
 impl Patch {
-    /// Checks all numbers; the error says what was expected of the first one that makes no sense.
+    /// Checks all numbers; the error states what was expected of the first invalid one.
     pub(crate) fn check(&self) -> Result<(), &'static str> {
         let rises = |nodes: &[f64]| {
             nodes.iter().all(|node| node.is_finite())

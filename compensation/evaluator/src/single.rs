@@ -1,4 +1,4 @@
-//! One pose: in registers as wide as the processor has, or, without the standard library, as the compiler has them.
+//! Evaluation of one pose: with the widest registers of the processor, or, without the standard library, those of the compilation target.
 
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};
@@ -22,13 +22,13 @@ impl CompiledMachine {
         self.evaluate_with(state, Baseline)
     }
 
-    /// The correction of one step, of the axes that [`correctors`](Self::correctors) names: rotary axes on the tool
-    /// axis with the least norm, then linear axes on position.
+    /// The first-order correction by the axes of [`correctors`](Self::correctors): rotary axes on the tool axis with least norm, then
+    /// linear axes on position.
     pub fn first_order(&self, state: &State) -> FirstOrder {
         self.first_order_of(state, &self.correctors)
     }
 
-    /// The same for other axes: what a controller that writes only some axes of the machine is to be sent.
+    /// The first-order correction by other axes: for a controller to which only some axes of the machine can be written.
     pub fn first_order_of(&self, state: &State, correctors: &Correctors) -> FirstOrder {
         #[cfg(feature = "std")]
         return one_correction(self, state, correctors);
@@ -36,8 +36,8 @@ impl CompiledMachine {
         self.first_order_with::<true>(state, correctors, Baseline)
     }
 
-    /// The same correction in parts: what a correction needs whose rotary shares are limited, ramped or rounded on the
-    /// way to the controller, so that its linear shares are those of the rotary shares that are really written.
+    /// The first-order correction in parts: for a correction whose rotary shares are limited, ramped or rounded before they reach the
+    /// controller, so that the linear shares match the rotary shares actually written.
     pub fn parts_of(&self, state: &State, correctors: &Correctors) -> CorrectionParts {
         #[cfg(feature = "std")]
         return one_in_parts(self, state, correctors);
@@ -46,7 +46,7 @@ impl CompiledMachine {
     }
 }
 
-/// One pose in registers as wide as the processor has.
+/// Evaluates one pose with the widest registers of the processor.
 #[cfg(feature = "std")]
 fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
     struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
@@ -78,7 +78,7 @@ fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
     }
 }
 
-/// The correction of one pose, the same way.
+/// The first-order correction of one pose, with the widest registers.
 #[cfg(feature = "std")]
 fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correctors) -> FirstOrder {
     struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State, &'a Correctors);
@@ -98,7 +98,7 @@ fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correct
     }
 }
 
-/// The parts of the correction of one pose, the same way.
+/// The parts of the correction of one pose, with the widest registers.
 #[cfg(feature = "std")]
 fn one_in_parts(
     machine: &CompiledMachine,

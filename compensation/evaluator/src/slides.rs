@@ -1,4 +1,4 @@
-//! The correction of machines without rotary axes: the directions of their axes never turn.
+//! Correction of machines without rotary axes, whose axis directions are constant.
 
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};
@@ -15,7 +15,7 @@ use crate::{
     table::Registers,
 };
 
-/// How the linear axes correct a position error, wherever they are.
+/// Precomputed correction of a position error by the linear axes, valid at every pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slides {
     correctors: Correctors,
@@ -23,7 +23,7 @@ pub struct Slides {
 }
 
 impl CompiledMachine {
-    /// For the axes that its corrections move; `None` where an axis turns.
+    /// For the correcting axes of the machine; `None` if it has a rotary axis.
     pub fn slides(&self) -> Option<Slides> {
         let mut axes = self.axes.iter();
         if axes.any(|axis| axis.joint.kind == AxisKind::Rotary) {
@@ -41,8 +41,8 @@ impl CompiledMachine {
 }
 
 impl Slides {
-    /// The correction of a state by the errors of the place to which the correction of one step leads: mm in chain order.
-    /// Where it is less than half of that step the errors are none of a machine, and the step itself is given.
+    /// The correction of a state recomputed with the errors at the target of the first-order correction: mm in chain order. If it is less
+    /// than half of the first step, the errors are unrealistic, and the first step is returned.
     pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
         #[cfg(feature = "std")]
         return two_steps(machine, state, self);
@@ -63,7 +63,7 @@ impl Slides {
             *q += delta;
         }
         let second = self.delta(&machine.evaluate_with(&there, registers));
-        // With errors that grow as fast as their coordinate the second step swings back to almost nothing.
+        // With errors that grow as fast as their coordinate, the second step swings back to almost nothing.
         let size =
             |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));
         if size(&second) < 0.5 * size(&first) {
@@ -73,7 +73,7 @@ impl Slides {
         }
     }
 
-    /// The correction of an error: that of [`CompiledMachine::first_order`], mm in chain order.
+    /// The correction of an error, as in [`CompiledMachine::first_order`]: mm in chain order.
     #[inline(always)]
     pub fn delta(&self, error: &Evaluation) -> PerAxis<f64> {
         let mut delta = PerAxis::ZERO;
@@ -83,7 +83,7 @@ impl Slides {
     }
 }
 
-/// The correction of one pose in registers as wide as the processor has.
+/// The correction of one pose with the widest registers of the processor.
 #[cfg(feature = "std")]
 fn two_steps(machine: &CompiledMachine, state: &State, slides: &Slides) -> PerAxis<f64> {
     struct Two<'a>(&'a CompiledMachine, &'a State, &'a Slides);

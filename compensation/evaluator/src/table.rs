@@ -6,15 +6,15 @@ use volcomp_kinematics::nalgebra::Vector3;
 
 use crate::index::{Cell, Uniform};
 
-/// Components of a twist: three translations, three rotations.
+/// Number of components of a twist: three translations, three rotations.
 pub(crate) const LANES: usize = 6;
-/// Lanes of a vector register that the components fill up to.
+/// Number of lanes of a vector register to which the components are padded.
 pub(crate) const WIDE: usize = 8;
-/// Pieces that 1 MiB holds.
+/// Maximum number of pieces of a table, 1 MiB.
 pub(crate) const MAX_PIECES: usize = (1 << 20) / size_of::<Piece>();
 
-/// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line, components side by
-/// side. The two lanes that are left hold the start and the end of the interval in the first row.
+/// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line with the components side by side. The two spare lanes of
+/// the first row hold the start and the end of the interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub(crate) struct Piece {
@@ -22,7 +22,7 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    /// A piece from its powers of the distance from `start`; `end` is where the next one begins.
+    /// A piece from its coefficients of powers of the distance from `start`; `end` is the start of the next one.
     pub(crate) fn new(start: f64, end: f64, powers: [[f64; LANES]; 4]) -> Self {
         let mut rows = [[0.0; WIDE]; 4];
         for (row, power) in rows.iter_mut().zip(powers) {
@@ -33,7 +33,7 @@ impl Piece {
         Self { rows }
     }
 
-    /// The same value at every coordinate on one side of `x`.
+    /// A constant piece on one side of `x`.
     pub(crate) fn held(x: f64, value: [f64; LANES]) -> Self {
         let nothing = [0.0; LANES];
         Self::new(x, x, [value, nothing, nothing, nothing])
@@ -52,7 +52,7 @@ impl Piece {
         core::array::from_fn(|lane| self.rows[power][lane])
     }
 
-    /// Adds `slope_mm` to the displacements for each unit of the coordinate.
+    /// Adds `slope_mm` per unit of the coordinate to the displacements.
     pub(crate) fn add_slope(&mut self, slope_mm: &Vector3<f64>) {
         let start = self.start();
         for lane in 0..3 {
@@ -62,7 +62,7 @@ impl Piece {
     }
 }
 
-/// One table among [`Tables`].
+/// Header of one table in [`Tables`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Head {
     index: Uniform,
@@ -70,27 +70,26 @@ pub(crate) struct Head {
     pieces: u32,
 }
 
-/// All tables of a machine: pieces and the uniform indices that lead to them. The first and the last
-/// piece of a table reach to infinity.
+/// All tables of a machine: pieces and the uniform indices over them. The first and the last piece of a table extend to infinity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Tables {
     cells: Vec<Cell>,
     pieces: Vec<Piece>,
 }
 
-/// How numbers are computed.
+/// Arithmetic for one register width.
 pub(crate) trait Registers: Copy {
-    /// All components of a table at `x`; the two lanes behind them mean nothing.
+    /// All components of a table at `x`; the two padding lanes are undefined.
     fn value(self, tables: &Tables, head: &Head, x: f64) -> [f64; WIDE];
 
-    /// The sum of all components.
+    /// The component-wise sum.
     fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE];
 
-    /// `a`·`b` + `c`, in one rounding where that is quick.
+    /// `a`·`b` + `c`, fused if the processor does it fast.
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
 
-/// The instructions that every processor of the target has.
+/// The instructions that every processor of the target supports.
 #[derive(Clone, Copy)]
 pub(crate) struct Baseline;
 
@@ -113,7 +112,7 @@ impl Registers for Baseline {
     }
 }
 
-/// Registers as wide as this processor has.
+/// The widest registers of this processor.
 #[cfg(feature = "std")]
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S>(pub(crate) S);
@@ -149,7 +148,7 @@ impl<S: pulp::Simd> Registers for Wide<S> {
 
     #[inline(always)]
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64 {
-        // Every x86 with four lanes has fused products; without them this would be a call.
+        // Every x86 with four lanes has fused products; without them mul_add would be a function call.
         if cfg!(any(target_arch = "x86_64", target_arch = "x86")) && S::F64_LANES >= 4 {
             a.mul_add(b, c)
         } else {
@@ -159,8 +158,8 @@ impl<S: pulp::Simd> Registers for Wide<S> {
 }
 
 impl Tables {
-    /// Adds a table from its pieces, each beginning where the one before ends; the first and the last
-    /// are points from which they reach to infinity. Two at least.
+    /// Adds a table from its pieces, at least two, each beginning where the previous one ends; the first and the last are points from which
+    /// they extend to infinity.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "4096 pieces a table at most"
@@ -180,12 +179,12 @@ impl Tables {
         &self.pieces[head.from_piece as usize..][..head.pieces as usize]
     }
 
-    /// Cubic pieces of all tables.
+    /// Number of cubic pieces of all tables.
     pub(crate) fn len(&self) -> usize {
         self.pieces.len()
     }
 
-    /// Bytes of all tables.
+    /// Size of all tables, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.pieces[..]) + size_of_val(&self.cells[..])
     }
@@ -203,7 +202,7 @@ impl Tables {
     }
 }
 
-/// Bounds of the displacement and tilt that a table can give to an axis.
+/// Bounds of the displacement and tilt from the table of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Bounds {
     /// The largest |slope| of each component at the axis's point.
@@ -214,7 +213,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// Over `pieces`, displacements carried back from the end of `arm_mm`, and without `slide`.
+    /// Bounds over `pieces`, with displacements transformed back from the end of `arm_mm` and without `slide`.
     pub(crate) fn of<'a>(
         pieces: impl Iterator<Item = &'a Piece>,
         arm_mm: &Vector3<f64>,
@@ -250,7 +249,7 @@ impl Bounds {
         }
     }
 
-    /// The sum of the sizes of the powers at the end of the piece.
+    /// Adds the absolute values of the power terms at the end of the piece.
     fn take_sizes(&mut self, piece: &Piece) {
         let length = piece.end() - piece.start();
         let sizes: [f64; LANES] = core::array::from_fn(|lane| {

@@ -1,4 +1,4 @@
-//! The errors of one axis besides its table, and all of them as an error source.
+//! The errors of one axis outside its table, and the compiled machine as an error source.
 
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State, nalgebra::Vector3};
 
@@ -9,7 +9,7 @@ use crate::{
 };
 
 impl CompiledMachine {
-    /// Errors over two coordinates and of temperature, carried to the tool tip like those of the tables.
+    /// Adds errors over two coordinates and thermal errors, transformed to the tool tip like those of the tables.
     pub(crate) fn add_patches(&self, twist: &mut [f64; WIDE], index: usize, state: &State) {
         let axis = &self.axes[index];
         let Thermal {

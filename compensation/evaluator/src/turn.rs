@@ -4,7 +4,7 @@ use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
 use crate::table::Registers;
 
-/// The direction of an axis; along a letter a rotation leaves one component alone.
+/// The direction of an axis; a rotation about a letter's direction leaves one component unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Along {
     X(f64),
@@ -39,8 +39,8 @@ impl Turn {
         Self { along, sin, cos }
     }
 
-    /// About a letter two components turn in their plane; else Rodrigues' formula. Several at once: the
-    /// direction is asked for once.
+    /// Rotates vectors: about a letter's direction two components rotate in their plane, otherwise Rodrigues' formula. Takes several
+    /// vectors so that the direction is dispatched once.
     #[inline(always)]
     pub(crate) fn apply<const N: usize>(
         &self,
@@ -77,7 +77,7 @@ impl Turn {
         vectors
     }
 
-    /// The turn as a rotation matrix.
+    /// The rotation matrix.
     #[inline(always)]
     pub(crate) fn matrix(&self, registers: impl Registers) -> Matrix3<f64> {
         let unit = [Vector3::x(), Vector3::y(), Vector3::z()];
@@ -85,7 +85,7 @@ impl Turn {
     }
 }
 
-/// A vector of a plane, turned from its first axis to its second.
+/// Rotates a vector of a plane from its first axis towards its second.
 #[inline(always)]
 fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f64, f64) {
     (
@@ -94,19 +94,19 @@ fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f
     )
 }
 
-/// Turns up to which the reduction below is good to the last digits.
+/// Maximum angle for which the reduction below is accurate to the last digits.
 const REDUCED_BELOW_RAD: f64 = 1e5;
-/// Adding and taking it away rounds to a whole number.
+/// Adding and subtracting this rounds to a whole number.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// π/2 in two parts: 33 bits, whose product with a count of quarter turns is exact, and the rest.
+/// π/2 in two parts: 33 bits, whose product with a number of quarter turns is exact, and the remainder.
 const QUARTER: f64 = 1.570_796_326_734_125_6;
 const QUARTER_REST: f64 = 6.077_100_506_506_192e-11;
 
-/// Sine and cosine without a call or a branch for angles that an axis has, elsewhere those of `libm`:
-/// quarter turns taken off, then the minimax polynomials of Sun's fdlibm (k_sin.c, k_cos.c) over ±π/4.
+/// Sine and cosine without calls or branches for the usual angles of an axis, otherwise those of `libm`: reduced by quarter turns, then the
+/// minimax polynomials of Sun's fdlibm (k_sin.c, k_cos.c) over ±π/4.
 #[inline(always)]
 pub(crate) fn sin_cos<R: Registers>(registers: R, q_rad: f64) -> (f64, f64) {
-    // NaN too goes the long way.
+    // NaN takes the slow path, too.
     if q_rad.abs() >= REDUCED_BELOW_RAD || q_rad.is_nan() {
         return libm::sincos(q_rad);
     }

@@ -1,4 +1,4 @@
-//! From the tool to the workpiece: every axis adds its errors where the tip stands by then, and moves it.
+//! The walk from the tool to the workpiece: every axis adds its errors at the current position of the tip, and moves it.
 
 use volcomp_kinematics::{ErrorMotion, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction};
@@ -10,20 +10,18 @@ use crate::{
     turn::Turn,
 };
 
-/// Receives, for each rotary axis that is passed, its turn and the place of the tip from the axis's point.
-/// the axis's point.
+/// Receives, for each rotary axis passed, its rotation and the position of the tip relative to the axis's point.
 pub(crate) trait Turns {
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>);
 }
 
-/// Used where no correction is computed: the turns are not needed.
+/// For evaluations without a correction, which do not need the rotations.
 impl Turns for () {
     #[inline(always)]
     fn turned(&mut self, _: usize, _: Turn, _: Vector3<f64>) {}
 }
 
-/// The tip on its way: how far it is from where it stands at machine zero, the errors so far, and the
-/// displacement that tilts gave it.
+/// The tip during the walk: its offset from its position at machine zero, the errors so far, and the displacement from tilts.
 struct Tip<R> {
     registers: R,
     from_zero: Vector3<f64>,
@@ -42,14 +40,14 @@ impl<R: Registers> Tip<R> {
         }
     }
 
-    /// A motion stated at the tip at machine zero.
+    /// Adds a motion stated at the tip at machine zero.
     #[inline(always)]
     fn add(&mut self, error: &[f64; WIDE]) {
         self.errors = self.registers.sum(&self.errors, error);
         self.carry(error);
     }
 
-    /// The displacement that a tilt gives to the tip where that is away from its place at machine zero.
+    /// Adds the displacement that a tilt causes at the tip because of its offset from its position at machine zero.
     #[inline(always)]
     fn carry(&mut self, &[_, _, _, a, b, c, ..]: &[f64; WIDE]) {
         let (p, linear, r) = (self.from_zero, &mut self.carried, self.registers);
@@ -58,7 +56,7 @@ impl<R: Registers> Tip<R> {
         linear.z = r.mul_add(a, p.y, r.mul_add(-b, p.x, linear.z));
     }
 
-    /// Along a linear axis.
+    /// Passes a linear axis.
     #[inline(always)]
     fn slide(&mut self, direction: &Vector3<f64>, q_mm: f64) {
         let (p, r) = (&mut self.from_zero, self.registers);
@@ -67,8 +65,7 @@ impl<R: Registers> Tip<R> {
         p.z = r.mul_add(direction.z, q_mm, p.z);
     }
 
-    /// About a rotary axis; `arm_mm` leads from its point to the tip at machine zero. Returns the turned
-    /// lever.
+    /// Passes a rotary axis; `arm_mm` leads from its point to the tip at machine zero. Returns the rotated lever.
     #[inline(always)]
     fn turn(&mut self, turn: &Turn, arm_mm: &Vector3<f64>) -> Vector3<f64> {
         let [linear, angular] = self.motion();
@@ -96,7 +93,7 @@ fn as_lanes(motion: &ErrorMotion) -> [f64; WIDE] {
 }
 
 impl CompiledMachine {
-    /// The error of any chain, three slides on their own path.
+    /// The error of any chain; three linear axes have their own path.
     #[inline(always)]
     pub(crate) fn evaluate_with(&self, state: &State, registers: impl Registers) -> Evaluation {
         if let (true, [a, b, c]) = (self.three_slides, &self.axes[..]) {
@@ -106,7 +103,7 @@ impl CompiledMachine {
         self.walk::<true>(state, registers, &mut ())
     }
 
-    /// The error of any chain; `PATCHED` where an axis has errors besides its table, or something is left between two axes.
+    /// The error of any chain; `PATCHED` if an axis has errors outside its table, or a constant error is left between two axes.
     #[inline(always)]
     pub(crate) fn walk<const PATCHED: bool>(
         &self,
@@ -146,7 +143,7 @@ impl CompiledMachine {
         tip.into()
     }
 
-    /// The error of three slides: all tables before any sum, so that nothing waits for anything.
+    /// The error of three linear axes: all tables are evaluated before any sum, so that no operation waits for another.
     #[inline(always)]
     pub(crate) fn three_slides(
         &self,
@@ -155,7 +152,7 @@ impl CompiledMachine {
         q_mm: [f64; 3],
         registers: impl Registers,
     ) -> Evaluation {
-        // No closure: one that is not inlined is not compiled for wide registers.
+        // No closure: if it is not inlined, it is not compiled for wide registers.
         let heads = [
             &axes[0].heads[branch_index(approach[0])],
             &axes[1].heads[branch_index(approach[1])],
@@ -167,7 +164,7 @@ impl CompiledMachine {
             registers.value(&self.tables, heads[2], q_mm[2]),
         ];
         let sum = registers.sum(&registers.sum(&errors[0], &errors[1]), &errors[2]);
-        // Linear joints leave nothing at the tool end, and before the last of them no tilt has a lever.
+        // Linear joints leave no constant error at the tool end, and before the last of them a tilt has no lever.
         let mut tip = Tip::new(registers, &ErrorMotion::ZERO);
         let mut levered = false;
         for ((axis, &q), error) in axes.iter().zip(&q_mm).zip(&errors).rev() {

@@ -1,9 +1,9 @@
-//! An axis as a machine file states it.
+//! Axes of a machine file.
 
 use volcomp_kinematics::MotionFrame;
 use volcomp_vocabulary::{AxisName, brought_into, is_within};
 
-/// One axis as the machine file states it.
+/// One axis as defined in the machine file.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
@@ -11,21 +11,21 @@ pub struct Axis {
     pub name: AxisName,
     /// Lower and upper end of travel, mm (linear) or deg (rotary).
     pub travel: [f64; 2],
-    /// Period that brings a rotary coordinate into travel before curves are looked up, deg.
+    /// Modulo of a rotary axis, deg: coordinates are reduced by this period into the travel before curves are evaluated.
     pub modulo: Option<f64>,
-    /// Direction of positive motion of the tool relative to the workpiece, in the machine coordinate system at machine
-    /// zero, of any length; `None`: the direction of the letter.
+    /// Direction of positive motion of the tool relative to the workpiece, in the machine coordinate system at machine zero; not
+    /// necessarily a unit vector. `None`: the direction of the letter.
     pub direction: Option<[f64; 3]>,
-    /// A point on the axis line (rotary), or the point of the carriage at which its errors are stated (linear), mm in the
-    /// machine coordinate system at machine zero; `None`: the origin.
+    /// A point on the axis line (rotary), or the point of the carriage at which its errors are stated (linear), mm in the machine
+    /// coordinate system at machine zero; `None`: the origin.
     pub point_mm: Option<[f64; 3]>,
-    /// The frame in which the error motions of a rotary axis stay; that which does not turn for a linear axis, whose
-    /// error motions ride with its carriage.
+    /// The frame in which the error motions of a rotary axis are stated. Linear axes use the non-rotating frame: their error motions move
+    /// with the carriage.
     pub motion_frame: MotionFrame,
 }
 
 impl Axis {
-    /// The coordinate at which curves are looked up: brought into travel by `modulo`.
+    /// The coordinate at which curves are evaluated: reduced into travel by `modulo`.
     pub(crate) fn looked_up(&self, coordinate: f64) -> f64 {
         match self.modulo {
             Some(period) => brought_into(self.travel, period, coordinate),
@@ -33,10 +33,10 @@ impl Axis {
         }
     }
 
-    /// The travel in degrees that is meant if the file states that of a rotary axis in radians: where both ends are usual
-    /// parts of a circle in radians, to the digits that people write (3.14, 1.571, 6.2832), and not 0.
+    /// The travel in degrees under the assumption that the file gives it in radians. `Some` for a rotary axis whose two ends are common
+    /// fractions of a turn in radians, to the usual number of digits (3.14, 1.571, 6.2832), and not both 0.
     pub fn travel_as_if_in_radians(&self) -> Option<[f64; 2]> {
-        // deg; what people write of π is off by 0.05 % at the most.
+        // deg; π as commonly written is off by at most 0.05 %.
         const USUAL: [f64; 13] = [
             0.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 150.0, 180.0, 210.0, 240.0, 270.0, 360.0,
         ];
@@ -52,19 +52,19 @@ impl Axis {
         Some([usual(low)?, usual(high)?])
     }
 
-    /// Whether the axis turns all the way round, or all but a degree of it: controls state the travel of a turn as 0 to 359.999 deg, too.
+    /// True if the axis covers a full turn, or all but one degree of it: controls also state the travel of a turn as 0 to 359.999 deg.
     pub fn turns_round(&self) -> bool {
         const NEARLY_DEG: f64 = 359.0;
         self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
     }
 
-    /// Whether its travel has ends: an axis with `modulo`, or one that turns all the way round, has none.
+    /// True if the travel has ends: neither `modulo` nor a full turn.
     pub fn has_ends(&self) -> bool {
         self.modulo.is_none() && !self.turns_round()
     }
 
-    /// The part of the travel, mm or deg, outside of which the axis has no other pose: all of it, and of an axis that turns all the way
-    /// round one turn about the middle of its travel.
+    /// The part of the travel, mm or deg, that covers every pose of the axis: all of it, or, for an axis that covers a full turn, one turn
+    /// about the middle of its travel.
     pub fn all_poses(&self) -> [f64; 2] {
         let [low, high] = self.travel;
         if self.turns_round() {
@@ -74,9 +74,9 @@ impl Axis {
         [low, high]
     }
 
-    /// So many evenly spaced coordinates, mm or deg, at which a grid of poses has this axis: over the travel with both ends. Of an axis
-    /// that turns all the way round they go over one turn without its end, which is the same place as its beginning: over several
-    /// turns all of them may fall on whole turns. One node is the middle.
+    /// `count` evenly spaced coordinates of a pose grid, mm or deg, over the travel with both ends. For an axis that covers a full turn:
+    /// over one turn without its end, because the end repeats the start and nodes over several turns could all be whole turns apart. A
+    /// count of 1 gives the middle.
     pub fn nodes(&self, count: usize) -> Vec<f64> {
         let [low, high] = self.all_poses();
         if count == 1 {
@@ -91,33 +91,33 @@ impl Axis {
         (0..count).map(node).collect()
     }
 
-    /// 0, or the end of the travel that is nearest to it, mm or deg.
+    /// 0, or the end of travel nearest to it, mm or deg.
     pub fn nearest_zero(&self) -> f64 {
         let [low, high] = self.travel;
         0.0_f64.max(low).min(high)
     }
 
-    /// How far a coordinate, mm or deg, is beyond the travel, after whole periods of `modulo`; negative within it.
+    /// Distance of a coordinate from the travel, mm or deg, after reduction by `modulo`; negative within the travel.
     pub fn beyond_travel(&self, coordinate: f64) -> f64 {
         let [low, high] = self.travel;
         let at = self.looked_up(coordinate);
         (low - at).max(at - high)
     }
 
-    /// Whether a coordinate, mm or deg, lies in the travel, but for rounding.
+    /// True if a coordinate, mm or deg, is within the travel, with a tolerance for rounding.
     pub fn contains(&self, coordinate: f64) -> bool {
         is_within(self.travel, coordinate)
     }
 
-    /// Whether the axis may stand at a coordinate, mm or deg: in its travel but for rounding, after whole periods of `modulo`.
+    /// True if the axis can be at a coordinate, mm or deg: within the travel, with a tolerance for rounding, after reduction by `modulo`.
     pub fn may_stand_at(&self, coordinate: f64) -> bool {
         self.contains(self.looked_up(coordinate))
     }
 
-    /// What is wrong with a coordinate at which the axis may not stand, in words that follow "found".
+    /// Checks that the axis can be at a coordinate, mm or deg.
     ///
     /// # Errors
-    /// The coordinate, its unit and the travel.
+    /// A message that follows "found": the coordinate, its unit and the travel.
     pub fn check_coordinate(&self, coordinate: f64) -> Result<(), String> {
         if self.may_stand_at(coordinate) {
             return Ok(());

@@ -1,10 +1,10 @@
-//! The columns of tables with coordinates of axes.
+//! Column headers of tables of axis coordinates.
 
 use volcomp_document::{split_head, unit_named};
 use volcomp_vocabulary::AxisName;
 
-/// The axis whose coordinates stand under a head: its letter, alone or with the unit in which coordinates are read: `X`, `X mm`,
-/// `X_mm`, `C [deg]`, `C°`. Letters count as they are written: `x` is no axis.
+/// The axis that a column header names: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case
+/// matters: `x` is not an axis.
 pub fn axis_of_head(head: &str) -> Option<AxisName> {
     let (name, unit) = split_head(head);
     let axis: AxisName = name.parse().ok()?;

@@ -1,4 +1,4 @@
-//! From a machine to its compiled form.
+//! Conversion of a machine to its compiled form.
 
 use volcomp_curve::{ErrorCurve, Field, Grid};
 use volcomp_evaluator::{AxisParts, CompiledMachine, MachineParts, Patch, Tolerance};
@@ -8,8 +8,8 @@ use volcomp_vocabulary::{AxisName, Component, Deg, Direction, Displacement, MAX_
 use crate::{error::ModelError, machine::Machine, thermal::Temperatures};
 
 impl Machine {
-    /// The machine with every curve as piecewise cubics within `tolerance` of it, for the tool that is
-    /// in the spindle; without thermal terms.
+    /// Compiles the machine for the tool in the spindle: every curve becomes piecewise cubics within `tolerance` of it. Thermal terms are
+    /// not included.
     ///
     /// # Errors
     /// [`ModelError::Compile`]: a curve that needs more than 1 MiB, a tolerance that is not positive.
@@ -17,10 +17,10 @@ impl Machine {
         self.compile_at(tolerance, &Temperatures::new())
     }
 
-    /// The same with the thermal terms at steady temperatures.
+    /// Compiles the machine with its thermal terms at steady temperatures.
     ///
     /// # Errors
-    /// As [`compile`](Self::compile).
+    /// See [`compile`](Self::compile).
     pub fn compile_at(
         &self,
         tolerance: Tolerance,
@@ -50,8 +50,7 @@ impl Machine {
         Ok(compiled)
     }
 
-    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm,
-    /// µrad).
+    /// The error motion of an axis at its own coordinate (mm or deg): the sum of its curves there and of offsets (µm, µrad).
     fn curve_errors(
         &self,
         axis: usize,
@@ -117,7 +116,7 @@ impl Machine {
     }
 }
 
-/// The fields of a curve with their weights forward, backward and with unknown approach.
+/// The fields of a curve with their weights for forward, backward and unknown approach.
 fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     match curve {
         ErrorCurve::Single(field) | ErrorCurve::Reversal { mean: field, .. } => {
@@ -129,7 +128,7 @@ fn weighted_fields(curve: &ErrorCurve) -> Vec<(&Field, [f64; 3])> {
     }
 }
 
-/// A curve without its parts over two arguments: the reversal stays.
+/// The curve reduced to its parts of one argument; the reversal is kept.
 fn one_argument(
     curve: &ErrorCurve,
     own: usize,
@@ -151,7 +150,7 @@ fn one_argument(
     curve.value(own, coordinates, branch) - on_grids
 }
 
-/// A grid in µm or µrad as a patch in mm or rad.
+/// Converts a grid from µm or µrad to a patch in mm or rad.
 fn patch(component: Component, grid: &Grid, weights: [f64; 3], axes: [AxisName; 2]) -> Patch {
     let values = grid.values().iter().flatten();
     Patch {

@@ -1,4 +1,4 @@
-//! Error curves in a machine file: decoded by hand, written back.
+//! Reads and writes the error curves of a machine file.
 
 use core::fmt::Write;
 
@@ -11,7 +11,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::axis::Axis;
 
-/// The kinds of curve, by the key that names each.
+/// The keys that name the kinds of curve.
 const KINDS: [&str; 7] = [
     "poly",
     "chebyshev",
@@ -22,11 +22,10 @@ const KINDS: [&str; 7] = [
     "grid",
 ];
 
-/// Points of a table that a message repeats at most.
+/// Maximum number of table points listed in a message.
 const SHOWN_POINTS: usize = 4;
 
-/// The parts of the machine on which the decoding of a curve depends: the travel of its own axis, and all axes for a
-/// grid.
+/// What the decoding of a curve depends on: the travel of its axis and, for a grid, all axes.
 pub(crate) struct CurveContext<'a> {
     pub(crate) axes: &'a [Axis],
     pub(crate) travel: [f64; 2],
@@ -60,7 +59,7 @@ pub(crate) fn decode_error_curve(
     Ok(ErrorCurve::Single(decode_field(value, context)?))
 }
 
-/// An array alone may be the points of a table or the coefficients of a polynomial: which one, the kind of curve says.
+/// Rejects an array without a kind: it could be the points of a table or the coefficients of a polynomial.
 fn refuse_array(value: &Value<'_>) -> Result<(), InputError> {
     let Ok(items) = value.items() else {
         return Ok(());

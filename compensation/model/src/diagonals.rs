@@ -1,4 +1,4 @@
-//! The body diagonals of ISO 230-6 on the model.
+//! Body diagonals of ISO 230-6, evaluated on the model.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
 use crate::{error::ModelError, machine::Machine};
 
-/// The most targets on a diagonal.
+/// Maximum number of targets on a diagonal.
 const MOST_TARGETS: usize = 1_000_000;
 
 /// One body diagonal of ISO 230-6: the deviation along it.
@@ -26,18 +26,18 @@ pub struct Diagonal {
     pub range_um: f64,
 }
 
-/// Targets on a body diagonal where no number of them is asked for.
+/// Default number of targets on a body diagonal.
 pub const DIAGONAL_TARGETS: u32 = 20;
 /// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
 pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
-/// The targets of the four body diagonals over the travels of X, Y and Z, by the name of the diagonal, in the order of
-/// [`BODY_DIAGONALS`]: `points` on each at equal distances, both ends included, all other axes at `others` (mm or deg) or
-/// else at 0. Fewer than 2 points count as 2.
+/// The targets of the four body diagonals over the travels of X, Y and Z, by name of the diagonal, in the order of [`BODY_DIAGONALS`]:
+/// `points` equidistant targets on each, both ends included. All other axes are at `others` (mm or deg), by default at 0. Fewer than 2
+/// points count as 2.
 ///
 /// # Errors
-/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, what [`Machine::state`] refuses of `others`,
-/// [`ModelError::TooMany`] for more than 1 000 000 targets.
+/// [`ModelError::NoSuchAxis`] if X, Y or Z is missing, [`ModelError::TooMany`] for more than 1 000 000 targets, and the errors of
+/// [`Machine::state`] for `others`.
 pub fn diagonal_targets(
     machine: &Machine,
     points: usize,
@@ -78,15 +78,14 @@ pub fn diagonal_targets(
     }))
 }
 
-/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg) or else at 0: the tip's error
-/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
+/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg), by default at 0: the tip's error (actual
+/// − ideal) along the ideal diagonal, minus its value at the first target.
 ///
-/// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
-/// target: the target itself, or the target with a correction added. `points` targets, both ends included; fewer than
-/// 2 count as 2.
+/// `errors` may be those of this machine or of another. `command` maps a target to the commanded state: the target itself, or the target
+/// with a correction added. `points` is the number of targets, both ends included; fewer than 2 count as 2.
 ///
 /// # Errors
-/// As of [`diagonal_targets`].
+/// See [`diagonal_targets`].
 pub fn diagonals<S: ErrorSource>(
     machine: &Machine,
     errors: &S,
@@ -128,7 +127,7 @@ fn range(values: &[f64]) -> f64 {
     largest - smallest
 }
 
-/// The state with a correction added (mm and rad), approach kept.
+/// The state with a correction added (mm and rad); the direction of approach is kept.
 pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     State {
         q: PerAxis::from_fn(|index| state.q[index] + delta[index]),
@@ -136,8 +135,7 @@ pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     }
 }
 
-/// A correction rounded to a controller's resolution: `mm` on linear and `rad` on rotary axes. A resolution that is not
-/// positive rounds nothing.
+/// A correction rounded to a controller's resolution: `mm` on linear and `rad` on rotary axes. A resolution of 0 or less does not round.
 pub fn quantised(machine: &Machine, delta: &PerAxis<f64>, mm: f64, rad: f64) -> PerAxis<f64> {
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {

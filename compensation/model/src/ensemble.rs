@@ -1,10 +1,10 @@
-//! Many machines that one measurement allows: the uncertainty of the volumetric error.
+//! Monte Carlo ensemble of machines: uncertainty of the volumetric error.
 
 use volcomp_evaluator::CompiledMachine;
 use volcomp_fit::student_widening;
 use volcomp_kinematics::State;
 
-/// Machines drawn from what the measurements leave open (JCGM 101, propagation of distributions).
+/// Monte Carlo samples of a machine within the measurement uncertainty (JCGM 101, propagation of distributions).
 #[derive(Clone, Debug)]
 pub struct Ensemble {
     drawn: Vec<CompiledMachine>,
@@ -12,18 +12,18 @@ pub struct Ensemble {
     scatters: Vec<Scatter>,
 }
 
-/// A contribution to the uncertainty that was estimated from a few repeated readings: its size is uncertain itself.
+/// A contribution to the uncertainty that was estimated from a few repeated readings, so that its size is itself uncertain.
 #[derive(Clone, Debug)]
 pub struct Scatter {
-    /// The degrees of freedom of the estimate: for n runs n − 1.
+    /// Degrees of freedom of the estimate: n − 1 for n runs.
     pub degrees: f64,
-    /// The machine with the readings shifted by one part of the contribution each; the parts are independent, and the
-    /// squares of what they change add up to the variance.
+    /// One machine for each part of the contribution, with the readings shifted by that part. The parts are independent: the squares of
+    /// their effects add up to the variance.
     pub shifted: Vec<CompiledMachine>,
 }
 
 impl Ensemble {
-    /// From machines of the same structure; `None` for fewer than two, whose spread means nothing.
+    /// `machines` must have the same structure. `None` for fewer than two, which have no spread.
     pub fn new(machines: Vec<CompiledMachine>) -> Option<Self> {
         let first = machines.first()?;
         let same = |m: &CompiledMachine| has_structure_of(m, first);
@@ -34,12 +34,12 @@ impl Ensemble {
         })
     }
 
-    /// With the contributions whose size comes from a few repeated readings, and the machine that was found, from which
-    /// their shifts are counted. `None` where a machine has another structure than those that were drawn.
+    /// Adds the contributions estimated from a few repeated readings, and `found`, the identified machine from which their shifts are
+    /// counted. `None` if a machine differs in structure from the samples.
     #[must_use]
     pub fn with_scatters(mut self, found: CompiledMachine, scatters: Vec<Scatter>) -> Option<Self> {
         let shifted = scatters.iter().flat_map(|scatter| &scatter.shifted);
-        // An ensemble has two machines at least.
+        // Safe index: an ensemble has at least two machines.
         let same = |m: &CompiledMachine| has_structure_of(m, &self.drawn[0]);
         if !core::iter::once(&found).chain(shifted).all(same) {
             return None;
@@ -49,21 +49,21 @@ impl Ensemble {
         Some(self)
     }
 
-    /// How many machines were drawn.
+    /// Number of Monte Carlo samples.
     pub fn trials(&self) -> usize {
         self.drawn.len()
     }
 
-    /// Standard uncertainty (k = 1) of ΔP (mm) and ρ (rad) at a state, as [`Ensemble::uncertainty_of`] has it.
+    /// Standard uncertainty (k = 1) of ΔP (mm) and ρ (rad) at a state; see [`Ensemble::uncertainty_of`].
     pub fn standard_uncertainty(&self, state: &State) -> [f64; 6] {
         self.uncertainty_of(|machine| machine.evaluate(state).into_six())
     }
 
-    /// Standard uncertainty (k = 1) of numbers that are computed from a machine: the standard deviation over the machines,
-    /// in their order, so that the same machines give the same digits on any number of cores.
+    /// Standard uncertainty (k = 1) of quantities computed from a machine: their standard deviation over the samples, summed in sample
+    /// order so that the result does not depend on the number of cores.
     ///
-    /// It is widened by t(ν)/1.96, so that ±1.96 of it are the band of 95 %, for the number of machines, and where a
-    /// contribution was estimated from a few readings: t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
+    /// It is widened by t(ν)/1.96, so that ±1.96 times it is the 95 % confidence band, for the number of samples and for contributions
+    /// estimated from a few readings. t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
     /// G.4).
     pub fn uncertainty_of<const N: usize>(
         &self,
@@ -80,7 +80,7 @@ impl Ensemble {
             }
         }
         let variance = squares.map(|sum| sum / (self.drawn.len() - 1) as f64);
-        // A standard deviation over few machines is itself not well known.
+        // The standard deviation of few samples is itself uncertain.
         let of_few = student_widening((self.drawn.len() - 1) as f64);
         let mut widened = variance.map(|variance| of_few * variance.sqrt());
         let Some(found) = self.found.as_ref().map(&number) else {
@@ -109,8 +109,8 @@ impl Ensemble {
             widened.iter_mut().zip(&variance).zip(of_scatters)
         {
             if *powers > 0.0 {
-                // The variance of a few machines may by chance be less than what the scatters alone add to it. With the
-                // larger one there are never fewer degrees of freedom than those of the scatter with the fewest.
+                // The variance of a few samples can by chance be less than the contribution of the scatters alone. Taking the larger one
+                // keeps the degrees of freedom at or above those of the scatter with the fewest.
                 let whole = variance.max(*of_scatters);
                 *widened *= student_widening(whole * whole / powers);
             }

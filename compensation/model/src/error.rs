@@ -1,4 +1,4 @@
-//! The reasons why a machine file is refused or a machine cannot answer.
+//! Errors of reading and evaluating a machine.
 
 use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::{ChainError, NoEffect};
@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::provenance::ProvenanceRefusal;
 
-/// Why a machine file is refused or a machine cannot answer.
+/// Why a machine file is rejected or a machine cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
@@ -14,7 +14,7 @@ pub enum ModelError {
     /// The file cannot be read as text.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Something in the file is wrong.
+    /// The file contains an invalid value.
     #[error(transparent)]
     Input(#[from] InputError),
     /// The machine has no such axis.
@@ -38,48 +38,48 @@ pub enum ModelError {
         tool: String,
         known: String,
     },
-    /// A coordinate that is no number, or too large for a machine.
+    /// A coordinate that is not a number, or out of the allowed range.
     #[error("axis {axis}: coordinate is {found}, expected a finite number from -1e9 to 1e9 {}", axis.kind().coordinate_unit())]
     Coordinate {
         axis: AxisName,
-        /// The value that was found, mm or deg.
+        /// The rejected value, mm or deg.
         found: f64,
     },
-    /// A tool tip or a tool axis that no machine can have.
+    /// An invalid tool tip or tool axis.
     #[error("{what} is [{}, {}, {}], expected finite numbers up to 1e9, and of a direction not all zero", found[0], found[1], found[2])]
     Target { what: &'static str, found: [f64; 3] },
-    /// Two coordinates of one axis.
+    /// One axis has two coordinates.
     #[error("axis {axis} has two coordinates, expected one at the most")]
     AxisTwice { axis: AxisName },
-    /// An error motion or a location error that the machine cannot have.
+    /// An error motion or a location error that is invalid for this machine.
     #[error("{error}: {reason}")]
     Refused {
         error: ErrorName,
         #[source]
         reason: ErrorRefusal,
     },
-    /// An assembly error that is no finite number.
+    /// An assembly error that is not finite.
     #[error("assembly error of axis {axis} is {found}, expected a finite number of µm or µrad")]
     Assembly { axis: AxisName, found: f64 },
-    /// Thermal terms that the machine cannot have.
+    /// Thermal terms that are invalid for this machine.
     #[error(transparent)]
     Thermal(#[from] ThermalRefusal),
-    /// Axes that corrections cannot be restricted to.
+    /// Invalid list of axes to which corrections are restricted.
     #[error(transparent)]
     Correct(#[from] CorrectRefusal),
-    /// A provenance that the machine cannot have.
+    /// Provenance that is invalid for this machine.
     #[error("provenance: {0}")]
     Provenance(#[from] ProvenanceRefusal),
-    /// Geometry that a chain cannot have.
+    /// Geometry from which no kinematic chain can be built.
     #[error(transparent)]
     Chain(#[from] ChainError),
-    /// The compiled form cannot be made.
+    /// The machine cannot be compiled.
     #[error("{machine}: {source}")]
     Compile {
         machine: String,
         source: volcomp_evaluator::EvaluatorError,
     },
-    /// More of something than is computed at once.
+    /// A count exceeds what is computed at once.
     #[error("found {found} {what}, expected {most} at the most")]
     TooMany {
         what: &'static str,
@@ -88,24 +88,24 @@ pub enum ModelError {
     },
 }
 
-/// Why a machine cannot have an error motion or a location error.
+/// Why an error motion or a location error is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ErrorRefusal {
-    /// A curve is given for a location error.
+    /// A location error was given a curve; it is one number.
     #[error("a location error is one number, never a curve")]
     CurveOfLocation,
-    /// One number is given as the location error of a name that stands for an error motion.
+    /// An error motion was given one number as a location error.
     #[error("is an error motion, expected a location error E?0N")]
     ErrorMotion,
     /// A number of the curve, its value at an end of the travel, or the location error is NaN, infinite or beyond
     /// [`LARGEST_NUMBER`](volcomp_document::LARGEST_NUMBER).
     #[error("expected finite numbers, also for its values within the travel")]
     NotFinite,
-    /// A location error that moves nothing.
+    /// A location error without effect.
     #[error(transparent)]
     NoEffect(#[from] NoEffect),
-    /// On an axis with a modulo the curve does not close.
+    /// On an axis with `modulo`, the curve does not close.
     #[error(
         "first value {first} and last value {last} differ, expected the same: the axis has a modulo"
     )]
@@ -115,7 +115,7 @@ pub enum ErrorRefusal {
         /// Value at the last node, µm or µrad.
         last: f64,
     },
-    /// On an axis with a modulo the curve jumps where the axis rolls over.
+    /// On an axis with `modulo`, the curve jumps at the roll-over.
     #[error(
         "jumps by {:.3} where the axis rolls over, from {first:.3} to {last:.3}, expected at most {largest} µm or µrad: the axis has a modulo, so the curve must close", (last - first).abs()
     )]
@@ -124,104 +124,104 @@ pub enum ErrorRefusal {
         first: f64,
         /// Value on its upper side, µm or µrad.
         last: f64,
-        /// The largest jump that is allowed, µm or µrad.
+        /// Maximum allowed jump, µm or µrad.
         largest: f64,
     },
-    /// A grid looks at an axis that the machine does not have.
+    /// A grid depends on an axis that the machine does not have.
     #[error("the grid looks at axis number {axis} of the chain, expected one below {axes}")]
     GridAxis {
-        /// The place in the chain that the grid names, from 0.
+        /// Index in the chain that the grid names, from 0.
         axis: usize,
-        /// How many axes the machine has.
+        /// Number of axes of the machine.
         axes: usize,
     },
 }
 
-/// Why thermal terms are refused.
+/// Why thermal terms are rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ThermalRefusal {
-    /// A term of an error that is no error motion of the machine.
+    /// A term of an error that is not an error motion of the machine.
     #[error("found \"{found}\", expected an error motion E?N of an axis of `{structure}`")]
     Motion { found: String, structure: String },
-    /// A reference temperature that nothing can have.
+    /// A reference temperature outside the allowed range.
     #[error(
         "reference temperature is {found} °C, expected {} to {} °C",
         volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.start(),
         volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.end()
     )]
     Reference {
-        /// The temperature that was found, °C.
+        /// The rejected temperature, °C.
         found: f64,
     },
-    /// An expansion of an error that is no length of a linear axis.
+    /// An expansion of an error that is not a linear error motion of a linear axis.
     #[error("found expansion of {error}, expected a linear error motion of a linear axis")]
     NotLength { error: ErrorName },
     /// A drift without a sensor.
     #[error("found a drift of {error} without a sensor, expected at least one")]
     NoSensor { error: ErrorName },
-    /// A time constant that is negative or no number.
+    /// A time constant that is negative or not finite.
     #[error("found a lag_s of {found} s for {error}, expected 0 s or more")]
     Lag {
         error: ErrorName,
-        /// The time constant found, s.
+        /// The rejected time constant, s.
         found: f64,
     },
     /// A number that is NaN or infinite.
     #[error("{what} is {found}, expected a finite number")]
     NotFinite {
-        /// The number that is meant, with its unit.
+        /// The rejected quantity, with its unit.
         what: &'static str,
         found: f64,
     },
-    /// A margin that is too small, too large or no number.
+    /// A margin that is out of range or not a number.
     #[error("margin_k is {found} K, expected 0.1 to 100 K")]
     Margin {
-        /// The margin that was found, K.
+        /// The rejected margin, K.
         found: f64,
     },
-    /// Temperatures that cannot be the range of a test.
+    /// An invalid temperature range of a test.
     #[error(
         "the terms of {error} have seen {sensor} at {low} to {high} °C, expected two different temperatures, the lower one first"
     )]
     SeenTemperatures {
         error: ErrorName,
         sensor: String,
-        /// The first temperature, °C.
+        /// Lower limit, °C.
         low: f64,
-        /// The second temperature, °C.
+        /// Upper limit, °C.
         high: f64,
     },
-    /// Rates that cannot be the range of a test.
+    /// An invalid range of temperature rates of a test.
     #[error(
         "the terms of {error} have seen {sensor} change by {fall} to {rise} K/min, expected 0 or less, then 0 or more"
     )]
     SeenRates {
         error: ErrorName,
         sensor: String,
-        /// The first rate, K/min.
+        /// Lower limit, K/min.
         fall: f64,
-        /// The second rate, K/min.
+        /// Upper limit, K/min.
         rise: f64,
     },
-    /// What the terms of an error have seen of a sensor is stated more than once.
+    /// The tested range of a sensor for the terms of an error is stated more than once.
     #[error("what the terms of {error} have seen of {sensor} stands twice, expected it once")]
     SeenTwice { error: ErrorName, sensor: String },
-    /// Something is stated as seen that no term of the error looks at.
+    /// A tested range is stated for a sensor that no term of the error uses.
     #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
     SeenUnused { error: ErrorName, sensor: String },
-    /// Times of holding and fading that are negative or no numbers.
+    /// A hold or fade time that is negative or not finite.
     #[error("found {hold_s} s of holding and {fade_s} s of fading, expected 0 s or more of each")]
     Fading {
-        /// Time that a term is held without its sensor, s.
+        /// Time for which a term is held without its sensor, s.
         hold_s: f64,
-        /// Time within which it then fades to zero, s.
+        /// Time over which it then fades to zero, s.
         fade_s: f64,
     },
 }
 
-/// Why corrections cannot be restricted to a list of axes.
+/// Why a list of axes for corrections is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CorrectRefusal {
@@ -231,7 +231,7 @@ pub enum CorrectRefusal {
     /// An axis is named more than once.
     #[error("axis {axis} stands twice, expected each axis once")]
     Twice {
-        /// The axis that is meant.
+        /// The repeated axis.
         axis: AxisName,
     },
 }

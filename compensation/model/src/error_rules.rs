@@ -1,4 +1,4 @@
-//! Which errors a machine can have: the rules by which an error motion or a location error is refused.
+//! Validity rules of error motions and location errors.
 
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
 use volcomp_document::LARGEST_NUMBER;
@@ -7,16 +7,15 @@ use volcomp_vocabulary::{ErrorName, brought_into};
 
 use crate::{axis::Axis, error::ErrorRefusal};
 
-/// How far the two ends of a curve that goes round may differ, µm or µrad: what rounding leaves.
+/// Maximum difference between the two ends of a closed curve, µm or µrad: allows for rounding.
 const CLOSED_WITHIN: f64 = 1e-9;
 
-/// How far the value of a curve may jump where its axis rolls over, µm or µrad: a step of most controls. What is fitted to
-/// readings closes no better.
+/// Maximum jump of a curve where its axis rolls over, µm or µrad: one increment of most controls. Curves fitted to readings close no better.
 const LARGEST_JUMP: f64 = 1.0;
-/// So far on each side of an end of travel the values are compared, deg.
+/// Distance from an end of travel at which the values on both sides are compared, deg.
 const BESIDE: f64 = 1e-6;
 
-/// Why a location error is refused.
+/// Why a location error is rejected; `None` if it is valid.
 pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
     if !name.location {
         return Some(ErrorRefusal::ErrorMotion);
@@ -27,7 +26,7 @@ pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Op
     joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
 }
 
-/// Why the curve of an error motion of the axis at `own` is refused on a machine with these axes.
+/// Why the curve of an error motion of the axis at index `own` is rejected on a machine with these axes; `None` if it is valid.
 pub(crate) fn curve_refusal(
     name: ErrorName,
     curve: &ErrorCurve,
@@ -55,13 +54,12 @@ pub(crate) fn curve_refusal(
     })
 }
 
-/// Whether a number is one that a file may state; all that is computed from such numbers stays finite.
+/// True if a file may state this number: everything computed from such numbers stays finite.
 pub(crate) fn is_number(value: f64) -> bool {
     value.abs() <= LARGEST_NUMBER
 }
 
-/// Whether the values at both ends of the travel are numbers. A power of a coordinate is largest there; curves of other
-/// kinds stay near their coefficients.
+/// True if the values at both ends of the travel are finite. A polynomial is largest there; curves of other kinds stay near their coefficients.
 fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> bool {
     let Some(axis) = axes.get(own) else {
         return true;
@@ -72,7 +70,7 @@ fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> boo
     })
 }
 
-/// Along an axis that goes round, a grid must close.
+/// A grid must close along an axis that rolls over.
 fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRefusal> {
     let values = grid.values();
     let [rows, columns] = grid.axes().map(goes_round);
@@ -85,13 +83,13 @@ fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRef
         .find_map(not_closed)
 }
 
-/// The refusal of a curve whose ends, µm or µrad, are not the same.
+/// The error for a curve whose ends, µm or µrad, differ.
 fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
     ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
 }
 
-/// The refusal of a curve whose value jumps where the axis goes over an end of its travel: a table that is parked there would
-/// be thrown to and fro by the last digit of its position.
+/// The error for a curve whose value jumps where the axis passes an end of its travel: a table parked there would be moved to and fro by
+/// the last digit of its position.
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));
@@ -99,7 +97,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let across = ends.map(|sides| sides.map(value));
     let jumps = across.into_iter().find(|[one, other]| {
         let jump = (one - other).abs();
-        // A number that is none is refused, too.
+        // NaN is rejected, too.
         jump.is_nan() || jump > LARGEST_JUMP
     })?;
     Some(ErrorRefusal::Jumps {
@@ -109,7 +107,7 @@ fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     })
 }
 
-/// On an axis that goes round, a curve given by nodes must close.
+/// On an axis that rolls over, a curve given by nodes must close.
 fn open_ends(curve: &Curve) -> Option<ErrorRefusal> {
     let nodes = match curve {
         Curve::Table(table) => table.nodes(),

@@ -1,4 +1,4 @@
-//! The answers of a machine at a state: its error, its correction, and the curves and axes outside their ranges.
+//! Evaluation of a machine at a state: error, correction, and curves and axes outside their ranges.
 
 use std::collections::BTreeMap;
 
@@ -11,20 +11,20 @@ use crate::{
     axis::Axis, error::ModelError, machine::Machine, source::MachineErrors, thermal::Temperatures,
 };
 
-/// The largest coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
+/// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
 const MOST_COORDINATE: f64 = 1e9;
 
 impl Machine {
-    /// A state from coordinates in mm and deg; axes not named stand at 0, approach unknown.
+    /// A state from coordinates in mm and deg; axes not named are at 0, approach unknown.
     ///
     /// # Errors
-    /// [`ModelError::NoSuchAxis`]; [`ModelError::Coordinate`] for one that is no number from −1e9 to 1e9 mm or deg;
+    /// [`ModelError::NoSuchAxis`]; [`ModelError::Coordinate`] for a coordinate that is not a number from −1e9 to 1e9 mm or deg;
     /// [`ModelError::AxisTwice`] for an axis with two coordinates.
     pub fn state(&self, coordinates: &[(AxisName, f64)]) -> Result<State, ModelError> {
         let mut state = State::default();
         for (place, &(axis, found)) in coordinates.iter().enumerate() {
             let index = self.index_of(axis)?;
-            // Also refuses NaN.
+            // Also rejects NaN.
             if !(-MOST_COORDINATE..=MOST_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }
@@ -51,7 +51,7 @@ impl Machine {
         .collect()
     }
 
-    /// The errors as kinematics asks for them, at steady temperatures.
+    /// The errors as an `ErrorSource` of kinematics, at steady temperatures.
     pub fn source(&self, temperatures: &Temperatures) -> MachineErrors<'_> {
         MachineErrors::new(self, temperatures)
     }
@@ -66,10 +66,10 @@ impl Machine {
         volumetric_error(self.chain(), &self.source(temperatures), state, form)
     }
 
-    /// The options of a correction as the machine file states them: its key `correct`, else the defaults.
+    /// The correction options of the machine file: its key `correct`, else the defaults.
     pub fn correction_options(&self) -> CorrectionOptions {
         CorrectionOptions {
-            // A machine has no more axes than there are letters, and none stands twice.
+            // A machine has at most one axis for each letter, so the list fits.
             correct: self
                 .correct()
                 .map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
@@ -77,8 +77,8 @@ impl Machine {
         }
     }
 
-    /// The correction at a command: what must be added to it. Where `options` name no axes, those of the machine
-    /// file's key `correct` move.
+    /// The correction at a command: the displacement to add to it. If `options` name no axes, the axes of the machine file's key `correct`
+    /// are used.
     pub fn correction_at(
         &self,
         state: &State,
@@ -111,7 +111,7 @@ impl Machine {
         outside
     }
 
-    /// The axes that stand outside their travel at a state, in chain order.
+    /// The axes outside their travel at a state, in chain order.
     pub fn outside_travel(&self, state: &State) -> Vec<AxisName> {
         let outside = |&(axis, &q): &(&Axis, &f64)| {
             let coordinate = Displacement::new(axis.name.kind(), q).mm_or_deg();

@@ -1,4 +1,4 @@
-//! Names that stand in files beside a machine file.
+//! Names in files that accompany a machine file.
 
 use volcomp_document::{InputError, Value};
 use volcomp_vocabulary::{AxisName, ErrorName, UnknownErrorName};
@@ -6,10 +6,10 @@ use volcomp_vocabulary::{AxisName, ErrorName, UnknownErrorName};
 use crate::machine::Machine;
 
 impl Machine {
-    /// The error that a file names, of an axis that this machine has.
+    /// Decodes an error name whose axis this machine has.
     ///
     /// # Errors
-    /// A text that is no error name, an axis that the machine does not have.
+    /// Not an error name, or an axis that the machine does not have.
     pub fn decode_error(&self, value: &Value<'_>) -> Result<ErrorName, InputError> {
         let name: ErrorName = value
             .text()?
@@ -21,7 +21,7 @@ impl Machine {
         Ok(name)
     }
 
-    /// The message that a file names an axis that this machine does not have.
+    /// The message for a file that names an axis that this machine does not have.
     pub(crate) fn lacks(&self, axis: AxisName) -> String {
         let structure = self.chain().structure();
         format!("the structure `{structure}` has no axis {axis}")

@@ -1,5 +1,4 @@
-//! A rotary axis that has no part in the direction of the tool: where it may stand so that the other axes reach the tip within their
-//! travels.
+//! A rotary axis without influence on the tool direction: the ranges in which the other axes reach the tip within their travels.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,14 +7,14 @@ use volcomp_vocabulary::{AxisKind, PerAxis};
 
 use crate::machine::Machine;
 
-/// A turn is looked at in so many steps; between them the way an axis is beyond its travel has no more than one dip that matters.
+/// Number of steps in which a turn is sampled; between two of them the distance beyond travel has at most one relevant minimum.
 const STEPS: usize = 720;
-/// Ends of ranges, and dips, are met by so many halvings or thirds.
+/// Number of bisection or ternary-search steps for the ends of ranges and for minima.
 const MET_IN: usize = 60;
-/// An axis is within its travel if it is beyond it by no more than this, mm or rad.
+/// Tolerance of the travel limits, mm or rad.
 const WITHIN: f64 = 1e-10;
 
-/// What is to be reached: the tip (mm) and the direction of the tool in workpiece axes, by these rotary axes; the others stay.
+/// The target: tip (mm) and tool direction in workpiece axes, reached with these rotary axes; the others stay.
 pub(crate) struct Target<'a> {
     pub(crate) tip_mm: &'a Vector3<f64>,
     pub(crate) direction: &'a Vector3<f64>,
@@ -25,10 +24,10 @@ pub(crate) struct Target<'a> {
 }
 
 impl Machine {
-    /// The ranges of one turn, rad, in which the free axis at a place may stand, ascending.
+    /// The ranges within one turn, rad, in which the free axis (index `free`) can be, ascending.
     pub(crate) fn free_ranges(&self, free: usize, target: &Target<'_>) -> Vec<[f64; 2]> {
         let [low, high] = target.travel[free];
-        // One turn about 0, as far as the travel has it.
+        // One turn about 0, as far as it is within travel.
         let from = (-PI).min(high - TAU).max(low);
         let to = high.min(from + TAU);
         let beyond = |q: f64| self.beyond_travel(q, free, target);
@@ -43,7 +42,7 @@ impl Machine {
                 stations[place] = lowest(before.0, after.0, &beyond);
             }
         }
-        // A dip between an end and the station beside it. Over a whole turn the ends are one place, and each looks at its own side.
+        // A minimum between an end and the adjacent sample. Over a full turn both ends are the same pose, and each is checked on its own side.
         for (end, beside) in [(STEPS, STEPS - 1), (0, 1)] {
             let ([end, beside], place) = ([stations[end], stations[beside]], end.max(beside));
             if end.1 > WITHIN && end.1 <= beside.1 {
@@ -70,8 +69,8 @@ impl Machine {
         ranges
     }
 
-    /// How far the axis that is furthest beyond its travel is beyond it, mm or rad, with the free axis here; infinite where the tip
-    /// or the direction is not reached at all.
+    /// The largest distance of any axis beyond its travel, mm or rad, with the free axis at `q`; infinite if the tip or the direction is
+    /// not reached.
     fn beyond_travel(&self, q: f64, free: usize, target: &Target<'_>) -> f64 {
         let Some(state) = self.with_free(q, free, target) else {
             return f64::INFINITY;
@@ -93,7 +92,7 @@ impl Machine {
         beyond.fold(0.0, f64::max)
     }
 
-    /// Where the axes stand with the free axis here; `None` where they do not reach the target.
+    /// The state with the free axis at `q`; `None` if the target is not reached.
     pub(crate) fn with_free(&self, q: f64, free: usize, target: &Target<'_>) -> Option<State> {
         let mut held = *target.held;
         held.q[free] = q;
@@ -111,12 +110,12 @@ impl Machine {
     }
 }
 
-/// The number of a range that is nearest to 0.
+/// The number in a range that is nearest to 0.
 pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
     0.0_f64.max(low).min(high)
 }
 
-/// The end of a range between a place in it and one outside.
+/// Bisects for the end of a range between a point inside and one outside.
 fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 {
     for _ in 0..MET_IN {
         let middle = 0.5 * (inside + outside);
@@ -129,7 +128,7 @@ fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 
     inside
 }
 
-/// The lowest place of a dip, and how low it is.
+/// The position of a minimum, and its value.
 fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
     for _ in 0..MET_IN {
         let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];

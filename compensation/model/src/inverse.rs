@@ -1,4 +1,4 @@
-//! The coordinates at which the ideal machine brings its tool to a tip and a direction.
+//! Inverse kinematics of the ideal machine: coordinates for a tip and a tool direction.
 
 use volcomp_kinematics::{NoSolution, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerAxis, is_within};
@@ -9,29 +9,29 @@ use crate::{
     machine::Machine,
 };
 
-/// Solutions at the most: an axis that may turn many times has one for each turn.
+/// Maximum number of solutions: an axis with many turns has one for each turn.
 const MOST_SOLUTIONS: usize = 1000;
 
-/// The coordinates that bring the ideal tool to a tip and a direction.
+/// The solutions of the inverse kinematics for a tip and a tool direction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reached {
-    /// Every solution within travel, mm and rad in chain order, those with the least sum of turns first. With more than
-    /// two rotary axes, or more than one linear axis in a direction, these are some of many.
+    /// All solutions within travel, mm and rad in chain order, sorted by the sum of rotations. With more than two rotary axes, or more than
+    /// one linear axis in a direction, these are a selection.
     pub solutions: Vec<State>,
-    /// Whether the pose is singular: a rotary axis has no part in the direction of the tool, or linear axes are dependent.
+    /// True if the pose is singular: a rotary axis has no influence on the tool direction, or linear axes are linearly dependent.
     pub singular: bool,
-    /// The rotary axes without a part in it, and the linear axes that are dependent, in the order of `ranges`.
+    /// The rotary axes without influence on the tool direction and the dependent linear axes, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis the ranges in which it may stand, mm or rad, so that the other axes are within their travels: of a rotary
-    /// axis of one turn, the one that is nearest to 0. There is a solution for each range, where a rotary axis is nearest to 0.
-    /// None for linear axes of several dependent moves, whose ranges depend on one another.
+    /// For each free axis, the ranges, mm or deg, in which the other axes are within their travels; for a rotary axis of one turn, the
+    /// range nearest to 0. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes with several
+    /// dependent moves, whose ranges depend on one another.
     pub ranges: Vec<Vec<[f64; 2]>>,
-    /// The moves of linear axes, in chain order, that leave the tip where it is at a solution, the largest 1: rotary axes between
-    /// them have turned one along another.
+    /// The moves of linear axes, in chain order, largest component 1, that leave the tip in place at a solution: rotary axes between them
+    /// have made one parallel to another.
     pub dependent: Vec<State>,
-    /// The axes that keep solutions out: those that would leave their travel.
+    /// The axes that exclude solutions because they would leave their travel.
     pub outside: Vec<AxisName>,
-    /// What cannot be reached whatever the travels; only where there is no solution.
+    /// What cannot be reached regardless of the travels; set only if there is no solution.
     pub missed: Option<NoSolution>,
 }
 
@@ -39,15 +39,15 @@ impl Machine {
     /// The coordinates within travel at which the ideal machine has its tool tip at `tip_mm` (workpiece axes, from the
     /// workpiece origin) and its tool axis along `tool_axis` (workpiece axes, from the tip to the spindle).
     ///
-    /// Up to two rotary axes, in any directions, and one linear axis for each direction are solved in closed form: every
-    /// solution is found. Of further rotary axes two move and the others stand at their coordinate nearest to 0, each pair
-    /// in turn; of further linear axes the first of each direction moves, and the others where it is at an end.
+    /// Up to two rotary axes, in any directions, and one linear axis for each direction are solved in closed form: every solution is found.
+    /// With more rotary axes, each pair in turn moves and the others are at their coordinate nearest to 0; with more linear axes, the first
+    /// of each direction moves, and the others only when it is at an end of travel.
     ///
     /// # Errors
-    /// [`ModelError::Target`] for a tip that is no number up to 1e9 mm or a direction of no length;
-    /// [`ModelError::TooMany`] where an axis may turn so far that there are more than 1000 solutions.
+    /// [`ModelError::Target`] for a tip that is not a number up to 1e9 mm or a direction of zero length; [`ModelError::TooMany`] if the
+    /// turns of an axis give more than 1000 solutions.
     pub fn axes_at(&self, tip_mm: [f64; 3], tool_axis: [f64; 3]) -> Result<Reached, ModelError> {
-        // Also refuses NaN.
+        // Also rejects NaN.
         let fits = |found: &[f64; 3]| found.iter().all(|x| x.abs() <= 1e9);
         if !fits(&tip_mm) {
             return Err(ModelError::Target {
@@ -107,7 +107,7 @@ impl Machine {
                     if !ranges.is_empty() {
                         continue;
                     }
-                    // Which axes keep it out is said of the free axis nearest to 0.
+                    // The axes that exclude solutions are reported for the free axis nearest to 0.
                 }
                 match self.chain().reaching(&tip, &pointing.state, &travel) {
                     Ok(state) => {
@@ -133,7 +133,7 @@ impl Machine {
         Ok(reached)
     }
 
-    /// Adds the linear axes that are dependent at a solution, and where they may stand.
+    /// Adds the linear axes that are dependent at a solution, and their ranges.
     fn add_dependent(&self, state: &State, travel: &PerAxis<[f64; 2]>, reached: &mut Reached) {
         let moves = self.chain().dependent_moves(state);
         for (place, axis) in self.axes().iter().enumerate() {
@@ -167,7 +167,7 @@ impl Machine {
         }
     }
 
-    /// Adds a solution with every number of whole turns that the travels allow.
+    /// Adds a solution with every combination of whole turns within travel.
     fn add_turns(&self, state: &State, reached: &mut Reached) -> Result<(), ModelError> {
         let mut all = vec![*state];
         for (place, axis) in self.axes().iter().enumerate() {
@@ -176,14 +176,14 @@ impl Machine {
             let [low, high] = axis.travel;
             let within: Vec<f64> = match (kind, axis.modulo) {
                 (AxisKind::Linear, _) => vec![coordinate],
-                // A turn more is the same place.
+                // With `modulo`, a further turn is the same pose.
                 (AxisKind::Rotary, Some(_)) => vec![axis.looked_up(coordinate)],
                 (AxisKind::Rotary, None) => {
                     let (first, last) = (
                         ((low - coordinate) / 360.0).ceil(),
                         ((high - coordinate) / 360.0).floor(),
                     );
-                    // One turn beyond each end as well: an end of travel is met but for rounding.
+                    // One turn beyond each end as well: rounding may put an end of travel just outside.
                     let count = (last - first).max(-1.0) + 3.0;
                     if count > MOST_SOLUTIONS as f64 {
                         return Err(too_many(count));
@@ -211,7 +211,7 @@ impl Machine {
                 let at = within.clone().into_iter().map(move |q| {
                     let mut state = state;
                     if kind == AxisKind::Rotary {
-                        // An end of travel, not a rounding beyond it.
+                        // Clamp rounding errors to the end of travel.
                         let q = q.max(low).min(high);
                         state.q[place] = Displacement::from_coordinate(kind, q).mm_or_rad();
                     }
@@ -233,8 +233,7 @@ impl Machine {
     }
 }
 
-/// From where to where the axis at a place may go along a move from a state, mm, until an axis is at an end of its travel; `None`
-/// where one is beyond it.
+/// The range of the axis at an index along a dependent move from a state, mm, until an axis reaches an end of travel; `None` if one is beyond it.
 fn range_along(
     moves: &[f64; MAX_AXES],
     place: usize,
@@ -261,7 +260,7 @@ fn note(names: &mut Vec<AxisName>, name: AxisName) {
 fn too_many(found: f64) -> ModelError {
     ModelError::TooMany {
         what: "solutions",
-        // Saturates, which is enough for a message.
+        // Saturates, which is good enough for a message.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -272,7 +271,7 @@ fn too_many(found: f64) -> ModelError {
     }
 }
 
-/// The rotary axes two by two; all of them where there are no more than two.
+/// All pairs of the rotary axes; a single group if there are no more than two.
 fn pairs(rotary: &[usize]) -> Vec<Vec<usize>> {
     if rotary.len() <= 2 {
         return vec![rotary.to_vec()];

@@ -1,4 +1,4 @@
-//! The largest correction of each axis within the travels.
+//! Largest correction of each axis within the travels.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, PerAxis};
@@ -7,13 +7,12 @@ use crate::{CompiledMachine, Machine, ModelError, Temperatures, Thermal, Toleran
 
 /// Maximum number of grid states for each direction of approach.
 const STATES: usize = 4000;
-/// Maximum number of places along an axis of the grid.
+/// Maximum number of grid coordinates along an axis.
 const PLACES: usize = 21;
 
 impl Machine {
-    /// The largest correction of each axis that corrections move, in chain order: on an even grid over the travels of all
-    /// axes with their ends and, from the largest of each axis, along every axis at [`Machine::places`], approached from
-    /// either side.
+    /// The largest correction of each corrected axis, in chain order: on an even grid over the travels of all axes with their ends and,
+    /// from the maximum of each axis, along every axis at [`Machine::places`], with approach from either side.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -27,8 +26,8 @@ impl Machine {
         Ok(self.largest_within_travels(correctors, &PerAxis::default(), &delta))
     }
 
-    /// How much the correction of each axis may change with each kelvin of the sensors, in chain order, at the same places.
-    /// Empty for a machine without thermal terms.
+    /// Maximum change of the correction of each axis per kelvin of the sensors, in chain order, at the same coordinates as
+    /// `largest_corrections`. Empty for a machine without thermal terms.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -41,8 +40,8 @@ impl Machine {
         Ok(self.largest_within_travels(correctors, &PerAxis::default(), &change))
     }
 
-    /// What each kelvin of the sensors changes; `None` for a machine without thermal terms. It leaves out what terms have seen
-    /// ([`Thermal::seen`]): within that it holds.
+    /// The effect of one kelvin at each sensor; `None` for a machine without thermal terms. It ignores the tested ranges
+    /// ([`Thermal::seen`]), so it holds within them only.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
@@ -57,7 +56,7 @@ impl Machine {
         if sensors.is_empty() {
             return Ok(None);
         }
-        // One kelvin more of one sensor.
+        // One sensor warmer by one kelvin.
         let at = |warmer: Option<&str>| {
             let degc = |sensor: &str| {
                 let more = if warmer == Some(sensor) { 1.0 } else { 0.0 };
@@ -73,9 +72,9 @@ impl Machine {
         }))
     }
 
-    /// The largest of something (mm, rad) of each axis that corrections move, in chain order: on an even grid over the travels of all
-    /// axes but those that are `fixed` at a coordinate (mm, rad), with their ends, and, from the largest of each axis, along every axis
-    /// at [`Machine::places`], approached from either side. What is no number is larger than every one.
+    /// The maximum of a quantity (mm, rad) of each corrected axis, in chain order: on an even grid over the travels of all axes with their
+    /// ends, except those `fixed` at a coordinate (mm, rad), and, from the maximum of each axis, along every axis at [`Machine::places`],
+    /// with approach from either side. NaN counts as larger than every number.
     pub fn largest_within_travels(
         &self,
         correctors: &Correctors,
@@ -148,8 +147,7 @@ pub struct EachKelvin {
 }
 
 impl EachKelvin {
-    /// How much the correction of each axis (mm, rad) may change with a kelvin of every sensor: what each sensor changes alone,
-    /// added over all sensors.
+    /// Maximum change of the correction of each axis (mm, rad) for one kelvin of every sensor: the sum of the effects of the single sensors.
     pub fn change(&self, state: &State, correctors: &Correctors) -> PerAxis<f64> {
         let correction = |machine: &CompiledMachine| machine.parts_of(state, correctors).delta();
         let before = correction(&self.reference);

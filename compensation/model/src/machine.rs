@@ -1,4 +1,4 @@
-//! A machine: its chain, its errors in the units of the file, its thermal terms.
+//! A machine: its kinematic chain, its errors in the units of the file, its thermal terms.
 
 use std::collections::BTreeMap;
 
@@ -19,10 +19,10 @@ use crate::{
 /// A machine with its errors. Coordinates, curves and numbers here are in the units of the file
 /// (mm, deg, µm, µrad); the chain inside is in mm and rad.
 ///
-/// With the feature `serde` a machine is written as the text of its machine file and read with all its checks; which
-/// tool is in the spindle is not part of it.
+/// With the feature `serde`, a machine is serialised as the text of its machine file and deserialised with all its checks; the selected
+/// tool is not included.
 ///
-/// Two machines are equal when everything that a machine file states is equal and the same tool is in the spindle.
+/// Two machines are equal if everything that a machine file states is equal and the same tool is in the spindle.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -45,7 +45,7 @@ pub struct Machine {
     provenance: Provenance,
 }
 
-/// The parts that a machine is built from, as the file states them.
+/// The parts from which a machine is built, as read from the file.
 pub(crate) struct Parts {
     pub(crate) name: String,
     pub(crate) structure: Structure,
@@ -100,13 +100,13 @@ impl Machine {
         &self.axes
     }
 
-    /// The axis of a letter; `None` where the structure lacks it.
+    /// The axis with this letter; `None` if the structure lacks it.
     pub fn axis(&self, name: AxisName) -> Option<&Axis> {
         self.axes.iter().find(|axis| axis.name == name)
     }
 
-    /// Notes for people on what is odd, though it may be meant: travels and periods that look like radians, location errors
-    /// that look like mm or deg, curves that cover a part of the travel.
+    /// Notes on suspicious but valid input: travels and periods that look like radians, location errors that look like mm or deg, curves
+    /// that cover only part of the travel.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes_on_travel();
         notes.extend(odd::notes(self));
@@ -120,8 +120,8 @@ impl Machine {
         notes
     }
 
-    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the share that they
-    /// cover, the smallest where a grid depends on two axes; sorted by name.
+    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the covered share (the smaller one
+    /// for a grid over two axes); sorted by name.
     pub fn partly_measured(&self) -> Vec<(ErrorName, AxisName, f64)> {
         let share = |(error, curve): (ErrorName, &ErrorCurve)| {
             let own = self.index_of(error.axis).ok()?;
@@ -130,7 +130,7 @@ impl Machine {
                 let axis = self.axes.get(place)?;
                 let [low, high] = axis.travel;
                 let covered = (to.min(high) - from.max(low)).max(0.0);
-                // An axis that does not travel is covered where it stands.
+                // A curve always covers an axis without travel.
                 let share = if high > low {
                     covered / (high - low)
                 } else {
@@ -146,7 +146,7 @@ impl Machine {
         found
     }
 
-    /// The error motions that were read in one direction of motion alone: `[provenance]` tells their runs, and one curve holds for both directions.
+    /// The error motions measured in one direction only: `[provenance]` lists their runs, and one curve is used for both directions.
     pub fn read_in_one_direction(&self) -> Vec<ErrorName> {
         let origins = self.provenance.errors.iter();
         let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
@@ -156,7 +156,7 @@ impl Machine {
             .collect()
     }
 
-    /// Whether it states any error, thermal terms apart.
+    /// True if the machine states any error; thermal terms do not count.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;
         self.errors().next().is_some()
@@ -177,12 +177,12 @@ impl Machine {
         axes.filter_map(note).collect()
     }
 
-    /// The tool that `[tool]` states; tools by name start from it.
+    /// The tool of `[tool]`, which named tools are based on.
     pub fn tool(&self) -> &Tool {
         &self.tool
     }
 
-    /// The tools by name that `[tools]` states.
+    /// The named tools of `[tools]`.
     pub fn tools(&self) -> &BTreeMap<String, Tool> {
         &self.tools
     }
@@ -195,7 +195,7 @@ impl Machine {
     /// Puts a tool of `[tools]` into the spindle.
     ///
     /// # Errors
-    /// [`ModelError::NoSuchTool`], or a tool that makes no chain.
+    /// [`ModelError::NoSuchTool`], or a tool from which no chain can be built.
     pub fn select_tool(&mut self, name: &str) -> Result<(), ModelError> {
         let tool = self.tool_named(name)?.clone();
         self.set_tool(&tool)
@@ -209,10 +209,10 @@ impl Machine {
         })
     }
 
-    /// The tip of a tool of `[tools]`, mm in MCS at machine zero; the tool in the spindle stays.
+    /// The tip of a tool of `[tools]`, mm in MCS at machine zero; does not change the tool in the spindle.
     ///
     /// # Errors
-    /// [`ModelError::NoSuchTool`], or a tool that makes no chain.
+    /// [`ModelError::NoSuchTool`], or a tool from which no chain can be built.
     pub fn tip_of(&self, name: &str) -> Result<Vector3<f64>, ModelError> {
         let (tip, axis) = self.tool_named(name)?.over(&self.tool).tip_and_axis();
         let mut chain = self.chain.clone();
@@ -220,11 +220,11 @@ impl Machine {
         Ok(chain.tool_tip_mm())
     }
 
-    /// The tools of `[tools]` with the shortest and the longest reach: how far the tip lies along the tool axis from that of
-    /// [`tool`](Self::tool). One name where both are the same; none where the file states no tools.
+    /// The tools of `[tools]` with the shortest and the longest reach: the distance of the tip from that of [`tool`](Self::tool) along the
+    /// tool axis. One name if both are the same; empty if the file states no tools.
     ///
     /// # Errors
-    /// A tool that makes no chain.
+    /// A tool from which no chain can be built.
     pub fn tool_range(&self) -> Result<Vec<&str>, ModelError> {
         let mut reaches = Vec::new();
         for name in self.tools.keys() {
@@ -242,10 +242,10 @@ impl Machine {
         Ok(ends)
     }
 
-    /// Puts a tool into the spindle; what it does not state is taken from `[tool]`.
+    /// Puts a tool into the spindle; keys that it does not state come from `[tool]`.
     ///
     /// # Errors
-    /// A tool whose tip or axis is no place or direction.
+    /// A tool with an invalid tip or axis.
     pub fn set_tool(&mut self, tool: &Tool) -> Result<(), ModelError> {
         let (tip, axis) = tool.over(&self.tool).tip_and_axis();
         Ok(self.chain.set_tool(tip, axis)?)
@@ -254,14 +254,13 @@ impl Machine {
     /// Puts the tool that is in the spindle of another machine into this one's.
     ///
     /// # Errors
-    /// None for a tool that stands in a machine already.
+    /// Never for a tool that is already in the spindle of a valid machine.
     pub fn use_tool_of(&mut self, other: &Self) -> Result<(), ModelError> {
         let (tip, axis) = (other.chain.tool_tip_mm(), other.chain.tool_axis());
         Ok(self.chain.set_tool(tip.into(), axis.into())?)
     }
 
-    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in
-    /// chain order and component.
+    /// Every error motion with its curve (argument mm or deg, value µm or µrad), sorted by axis in chain order and by component.
     pub fn errors(&self) -> impl Iterator<Item = (ErrorName, &ErrorCurve)> {
         self.axes
             .iter()
@@ -274,7 +273,7 @@ impl Machine {
             })
     }
 
-    /// The curve of one error motion (argument mm or deg, value µm or µrad); `None` where it is zero.
+    /// The curve of one error motion (argument mm or deg, value µm or µrad); `None` if it is zero.
     pub fn error(&self, name: ErrorName) -> Option<&ErrorCurve> {
         let index = self.chain.structure().index_of(name.axis)?;
         self.motions[index][name.component.index()]
@@ -287,7 +286,7 @@ impl Machine {
         &self.locations
     }
 
-    /// From corner to corner of the travels of the linear axes, mm; 0 without linear axes.
+    /// Length of the diagonal of the travels of the linear axes, mm; 0 without linear axes.
     pub fn diagonal_of_travels_mm(&self) -> f64 {
         let linear = self.axes.iter();
         let linear = linear.filter(|axis| axis.name.kind() == AxisKind::Linear);
@@ -303,9 +302,9 @@ impl Machine {
     /// Sets the curve of an error motion: argument mm or deg, value µm or µrad.
     ///
     /// # Errors
-    /// An axis that is not there, or [`ModelError::Refused`]: the name of a location error, numbers that are not
-    /// finite, a grid over an axis that is not there, or, along an axis with `modulo`, nodes whose first and last
-    /// value differ, or a curve that jumps by more than 1 µm or 1 µrad where the axis rolls over.
+    /// A missing axis, or [`ModelError::Refused`]: the name of a location error, numbers that are not finite, a grid over a missing axis,
+    /// or, along an axis with `modulo`, nodes whose first and last value differ, or a curve that jumps by more than 1 µm or 1 µrad where
+    /// the axis rolls over.
     pub fn set_error(&mut self, name: ErrorName, curve: ErrorCurve) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
         if let Some(reason) = curve_refusal(name, &curve, index, &self.axes) {
@@ -322,8 +321,7 @@ impl Machine {
     /// Sets a location error, µm or µrad.
     ///
     /// # Errors
-    /// An axis that is not there, or [`ModelError::Refused`]: the name of an error motion, a value that is not
-    /// finite, or an error without effect.
+    /// A missing axis, or [`ModelError::Refused`]: the name of an error motion, a value that is not finite, or an error without effect.
     pub fn set_location(&mut self, name: ErrorName, value: f64) -> Result<(), ModelError> {
         let index = self.index_of(name.axis)?;
         let joint = &self.chain.joints()[index];
@@ -338,11 +336,11 @@ impl Machine {
         Ok(())
     }
 
-    /// Sets the assembly errors of an axis: three offsets (µm) and three angles (µrad) about the axes of the machine
-    /// coordinate system, constant over the travel.
+    /// Sets the assembly errors of an axis: three offsets (µm) and three angles (µrad) about the axes of the machine coordinate system,
+    /// constant over the travel.
     ///
     /// # Errors
-    /// An axis that is not there, or [`ModelError::Assembly`]: numbers that are not finite.
+    /// A missing axis, or [`ModelError::Assembly`]: numbers that are not finite.
     pub fn set_assembly(&mut self, axis: AxisName, six: [f64; 6]) -> Result<(), ModelError> {
         let index = self.index_of(axis)?;
         if let Some(&found) = six.iter().find(|x| !is_number(**x)) {
@@ -352,33 +350,32 @@ impl Machine {
         Ok(())
     }
 
-    /// The thermal terms: what temperatures add to the error motions.
+    /// The thermal terms: temperature-dependent contributions to the error motions.
     pub fn thermal(&self) -> &Thermal {
         &self.thermal
     }
 
-    /// Sets the thermal terms in place of those that were there.
+    /// Replaces the thermal terms.
     ///
     /// # Errors
-    /// [`ModelError::Thermal`]: a term of an error motion that the machine does not have, an expansion of an angle
-    /// or of a rotary axis, numbers that are not finite, a negative lag, a drift without a sensor.
+    /// [`ModelError::Thermal`]: a term of an error motion that the machine does not have, an expansion of an angle or of a rotary axis,
+    /// numbers that are not finite, a negative lag, a drift without a sensor.
     pub fn set_thermal(&mut self, thermal: Thermal) -> Result<(), ModelError> {
         thermal.check(self.chain.structure())?;
         self.thermal = thermal;
         Ok(())
     }
 
-    /// The axes that corrections may move, as the key `correct` of the machine file names them, the most wanted
-    /// first; `None`: every axis.
+    /// The axes that corrections may move, from the key `correct` of the machine file, in order of preference; `None`: every axis.
     pub fn correct(&self) -> Option<&[AxisName]> {
         self.correct.as_deref()
     }
 
-    /// Sets the axes that corrections may move; `None`: every axis. All others are held where they are, and what
-    /// the named axes cannot reach is residual.
+    /// Sets the axes that corrections may move; `None`: every axis. The other axes are not moved, and errors that the named axes cannot
+    /// correct remain as residual.
     ///
     /// # Errors
-    /// An axis that is not there, or [`ModelError::Correct`]: no axis, or one axis twice.
+    /// A missing axis, or [`ModelError::Correct`]: an empty list, or one axis twice.
     pub fn set_correct(&mut self, axes: Option<&[AxisName]>) -> Result<(), ModelError> {
         for (place, &axis) in axes.unwrap_or_default().iter().enumerate() {
             self.index_of(axis)?;
@@ -393,15 +390,15 @@ impl Machine {
         Ok(())
     }
 
-    /// Where the errors come from, as far as it is known.
+    /// The sources of the errors, as far as known.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
 
-    /// Sets where the errors come from, in place of what was known.
+    /// Replaces the provenance of the errors.
     ///
     /// # Errors
-    /// A date that is none, an error twice or one that the machine does not state, numbers below 0, hashes that are none.
+    /// An invalid date, an error listed twice or not stated by the machine, negative numbers, invalid hashes.
     pub fn set_provenance(&mut self, provenance: Provenance) -> Result<(), ProvenanceRefusal> {
         let stated = |name: ErrorName| {
             if name.location {
@@ -417,12 +414,12 @@ impl Machine {
         Ok(())
     }
 
-    /// Adds errors that the measurements do not bear out to the provenance.
+    /// Adds errors that the measurements do not determine to the provenance.
     pub fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
         self.provenance.leave_undecided(errors);
     }
 
-    /// Takes every error motion, location and assembly error away; thermal terms stay.
+    /// Removes all error motions, location and assembly errors; thermal terms stay.
     pub fn clear_errors(&mut self) {
         self.motions.fill(Default::default());
         self.locations.clear();
@@ -430,7 +427,7 @@ impl Machine {
         self.provenance = Provenance::default();
     }
 
-    /// The place of an axis in the chain.
+    /// The index of an axis in the chain.
     ///
     /// # Errors
     /// [`ModelError::NoSuchAxis`].
@@ -445,8 +442,7 @@ impl Machine {
             })
     }
 
-    /// The coordinates of a state in the units of the curves (mm, deg), brought into travel where an
-    /// axis has a `modulo`.
+    /// The coordinates of a state in the units of the curves (mm, deg), reduced into travel for an axis with `modulo`.
     pub fn curve_coordinates(&self, state: &State) -> PerAxis<f64> {
         let mut coordinates = PerAxis::ZERO;
         for ((place, axis), &q) in coordinates.iter_mut().zip(&self.axes).zip(&state.q) {

@@ -5,11 +5,10 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{error::ModelError, machine::Machine};
 
-/// The most nodes along one axis.
+/// Maximum number of nodes along one axis.
 const MOST_NODES: usize = 1_000_000;
 
-/// A grid over the travels of those of the linear axes X, Y, Z that the machine has; all other axes stand where they are said
-/// to.
+/// A grid over the travels of the machine's linear axes among X, Y, Z; all other axes are at fixed coordinates.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MapGrid {
@@ -17,17 +16,16 @@ pub struct MapGrid {
     pub axes: Vec<AxisName>,
     /// Nodes along each axis, mm.
     pub nodes_mm: Vec<Vec<f64>>,
-    /// Where the other axes stand, mm or deg; those that are not named at 0.
+    /// Coordinates of the other axes, mm or deg; axes not listed are at 0.
     pub others: Vec<(AxisName, f64)>,
 }
 
 impl MapGrid {
-    /// `counts` nodes over the travels of X, Y and Z, both ends included; an axis the machine lacks
-    /// takes no part. A count of 1 stands at the middle. `others` says where the axes of the machine that are not of the grid
-    /// stand, mm or deg.
+    /// A grid of `counts` nodes over the travels of X, Y and Z, both ends included; axes that the machine lacks are left out. A count of 1
+    /// gives the middle. `others` are the coordinates of the axes outside the grid, mm or deg.
     ///
     /// # Errors
-    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; what [`Machine::state`] refuses of `others`.
+    /// [`ModelError::TooMany`]: more than 1 000 000 nodes along an axis; and the errors of [`Machine::state`] for `others`.
     pub fn over_travels(
         machine: &Machine,
         counts: [usize; 3],
@@ -64,16 +62,16 @@ impl MapGrid {
         lengths.fold(1, usize::saturating_mul)
     }
 
-    /// Whether an axis of the grid has no node, so that the grid has none.
+    /// True if an axis of the grid has no node.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A node by its number, X fastest: its coordinates along the axes of the grid (mm; 0 for an axis that
-    /// is not there) and its state. Numbers from [`len`](Self::len) on begin again at the first node.
+    /// A node by its index, X fastest: its coordinates along the axes of the grid (mm; 0 for a missing axis) and its state. Indices from
+    /// [`len`](Self::len) on wrap around to the first node.
     pub fn node(&self, machine: &Machine, mut index: usize) -> ([f64; 3], State) {
         let mut at_mm = [0.0; 3];
-        // Asked for when the grid was made; of another machine the axes stand at 0.
+        // Validated when the grid was made; on another machine the axes fall back to 0.
         let mut state = machine.state(&self.others).unwrap_or_default();
         for ((place, name), nodes) in at_mm.iter_mut().zip(&self.axes).zip(&self.nodes_mm) {
             let count = nodes.len().max(1);

@@ -1,4 +1,4 @@
-//! Numbers of a machine file that look like another unit.
+//! Detects numbers in a machine file that look like another unit.
 
 use std::f64::consts::TAU;
 
@@ -6,13 +6,12 @@ use volcomp_curve::{Curve, Field};
 
 use crate::machine::Machine;
 
-/// µm and µrad: nobody measures where an axis lies to less, so that a file whose location errors are all below states them in
-/// mm or deg.
+/// µm and µrad: smaller than any measurement of an axis location, so a file whose location errors are all below it states them in mm or deg.
 const NEVER_MEASURED: f64 = 0.1;
-/// What people write of 2π is off by this part at the most (6.28).
+/// Maximum relative deviation of a rounded 2π (6.28).
 const WRITTEN: f64 = 6e-4;
 
-/// Location errors that are all far below what is measured, and waves over 2π degrees.
+/// Notes on location errors far below what can be measured, and on waves with a period of 2π degrees.
 pub(crate) fn notes(machine: &Machine) -> Vec<String> {
     let stated = machine
         .locations()

@@ -1,21 +1,19 @@
-//! Where a machine may bend, and where it has to be looked at, so that nothing of its errors falls between the places that are looked
-//! at.
+//! Coordinates at which the errors of a machine may change abruptly, and coordinates at which they must be sampled so that no feature is missed.
 
 use volcomp_curve::{Curve, Field};
 
 use crate::Machine;
 
 impl Machine {
-    /// The nodes of the machine's curves and grids along each axis, mm or deg: where an error may change abruptly
-    /// ([`Curve::breakpoints`](volcomp_curve::Curve::breakpoints)), beyond the travel, too. Rising, none twice.
+    /// The nodes of the machine's curves and grids along each axis, mm or deg, inside and outside the travel: where an error may change
+    /// abruptly ([`Curve::breakpoints`](volcomp_curve::Curve::breakpoints)). Ascending, without duplicates.
     pub fn nodes(&self) -> Vec<Vec<f64>> {
         self.along_axes(Curve::breakpoints)
     }
 
-    /// The places along each axis, mm or deg, at which a curve of the machine has to be looked at: its nodes, and as many
-    /// between them as its kind takes ([`Curve::places`](volcomp_curve::Curve::places)). Places at equal distances meet an
-    /// error that repeats with the pitch of a screw at its zeros only. Within the travel, or what an axis with `modulo` has of
-    /// it; its ends are among them. Rising, none twice.
+    /// The coordinates along each axis, mm or deg, at which the machine's curves must be sampled: their nodes, and as many points between
+    /// them as the kind of curve needs ([`Curve::places`](volcomp_curve::Curve::places)). Equidistant samples alone could hit an error that
+    /// repeats with the pitch of a screw only at its zeros. Within the travel, including its ends; ascending, without duplicates.
     pub fn places(&self) -> Vec<Vec<f64>> {
         let mut places = self.along_axes(Curve::places);
         for (places, axis) in places.iter_mut().zip(self.axes()) {
@@ -27,7 +25,7 @@ impl Machine {
         places
     }
 
-    /// What each curve has along its axis, and the nodes of grids.
+    /// The coordinates `of` each curve along its axis, and the nodes of grids.
     fn along_axes(&self, of: fn(&Curve) -> Vec<f64>) -> Vec<Vec<f64>> {
         let mut along = vec![Vec::new(); self.axes().len()];
         for (name, curve) in self.errors() {

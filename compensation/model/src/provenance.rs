@@ -1,4 +1,4 @@
-//! Where the errors of a machine come from: the table `[provenance]` of a machine file.
+//! Provenance of the errors of a machine: the table `[provenance]` of a machine file.
 
 use std::{fmt::Write as _, io::Read, path::Path};
 
@@ -84,24 +84,24 @@ fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result
 }
 
 impl Provenance {
-    /// Whether nothing is known.
+    /// True if nothing is known.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// What is known of one error.
+    /// The origin of one error, if known.
     pub fn of(&self, error: ErrorName) -> Option<&Origin> {
         self.errors.iter().find(|origin| origin.error == error)
     }
 
-    /// Adds errors that the measurements do not bear out.
+    /// Adds errors that the measurements do not determine.
     pub(crate) fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
         self.undecided.extend(errors);
         self.undecided.sort_unstable();
         self.undecided.dedup();
     }
 
-    /// A note on the errors that the measurements do not bear out.
+    /// A note on the errors that the measurements do not determine.
     pub fn note(&self) -> Option<String> {
         let names: Vec<String> = self.undecided.iter().map(ErrorName::to_string).collect();
         (!names.is_empty()).then(|| {
@@ -112,7 +112,7 @@ impl Provenance {
         })
     }
 
-    /// Takes away what stands here about an error. Who found the others is told on while there are any.
+    /// Removes the entries of an error. The general entries stay as long as other errors have an origin.
     pub(crate) fn forget(&mut self, error: ErrorName) {
         let before = self.errors.len();
         self.errors.retain(|origin| origin.error != error);
@@ -125,7 +125,7 @@ impl Provenance {
         }
     }
 
-    /// Why a machine that states the errors of which `stated` is true cannot have it, in the order of what is looked at.
+    /// Why this provenance is invalid for a machine with the errors for which `stated` returns true, in the order of the checks.
     pub(crate) fn refusal(&self, stated: impl Fn(ErrorName) -> bool) -> Option<ProvenanceRefusal> {
         if let Some(found) = self.date.as_ref().filter(|date| !is_date(date)) {
             return Some(ProvenanceRefusal::Date {
@@ -154,24 +154,24 @@ impl Provenance {
     }
 }
 
-/// Why a machine cannot have a provenance.
+/// Why a provenance is rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the messages say what most fields are")]
 pub enum ProvenanceRefusal {
-    /// The date is none.
+    /// An invalid date.
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
     Date { found: String },
-    /// An error stands twice.
+    /// An error is listed twice.
     #[error("{error} stands twice")]
     Twice { error: ErrorName },
-    /// An error that the machine does not state.
+    /// The machine does not state the error.
     #[error("found {error}, expected an error that stands in [errors]")]
     NotStated { error: ErrorName },
-    /// A residual or a leave-one-out error that is none.
+    /// An invalid residual or leave-one-out error.
     #[error("{error}: found {found}, expected a finite number of 0 or more")]
     Number { error: ErrorName, found: f64 },
-    /// A hash that is none.
+    /// An invalid hash.
     #[error("{error}: found `{found}` as sha256, expected 64 lower-case hexadecimal digits")]
     Hash { error: ErrorName, found: String },
 }
@@ -181,7 +181,7 @@ fn is_sha256(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(is_digit)
 }
 
-/// Whether a text is a day of the Gregorian calendar, `2026-11-26`.
+/// True if a text is a date of the Gregorian calendar, `2026-11-26`.
 pub fn is_date(text: &str) -> bool {
     let mut parts = text.split('-');
     let mut next = |digits: usize| {
@@ -204,10 +204,10 @@ pub fn is_date(text: &str) -> bool {
 }
 
 impl Source {
-    /// A file by the name under which it is told, with the hash of its bytes.
+    /// A file under its reported name, with the hash of its bytes.
     ///
     /// # Errors
-    /// What keeps the file from being read.
+    /// The file cannot be read.
     pub fn read(name: &str, path: &Path) -> std::io::Result<Self> {
         Ok(Self {
             file: name.to_owned(),
@@ -220,7 +220,7 @@ impl Source {
 /// SHA-256 of the bytes of a file, 64 lower-case hexadecimal digits.
 ///
 /// # Errors
-/// What keeps the file from being read.
+/// The file cannot be read.
 pub fn sha256_of(path: &Path) -> std::io::Result<String> {
     let mut file = std::fs::File::open(path)?;
     let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);

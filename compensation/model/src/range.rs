@@ -5,22 +5,22 @@ use volcomp_vocabulary::{AxisName, Direction, ErrorName, MAX_AXES};
 
 use crate::Machine;
 
-/// Even steps over the travel of an axis at which a curve is evaluated, besides the places that it has itself.
+/// Number of even steps over the travel of an axis at which a curve is evaluated, in addition to its own sampling coordinates.
 const STEPS: usize = 1000;
 
-/// The smallest and the largest value of an error, in its unit: over the travels of all axes that it depends on, from either direction of approach.
+/// The minimum and maximum of an error, in its unit, over the travels of all axes that it depends on, with approach from either direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorRange {
     /// The smallest value, µm or µrad.
     pub smallest: f64,
     /// The largest value, µm or µrad.
     pub largest: f64,
-    /// Where the value with the larger size is, mm or deg of each axis that it depends on there.
+    /// Where the absolute value is largest, mm or deg of each axis that it depends on there.
     pub at: Vec<(AxisName, f64)>,
 }
 
 impl Machine {
-    /// The range of an error motion; `None` where the machine states none.
+    /// The range of an error motion; `None` if the machine does not state it.
     pub fn range_of(&self, error: ErrorName) -> Option<ErrorRange> {
         let curve = self.error(error)?;
         let own = self.index_of(error.axis).ok()?;
@@ -53,7 +53,8 @@ impl Machine {
         range
     }
 
-    /// The places along each axis that a field depends on at which it is evaluated. A grid is bilinear: nodes and ends of travel have its extremes.
+    /// The coordinates at which a field is evaluated along each axis it depends on. A grid is bilinear: its extremes are at nodes and ends
+    /// of travel.
     fn points_of(&self, field: &Field, own: usize) -> Vec<(usize, Vec<f64>)> {
         let within = |place: usize, steps: usize, places: &[f64]| {
             let [low, high] = self.axes()[place].travel;
@@ -68,7 +69,7 @@ impl Machine {
             Field::Curve(curve) => vec![within(own, STEPS, &curve.places())],
             Field::Grid(grid) => {
                 let axes = grid.axes().into_iter().zip(grid.nodes());
-                // A machine refuses grids over axes that it does not have.
+                // A machine rejects grids over axes that it does not have.
                 let there = axes.filter(|(place, _)| *place < self.axes().len());
                 there
                     .map(|(place, nodes)| within(place, 1, nodes))

@@ -1,18 +1,18 @@
-//! The best rigid motion of the workpiece: what of a set of error vectors is where the workpiece lies, and what is error.
+//! Best-fit rigid-body alignment of the workpiece: separates a set of error vectors into workpiece position and error.
 //!
-//! Where the workpiece zero is and how the workpiece is turned on the table is a convention (an operator probes it, a measuring machine
-//! aligns it); what no such motion takes away is the error of form.
+//! The position and orientation of the workpiece are a convention (an operator probes them, a coordinate measuring machine aligns them);
+//! only what no alignment removes is an error of form.
 
 use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
-/// Squared ratio of how far points are off a line to how far they spread along it, below which the turn about that line cannot be told from
-/// rounding: 10 µm in 100 m.
+/// Threshold of the squared ratio of the points' distance off a line to their spread along it, below which the rotation about that line is
+/// indistinguishable from rounding: 10 µm in 100 m.
 const UNSEEN: f64 = 1e-14;
 
-/// State: sums over places and the error vectors there, from which the best rigid motion follows.
+/// State: sums over points and their error vectors, from which the best-fit rigid motion follows.
 ///
-/// Places and errors are counted from their means, which are updated with each point (Welford), so that places far off zero lose no
-/// digits; sums of parts are put together by [`merge`](Self::merge).
+/// Points and errors are counted from their means, which are updated with each point (Welford), so that points far from zero lose no
+/// digits; [`merge`](Self::merge) combines partial sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidSums {
     count: f64,
@@ -27,7 +27,7 @@ pub struct RigidSums {
 }
 
 impl RigidSums {
-    /// Takes a place and the error vector there, both in workpiece axes, mm.
+    /// Adds a point and its error vector, both in workpiece axes, mm.
     pub fn take(&mut self, place_mm: &Vector3<f64>, error_mm: &Vector3<f64>) {
         self.merge(&Self {
             count: 1.0,
@@ -37,7 +37,7 @@ impl RigidSums {
         });
     }
 
-    /// Takes the sums of other points.
+    /// Adds the sums of other points.
     pub fn merge(&mut self, other: &Self) {
         let count = self.count + other.count;
         if count == 0.0 {
@@ -57,11 +57,10 @@ impl RigidSums {
         self.count = count;
     }
 
-    /// The rigid motion by least squares: three shifts and three small rotations. A rotation that the points do not see (about a line on which
-    /// all of them are, or about a single point) is zero. Of places or errors that are not finite the motion is not a number either.
+    /// The least-squares rigid motion: three translations and three small rotations. A rotation that the points do not determine (about a
+    /// line through all of them, or about a single point) is zero. Points or errors that are not finite give NaN.
     pub fn motion(&self) -> RigidMotion {
-        // With everything counted from the means, the shift is that of the means, and the rotation solves
-        // Σ (|p|² − p pᵀ) ω = Σ p × e.
+        // With everything counted from the means, the translation is that of the means, and the rotation solves Σ (|p|² − p pᵀ) ω = Σ p × e.
         RigidMotion {
             about_mm: self.place_mm,
             shift_mm: self.error_mm,
@@ -69,8 +68,8 @@ impl RigidSums {
         }
     }
 
-    /// The root of the mean square of what is left beside the best rigid motion, mm; 0 without a point. It is a difference of
-    /// sums: of errors of 1 mm that are a rigid motion up to some 1e-8 mm are left.
+    /// Root mean square after best-fit rigid-body alignment, mm; 0 without a point. It is a difference of sums: for errors of 1 mm that are
+    /// a rigid motion, about 1e-8 mm remain.
     pub fn rms_left_mm(&self) -> f64 {
         let left = self.squares - self.rotation().dot(&self.turning());
         (left.max(0.0) / self.count.max(1.0)).sqrt()
@@ -92,7 +91,7 @@ impl RigidSums {
         if extent == 0.0 {
             return Vector3::zeros();
         }
-        // In units of the extent: neither the size of the machine nor the unit counts.
+        // Relative to the extent, so that neither the size of the machine nor the unit matters.
         let matrix = Matrix3::identity() - self.places / extent;
         let right = turning / extent;
         if !matrix.iter().chain(&right).all(|x| x.is_finite()) {
@@ -108,37 +107,36 @@ impl RigidSums {
     }
 }
 
-/// A small rigid motion: a rotation about a point, and a shift.
+/// A small rigid motion: a rotation about a point, and a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct RigidMotion {
-    /// The point about which it turns, mm: the mean of the places it was found from.
+    /// Centre of rotation, mm: the mean of the fitted points.
     pub about_mm: Vector3<f64>,
-    /// The shift of that point, mm.
+    /// Translation of that point, mm.
     pub shift_mm: Vector3<f64>,
     /// The rotation vector, rad.
     pub rotation_rad: Vector3<f64>,
 }
 
 impl RigidMotion {
-    /// How far it moves a place, mm.
+    /// Displacement of a point, mm.
     pub fn at_mm(&self, place_mm: &Vector3<f64>) -> Vector3<f64> {
         self.shift_mm + self.rotation_rad.cross(&(place_mm - self.about_mm))
     }
 
-    /// What is left of an error beside it, mm.
+    /// The error at a point after alignment, mm.
     pub fn left_mm(&self, place_mm: &Vector3<f64>, error_mm: &Vector3<f64>) -> Vector3<f64> {
         error_mm - self.at_mm(place_mm)
     }
 
-    /// What is left of an orientation error beside it, rad.
+    /// The orientation error after alignment, rad.
     pub fn left_rad(&self, rotation_rad: &Vector3<f64>) -> Vector3<f64> {
         rotation_rad - self.rotation_rad
     }
 }
 
-/// State: how large vectors are, by the root of the mean square and at most. All vectors that it takes have one unit, mm or rad, and
-/// what it tells has the same.
+/// State: root mean square and maximum length of vectors. All vectors have one unit, mm or rad, and so have the results.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lengths {
     count: f64,
@@ -147,7 +145,7 @@ pub struct Lengths {
 }
 
 impl Lengths {
-    /// Takes a vector.
+    /// Adds a vector.
     pub fn take(&mut self, vector: &Vector3<f64>) {
         let squared = vector.norm_squared();
         self.merge(&Self {
@@ -157,19 +155,19 @@ impl Lengths {
         });
     }
 
-    /// Takes the lengths of other vectors.
+    /// Adds the lengths of other vectors.
     pub fn merge(&mut self, other: &Self) {
         self.count += other.count;
         self.squares += other.squares;
         self.largest = self.largest.max(other.largest);
     }
 
-    /// The root of the mean square, in the unit of the vectors; 0 without a vector.
+    /// Root mean square, in the unit of the vectors; 0 without a vector.
     pub fn rms(&self) -> f64 {
         (self.squares / self.count.max(1.0)).sqrt()
     }
 
-    /// The largest length, in the unit of the vectors; 0 without a vector.
+    /// Maximum length, in the unit of the vectors; 0 without a vector.
     pub fn max(&self) -> f64 {
         self.largest
     }

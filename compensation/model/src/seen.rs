@@ -1,4 +1,4 @@
-//! What thermal terms have seen: the temperatures and the rates of the tests that they were found from.
+//! Tested ranges of thermal terms: the temperatures and rates of the tests from which they were identified.
 
 use volcomp_vocabulary::{ErrorName, bounds::PLAUSIBLE_DEGC};
 
@@ -7,32 +7,31 @@ use crate::{
     thermal::{Temperatures, Thermal},
 };
 
-/// What the terms of an error have seen of a sensor: a `[[thermal.seen]]` of a machine file.
+/// The tested range of a sensor for the terms of an error: a `[[thermal.seen]]` of a machine file.
 ///
-/// Terms that were found by experiment are worth nothing far from where they were found. A temperature beyond the range
-/// counts as the end of the range, and all terms of the error go to zero in a straight line over the next
-/// [`Thermal::margin_k`]. A rate counts as the change that it makes in ten minutes: one that is beyond the range by a
-/// margin in ten minutes takes the terms to zero as well.
+/// Terms identified by experiment are not valid far from the tested conditions. A temperature beyond the range counts as the end of the
+/// range, and all terms of the error fade linearly to zero over the next [`Thermal::margin_k`]. A rate counts as the change that it makes
+/// in ten minutes: a rate that exceeds the range by one margin in ten minutes also fades the terms to zero.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Seen {
-    /// The error motion whose terms are meant.
+    /// The error motion whose terms this limits.
     pub error: ErrorName,
     /// Name of the temperature sensor.
     pub sensor: String,
-    /// Lowest and highest temperature, °C.
+    /// Lowest and highest tested temperature, °C.
     pub degc: [f64; 2],
-    /// Fastest fall (0 or less) and fastest rise (0 or more), K/min, smoothed as by
-    /// [`SmoothedRate`](volcomp_curve::SmoothedRate); `None` is any.
+    /// Fastest tested fall (0 or less) and rise (0 or more), K/min, smoothed like [`SmoothedRate`](volcomp_curve::SmoothedRate); `None` is
+    /// unlimited.
     pub k_per_min: Option<[f64; 2]>,
 }
 
-/// How far a value is beyond a range.
+/// Distance of a value from a range; 0 within it.
 pub(crate) fn beyond([low, high]: [f64; 2], value: f64) -> f64 {
     (low - value).max(value - high).max(0.0)
 }
 
-/// The share of the terms that is in effect so far (K) beyond what they have seen.
+/// The active share of the terms, 0 to 1, at this distance (K) beyond their tested range.
 pub(crate) fn share_beyond(beyond_k: f64, margin_k: f64) -> f64 {
     (1.0 - beyond_k / margin_k).clamp(0.0, 1.0)
 }
@@ -72,7 +71,7 @@ impl Seen {
 }
 
 impl Thermal {
-    /// Whether a term of the error has this sensor.
+    /// True if a term of the error has this sensor.
     fn uses(&self, error: ErrorName, sensor: &str) -> bool {
         let mut expansion = self.expansion.iter();
         let mut drift = self.drift.iter();
@@ -80,19 +79,19 @@ impl Thermal {
             || drift.any(|term| term.error == error && term.sensors.contains_key(sensor))
     }
 
-    /// What the terms of an error have seen of a sensor, where it is stated.
+    /// The tested range of a sensor for the terms of an error, if stated.
     pub(crate) fn seen_of(&self, error: ErrorName, sensor: &str) -> Option<&Seen> {
         let mut seen = self.seen.iter();
         seen.find(|seen| seen.error == error && seen.sensor == sensor)
     }
 
-    /// A temperature (°C) as the terms of an error take it: within what they have seen.
+    /// A temperature (°C) clamped to the tested range of the terms of an error.
     pub(crate) fn held_degc(&self, error: ErrorName, sensor: &str, degc: f64) -> f64 {
         self.seen_of(error, sensor)
             .map_or(degc, |seen| degc.clamp(seen.degc[0], seen.degc[1]))
     }
 
-    /// The share of the terms of an error that is in effect at steady temperatures, 0 to 1.
+    /// The active share of the terms of an error at steady temperatures, 0 to 1.
     pub(crate) fn steady_share(&self, error: ErrorName, temperatures: &Temperatures) -> f64 {
         let of_error = self.seen.iter().filter(|seen| seen.error == error);
         let beyond = of_error.filter_map(|seen| {
@@ -102,7 +101,7 @@ impl Thermal {
         share_beyond(beyond.fold(0.0, f64::max), self.margin_k)
     }
 
-    /// What is stated as seen, and is exceeded at these steady temperatures.
+    /// The tested ranges that these steady temperatures exceed.
     pub fn beyond_seen(&self, temperatures: &Temperatures) -> Vec<&Seen> {
         let is_beyond = |seen: &&Seen| {
             let degc = temperatures.get(&seen.sensor);

@@ -1,4 +1,4 @@
-//! A machine through serde: the text of its machine file.
+//! Serde support: a machine as the text of its machine file.
 
 use crate::{error::ModelError, machine::Machine};
 

@@ -1,4 +1,4 @@
-//! The errors of a machine as kinematics asks for them.
+//! The errors of a machine as an error source for kinematics.
 
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_vocabulary::{Component, ErrorName, MAX_AXES};
@@ -10,7 +10,7 @@ use crate::{machine::Machine, thermal::Temperatures};
 #[derive(Clone, Debug)]
 pub struct MachineErrors<'a> {
     machine: &'a Machine,
-    /// Offset and slope (by mm) that the thermal terms add, µm or µrad.
+    /// Offset (µm or µrad) and slope (per mm) that the thermal terms add.
     thermal: [[[f64; 2]; 6]; MAX_AXES],
     location: [ErrorMotion; MAX_AXES],
 }
@@ -32,7 +32,7 @@ impl<'a> MachineErrors<'a> {
 }
 
 impl Machine {
-    /// Offset and slope (by mm) that the thermal terms add to each error motion of an axis, µm or µrad.
+    /// Offset (µm or µrad) and slope (per mm) that the thermal terms add to each error motion of an axis.
     pub(crate) fn thermal_of(&self, axis: usize, temperatures: &Temperatures) -> [[f64; 2]; 6] {
         let name = self.axes()[axis].name;
         let direction = self.chain().joints()[axis].direction;

@@ -9,45 +9,45 @@ use volcomp_vocabulary::{AxisKind, ErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{error::ThermalRefusal, seen::Seen};
 
-/// Temperatures by sensor name, °C. The temperature of a sensor that is not named is unknown.
+/// Temperatures by sensor name, °C. A sensor that is not listed has an unknown temperature.
 pub type Temperatures = BTreeMap<String, f64>;
 
 /// The thermal terms of a machine: the table `[thermal]` of a machine file.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Thermal {
-    /// The temperature at which the curves hold, °C.
+    /// The temperature at which the curves are valid, °C.
     pub reference_degc: f64,
-    /// Terms by which a scale or screw grows with a temperature.
+    /// Thermal expansion of scales or screws.
     pub expansion: Vec<Expansion>,
-    /// Terms by which an error follows temperatures with a lag.
+    /// Errors that follow temperatures with a lag.
     pub drift: Vec<Drift>,
-    /// What the terms have seen, where it is stated; beyond it they hold and fade.
+    /// Tested ranges; beyond them the terms hold and fade.
     #[cfg_attr(feature = "serde", serde(default))]
     pub seen: Vec<Seen>,
-    /// How far beyond what they have seen the terms are zero, K.
+    /// Distance beyond the tested range at which the terms are zero, K.
     #[cfg_attr(feature = "serde", serde(default = "default_margin_k"))]
     pub margin_k: f64,
 }
 
-/// The margins that [`Thermal::margin_k`] may have, K.
+/// Valid range of [`Thermal::margin_k`], K.
 pub(crate) const MARGINS_K: RangeInclusive<f64> = 0.1..=100.0;
 
-/// 5 K.
+/// K.
 pub(crate) fn default_margin_k() -> f64 {
     5.0
 }
 
-/// A scale or screw that grows with a temperature: E += k·(T − T_ref)·(q − q_fixed). Growth named as the positioning
-/// deviation of the axis (`EXX`, `EYV`) is along the direction of the axis, in whatever way it points.
+/// A scale or screw that expands with a temperature: E += k·(T − T_ref)·(q − q_fixed). Expansion named as the positioning deviation of the
+/// axis (`EXX`, `EYV`) is along the direction of the axis, whatever that is.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Expansion {
-    /// The linear error motion it is added to.
+    /// The linear error motion to which it is added.
     pub error: ErrorName,
     /// Name of the temperature sensor.
     pub sensor: String,
-    /// k, µm/(m·K): positive when the scale or screw grows.
+    /// k, µm/(m·K): positive if the scale or screw expands.
     pub um_per_m_k: f64,
     /// Coordinate of the fixed point, mm.
     pub fixed_mm: f64,
@@ -57,13 +57,13 @@ pub struct Expansion {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drift {
-    /// The error motion it is added to.
+    /// The error motion to which it is added.
     pub error: ErrorName,
-    /// Weight w of each sensor by its name.
+    /// Weight w of each sensor, by name.
     pub sensors: BTreeMap<String, f64>,
     /// The factor k: µm/K for a linear error, µrad/K for an angular one.
     pub per_k: f64,
-    /// Time constant of the lag, s; 0 is no lag.
+    /// Time constant of the lag, s; 0 for no lag.
     pub lag_s: f64,
 }
 
@@ -80,10 +80,10 @@ impl Default for Thermal {
 }
 
 impl Thermal {
-    /// Whether a machine of this structure can have these terms.
+    /// Checks that the terms are valid for a machine of this structure.
     ///
     /// # Errors
-    /// What cannot be, for the first term that cannot.
+    /// The reason for the first invalid term.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
         if !PLAUSIBLE_DEGC.contains(&self.reference_degc) {
             return Err(ThermalRefusal::Reference {
@@ -103,9 +103,9 @@ impl Thermal {
         self.seen.iter().try_for_each(|seen| seen.check(self))
     }
 
-    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, whose axis has this unit direction (in MCS),
-    /// at steady temperatures: a lag starts at its first input. A term whose sensors are not all known is left out; beyond
-    /// what they have seen the terms hold and fade ([`Seen`]).
+    /// Offset (µm or µrad) and slope (µm/mm) that the terms add to `error`, whose axis has this unit direction (in MCS), at steady
+    /// temperatures (a lag starts at its first input). A term with an unknown sensor is left out; beyond their tested ranges the terms hold
+    /// and fade ([`Seen`]).
     pub fn offset_and_slope(
         &self,
         error: ErrorName,
@@ -138,7 +138,7 @@ impl Thermal {
         sum
     }
 
-    /// Every sensor that a term names, sorted, each once.
+    /// All sensors of the terms, sorted, without duplicates.
     pub fn sensors(&self) -> Vec<&str> {
         let expansion = self.expansion.iter().map(|term| &term.sensor);
         let drift = self.drift.iter().flat_map(|term| term.sensors.keys());
@@ -150,8 +150,8 @@ impl Thermal {
 }
 
 impl Expansion {
-    /// The growth along X, Y and Z of MCS of an axis with this unit direction, as shares of k. A positioning deviation p
-    /// of the coordinate enters as δ = u·p; any other linear error motion is along its own letter.
+    /// The expansion along X, Y and Z of MCS of an axis with this unit direction, as shares of k. A positioning deviation p of the
+    /// coordinate enters as δ = u·p; any other linear error motion is along its own letter.
     pub(crate) fn shares(&self, direction: &Vector3<f64>) -> [f64; 3] {
         let component = self.error.component.mcs_index();
         if component == self.error.axis.mcs_index() {
@@ -162,10 +162,10 @@ impl Expansion {
         shares
     }
 
-    /// Whether a machine of this structure can have this term.
+    /// Checks that the term is valid for a machine of this structure.
     ///
     /// # Errors
-    /// An error motion that is not there or is not a length of a linear axis, numbers that are not finite.
+    /// An error motion that is missing or is not a linear one of a linear axis, numbers that are not finite.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
         motion_of(self.error, structure)?;
         if self.error.axis.kind() == AxisKind::Rotary || self.error.component.is_angular() {
@@ -177,10 +177,10 @@ impl Expansion {
 }
 
 impl Drift {
-    /// Whether a machine of this structure can have this term.
+    /// Checks that the term is valid for a machine of this structure.
     ///
     /// # Errors
-    /// An error motion that is not there, no sensor, a negative lag, numbers that are not finite.
+    /// A missing error motion, no sensor, a negative lag, numbers that are not finite.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
         let error = self.error;
         motion_of(error, structure)?;

@@ -1,4 +1,4 @@
-//! Thermal terms over time: state are the lags, and how long sensors are missing.
+//! Thermal terms over time. State: the lags, and how long sensors have been missing.
 
 use volcomp_curve::first_order_lag;
 use volcomp_evaluator::CompiledMachine;
@@ -12,18 +12,18 @@ use crate::{
     watch::Watch,
 };
 
-/// The times of fading: how a thermal term goes to zero while one of its sensors is missing.
+/// Fade times: how a thermal term goes to zero while one of its sensors is missing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fading {
     /// Time for which the term holds its last value, s.
     pub hold_s: f64,
-    /// Time within which it then goes to zero in a straight line, s.
+    /// Time over which it then fades linearly to zero, s.
     pub fade_s: f64,
 }
 
 impl Default for Fading {
-    /// Five minutes of holding, then ten minutes of fading.
+    /// Holds for five minutes, then fades over ten minutes.
     fn default() -> Self {
         Self {
             hold_s: 300.0,
@@ -32,16 +32,15 @@ impl Default for Fading {
     }
 }
 
-/// The thermal terms of a machine over time. State: the lagged temperatures of each term, how long its sensors have been
-/// missing, how far it has faded, and how fast sensors change. No call but [`new`](Self::new) allocates.
+/// The thermal terms of a machine over time. State: the lagged temperatures of each term, how long its sensors have been missing, how far
+/// it has faded, and how fast sensors change. Only [`new`](Self::new) allocates.
 ///
-/// A lag steps by [`first_order_lag`], which is exact for a temperature that holds for the step, and starts at its
-/// first input. A term of which a sensor is missing holds, then fades ([`Fading`]). When the sensor is back the lag goes
-/// on over the whole time for which it was missing, with the temperature that it tells then; what had faded comes in
-/// again as slowly as it went.
+/// A lag steps by [`first_order_lag`], which is exact for a temperature that is constant over the step, and starts at its first input. A
+/// term with a missing sensor holds, then fades ([`Fading`]). When the sensor returns, the lag advances over the whole time for which it
+/// was missing, with the temperature then received; the faded share returns as slowly as it faded.
 ///
-/// Beyond what the terms of an error have seen ([`Seen`](crate::Seen)) they hold and fade together, so that terms which
-/// work against each other stay so; their share changes no faster than in the time of [`Fading::fade_s`].
+/// Beyond their tested ranges ([`Seen`](crate::Seen)) all terms of an error hold and fade together, so that terms which cancel each other
+/// continue to do so; their share changes no faster than [`Fading::fade_s`] allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThermalState {
     sensors: Vec<String>,
@@ -54,7 +53,7 @@ pub struct ThermalState {
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     axis: usize,
-    /// Place of the watch over its error, where there is one.
+    /// Index of the watch over its error, if there is one.
     watch: Option<usize>,
     effect: Effect,
     inputs: Vec<Input>,
@@ -63,31 +62,31 @@ struct Term {
     unheard_s: f64,
     /// Time for which a sensor has been missing, s.
     missing_s: f64,
-    /// The share of the term that is in effect, 0 to 1: less than 1 while it fades, and while it comes in again.
+    /// The active share of the term, 0 to 1: less than 1 while it fades and while it returns.
     share: f64,
 }
 
-/// A sensor of a term. The lag of a sum is the sum of the lags, so each sensor keeps its own.
+/// A sensor of a term. The lag of a sum is the sum of the lags, so each sensor has its own.
 #[derive(Clone, Debug, PartialEq)]
 struct Input {
-    /// Place among the sensors.
+    /// Index of the sensor.
     sensor: usize,
     /// Its weight in Σ w·(T − T_ref).
     weight: f64,
-    /// The lagged temperature over T_ref, K; `None` until every sensor of the term has given a temperature once.
+    /// The lagged temperature above T_ref, K; `None` until every sensor of the term has delivered a temperature.
     lagged_k: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Effect {
-    /// mm along X, Y and Z for each mm of distance from the fixed point (mm) and each K.
+    /// mm along X, Y and Z per mm of distance from the fixed point (mm) and per K.
     Expansion { per_k: [f64; 3], fixed_mm: f64 },
-    /// mm or rad of one component for each K.
+    /// mm or rad of one component per K.
     Drift { component: usize, per_k: f64 },
 }
 
 impl ThermalState {
-    /// The terms of a machine before any temperature is known.
+    /// The terms of a machine without any temperature yet.
     ///
     /// # Errors
     /// [`ThermalRefusal::Fading`]: times that are negative or not finite.
@@ -127,13 +126,13 @@ impl ThermalState {
         })
     }
 
-    /// The sensors that the terms name, in the order in which [`step`](Self::step) takes them.
+    /// The sensors of the terms, in the order expected by [`step`](Self::step).
     pub fn sensors(&self) -> &[String] {
         &self.sensors
     }
 
-    /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor
-    /// whose temperature is `None`, not finite or not there is missing. A `dt_s` that is negative or NaN counts as 0.
+    /// Steps by `dt_s` with the temperature (°C) of each sensor, in the order of [`sensors`](Self::sensors). A sensor whose temperature is
+    /// `None`, not finite or absent is missing. A negative or NaN `dt_s` counts as 0.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) {
         let over = |sensor: usize| {
             let degc = degc
@@ -168,7 +167,7 @@ impl ThermalState {
         }
     }
 
-    /// Lets `stood_s` pass in which nobody asked the sensors, since the program stood. The lags go on by it with the next
+    /// Advances by `stood_s` during which the program was stopped and did not sample the sensors. The lags include that time with the next
     /// temperatures; no sensor counts as missing for it.
     pub fn stand(&mut self, stood_s: f64) {
         for term in &mut self.terms {
@@ -179,10 +178,10 @@ impl ThermalState {
         }
     }
 
-    /// Goes on with the lags of another state, such as that of the machine file of before: each sensor of a term takes
-    /// its lagged temperature from the term there whose lag is nearest, whatever error either of them moves and by how
-    /// much, so that no change of a lag or a weight begins anew in the middle of the work. A sensor that no term there
-    /// has begins with its first temperature. Allocates nothing.
+    /// Continues the lags of another state, such as that of the previous machine file: each sensor of a term takes its lagged temperature
+    /// from the term there with the nearest lag, whatever error either of them affects and by how much, so that a change of a lag or a
+    /// weight does not restart the lag during operation. A sensor without a term there starts with its first temperature. Does not
+    /// allocate.
     pub fn carry_over(&mut self, from: &Self) {
         let shift_k = from.reference_degc - self.reference_degc;
         for term in &mut self.terms {
@@ -212,20 +211,18 @@ impl ThermalState {
         }
     }
 
-    /// Whether temperatures or their rates are beyond what the terms of an error have seen, or its terms still come in
-    /// again after that.
+    /// True if temperatures or their rates are beyond the tested range of an error's terms, or its terms are still returning after that.
     pub fn is_beyond_seen(&self) -> bool {
         self.watches.iter().any(Watch::is_beyond)
     }
 
-    /// Whether a term holds, fades or has not started because one of its sensors is missing, or comes in again after that.
+    /// True if a term holds, fades, has not started because of a missing sensor, or is returning after that.
     pub fn is_degraded(&self) -> bool {
         let missing = |term: &Term| term.missing_s > 0.0 || term.share < 1.0 || !term.has_begun();
         self.terms.iter().any(missing)
     }
 
-    /// Puts the terms as they stand now into a compiled machine of the same structure, which was compiled without
-    /// temperatures.
+    /// Writes the current terms into a compiled machine of the same structure that was compiled without temperatures.
     pub fn apply(&self, machine: &mut CompiledMachine) {
         let mut offsets = [[0.0; 6]; MAX_AXES];
         let mut slopes = [[0.0; 3]; MAX_AXES];
@@ -257,19 +254,19 @@ impl ThermalState {
 }
 
 impl Fading {
-    /// The share of a term that is left when a sensor has been missing for so long, 0 to 1.
+    /// The active share of a term whose sensor has been missing for this time, 0 to 1.
     fn share(&self, missing_s: f64) -> f64 {
         let faded_s = (missing_s - self.hold_s).max(0.0);
         (1.0 - faded_s / self.fade_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
-    /// The share after `dt_s` on its way to `target`.
+    /// The share after moving towards `target` for `dt_s`.
     pub(crate) fn towards(self, share: f64, target: f64, dt_s: f64) -> f64 {
         let step = dt_s / self.fade_s.max(f64::MIN_POSITIVE);
         share + (target - share).clamp(-step, step)
     }
 
-    /// The share after `dt_s` in which every sensor was heard.
+    /// The share after `dt_s` in which every sensor delivered a temperature.
     fn returned(&self, share: f64, dt_s: f64) -> f64 {
         (share + dt_s.max(0.0) / self.fade_s.max(f64::MIN_POSITIVE)).min(1.0)
     }
@@ -329,7 +326,7 @@ impl Term {
         }
     }
 
-    /// The lagged Σ w·(T − T_ref), K; 0 while a sensor has not been heard yet.
+    /// The lagged Σ w·(T − T_ref), K; 0 until every sensor has delivered a temperature.
     fn lagged_k(&self) -> f64 {
         let inputs = self.inputs.iter();
         let sum: Option<f64> = inputs
@@ -338,14 +335,14 @@ impl Term {
         sum.unwrap_or(0.0)
     }
 
-    /// Whether every sensor has been heard.
+    /// True if every sensor has delivered a temperature.
     fn has_begun(&self) -> bool {
         self.inputs.iter().all(|input| input.lagged_k.is_some())
     }
 }
 
 impl Thermal {
-    /// Whether there is no term.
+    /// True if there is no term.
     pub fn is_empty(&self) -> bool {
         self.expansion.is_empty() && self.drift.is_empty()
     }

@@ -1,8 +1,8 @@
-//! A tool as a machine file states it.
+//! Tools of a machine file.
 
 use volcomp_kinematics::nalgebra::Vector3;
 
-/// A tool as the machine file states it; keys that are `None` come from `[tool]` or the default.
+/// A tool of the machine file; keys that are `None` come from `[tool]` or the default.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tool {
@@ -12,16 +12,16 @@ pub struct Tool {
     pub gauge_mm: Option<[f64; 3]>,
     /// Length from the gauge point to the tip, mm.
     pub length_mm: Option<f64>,
-    /// Offset that is added to the tip, mm in the machine coordinate system.
+    /// Offset added to the tip, mm in the machine coordinate system.
     pub offset_mm: Option<[f64; 3]>,
-    /// Direction from the tip to the spindle, of any length, in the machine coordinate system at machine zero.
+    /// Direction from the tip to the spindle, in the machine coordinate system at machine zero; not necessarily a unit vector.
     pub axis: Option<[f64; 3]>,
 }
 
 impl Tool {
-    /// This tool, with what it does not state taken from `base`.
+    /// This tool, with missing keys taken from `base`.
     pub(crate) fn over(&self, base: &Self) -> Self {
-        // A tip replaces the gauge point with all that belongs to it, and the other way round.
+        // A tip replaces the gauge point and its keys, and vice versa.
         let (keeps_tip, keeps_gauge) = (self.gauge_mm.is_none(), self.tip_mm.is_none());
         Self {
             tip_mm: self.tip_mm.or(base.tip_mm.filter(|_| keeps_tip)),

@@ -1,11 +1,10 @@
-//! The volumetric error: how far the tool is off over poses of all axes, once the workpiece is aligned.
+//! Volumetric error: the tool's error over poses of all axes after alignment of the workpiece.
 //!
-//! The workpiece is aligned once, by the rigid motion that fits the errors of all poses and tools best. An error that moves the
-//! workpiece in the same way at every pose is no error of the parts that the machine makes; a location error of a rotary axis
-//! moves it in another way at every angle and is one. At a single rotary pose the two cannot be told apart, so poses cover the
-//! travels of all axes.
+//! The workpiece is aligned once, by the rigid motion that best fits the errors of all poses and tools. An error that moves the workpiece
+//! in the same way at every pose does not affect the parts; a location error of a rotary axis moves it differently at every angle and does.
+//! At a single rotary pose the two are indistinguishable, so the poses cover the travels of all axes.
 //!
-//! Each axis comes from one of its two sides, so that the play of a reversal is part of the error.
+//! Each axis is approached from one of its two sides, so that backlash is part of the error.
 
 use volcomp_curve::Field;
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -13,12 +12,12 @@ use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{Lengths, Machine, ModelError, RigidMotion, RigidSums};
 
-/// Half the number of poses over which the workpiece is aligned; the other half are their mirror images about the middle of the
-/// travels, so that an error that is linear over a travel is aligned exactly.
+/// Half the number of poses over which the workpiece is aligned; the other half are mirrored about the middle of the travels, so that an
+/// error that is linear over a travel is aligned exactly.
 const HALF_POSES: u32 = 2048;
-/// Poses from which the largest error is searched.
+/// Number of poses from which the search for the largest error starts.
 const STARTS: usize = 128;
-/// Coordinates at which an axis is sampled in the search.
+/// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
 /// Poses from which each axis is sampled at the places of its curves, too, which are narrower than equal samples: so many of the worst, and so many that
 /// cover the travels, since a spot adds to the rest of the error at some poses and takes from it at others.
@@ -27,19 +26,18 @@ const STARTS_AT_PLACES: usize = 8;
 const STARTS_AT_NODES: usize = 2;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
-/// Step of the search, as a share of the travel, below which it ends.
+/// Smallest step of the search, as a share of the travel.
 const MIN_STEP: f64 = 1e-4;
-/// The bases of Halton's sequence, one for each dimension.
+/// Bases of the Halton sequence, one for each dimension.
 const BASES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
-/// Number of the [poses of all axes](poses_of_all_axes), from the first on, at which the uncertainty of the volumetric error is
-/// evaluated.
+/// Number of the first [poses of all axes](poses_of_all_axes) at which the uncertainty of the volumetric error is evaluated.
 pub const UNCERTAINTY_POSES: usize = 1000;
 
 /// The errors of a machine with one tool.
 pub struct ErrorField<'a> {
-    /// The name of the tool in `[tools]`; empty: the one in the spindle.
+    /// The name of the tool in `[tools]`; empty for the tool in the spindle.
     pub tool: &'a str,
-    /// The machine whose ideal tip and tool axis are meant.
+    /// The machine that defines the ideal tip and tool axis.
     pub machine: &'a Machine,
     /// The machines whose curves are in the errors: each is searched at the [places](Machine::places) of all.
     pub curves: Vec<&'a Machine>,
@@ -47,14 +45,14 @@ pub struct ErrorField<'a> {
     pub errors: &'a dyn Fn(&State) -> [f64; 6],
 }
 
-/// A figure of the volumetric error and the pose at which it is reached.
+/// A value of the volumetric error and the pose at which it occurs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Worst {
-    /// mm of a position, rad of a tilt.
+    /// mm for a position, rad for a tilt.
     pub value: f64,
     /// The pose, mm and deg.
     pub at: Vec<(AxisName, f64)>,
-    /// The tool, as its field names it.
+    /// The tool, named as in its field.
     pub tool: String,
 }
 
@@ -62,28 +60,28 @@ pub struct Worst {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct VolumetricError {
-    /// Number of poses over which the workpiece was aligned, of each tool.
+    /// Number of poses over which the workpiece was aligned, per tool.
     pub poses: usize,
     /// Largest error of the tip before alignment, found by a search from the worst poses, mm.
     pub max_mm: f64,
     /// Root mean square of the error of the tip before alignment, mm.
     pub rms_mm: f64,
-    /// Largest error of the tip after alignment, found in the same way.
+    /// Largest error of the tip after alignment, found by the same search.
     pub position: Worst,
     /// Root mean square of the error of the tip after alignment, mm.
     pub position_rms_mm: f64,
-    /// Largest tilt of the tool axis after alignment, found in the same way.
+    /// Largest tilt of the tool axis after alignment, found by the same search.
     pub tilt: Worst,
     /// Root mean square of the tilt after alignment, rad.
     pub tilt_rms_rad: f64,
-    /// The alignment.
+    /// The rigid-body alignment of the workpiece.
     pub alignment: RigidMotion,
 }
 
-/// Poses that cover the travels of all axes evenly, the same ones each time.
+/// Poses that cover the travels of all axes evenly; the same on every call.
 ///
 /// # Errors
-/// What [`Machine::state`] refuses.
+/// See [`Machine::state`].
 pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
     places(machine.axes().len())
         .map(|place| place.state(machine))
@@ -93,11 +91,11 @@ pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
 /// The volumetric error of a machine with one or several tools, `fields`, which have the same axes.
 ///
 /// # Errors
-/// No field, or what [`Machine::state`] refuses.
+/// An empty list of fields, or the errors of [`Machine::state`].
 pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelError> {
     let axes = fields.first().map_or(0, |of| of.machine.axes().len());
     let all: Vec<Place> = places(axes).collect();
-    // The search tries the other approach of each.
+    // The search also tries the opposite approach of each.
     let corners = (0..1_usize << axes).map(|corner| Place {
         shares: (0..axes)
             .map(|axis| f64::from(u8::from(corner >> axis & 1 == 1)))
@@ -139,7 +137,7 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
     })
 }
 
-/// The largest value of a figure, searched from the poses where it is largest. It is not a number where the figure is none.
+/// The maximum of a quantity, searched from the poses where it is largest. NaN if the quantity is NaN.
 fn worst(
     fields: &[ErrorField<'_>],
     found: &[(usize, Place, At)],
@@ -315,7 +313,7 @@ fn ascend(
     Ok((best, at))
 }
 
-/// The error at a pose, with what it is aligned by.
+/// The error at a pose, with the data for its alignment.
 struct At {
     tip_mm: Vector3<f64>,
     tool_axis: Vector3<f64>,
@@ -328,7 +326,7 @@ impl At {
         alignment.left_mm(&self.tip_mm, &self.error_mm)
     }
 
-    /// The rotation across the tool axis; a tool that turns does not show the one about it.
+    /// The rotation across the tool axis; a rotating tool does not show the rotation about it.
     fn tilt_rad(&self, alignment: &RigidMotion) -> Vector3<f64> {
         let left = alignment.left_rad(&self.rotation_rad);
         left - self.tool_axis * self.tool_axis.dot(&left)
@@ -349,7 +347,7 @@ impl ErrorField<'_> {
     }
 }
 
-/// A pose by shares of the travels, and the side from which each axis comes.
+/// A pose by shares of the travels, and the side from which each axis is approached.
 #[derive(Clone)]
 struct Place {
     shares: Vec<f64>,
@@ -375,10 +373,10 @@ impl Place {
     }
 }
 
-/// Shares of the travels of all axes: the Halton sequence and its mirror image, which comes from the other sides.
+/// Shares of the travels of all axes: the Halton sequence and its mirror image, which is approached from the opposite sides.
 fn places(axes: usize) -> impl Iterator<Item = Place> {
     (1..=HALF_POSES).flat_map(move |number| {
-        // Multiples of irrational roots fall as often above a half as below it, whatever the shares are.
+        // The multiples of irrational roots are equally often above and below a half, independent of the shares.
         let side = |axis: usize| {
             let root = f64::from(BASES[axis % BASES.len()]).sqrt();
             Direction::of((f64::from(number) * root).fract() - 0.5)
@@ -397,8 +395,8 @@ fn places(axes: usize) -> impl Iterator<Item = Place> {
     })
 }
 
-/// A coordinate of a member of Halton's sequence, 0 to 1: the digits of its number in the base of the dimension (from 0),
-/// mirrored at the point. Beyond 14 dimensions the bases repeat.
+/// A coordinate of a point of the Halton sequence, 0 to 1: the radical inverse of `number` in the base of the dimension (from 0). Beyond 14
+/// dimensions the bases repeat.
 pub fn halton(number: u32, dimension: usize) -> f64 {
     let base = BASES[dimension % BASES.len()];
     let (mut share, mut weight, mut rest) = (0.0, 1.0, number);

@@ -1,4 +1,4 @@
-//! Whether temperatures and their rates are where the terms of an error were found, over time.
+//! Watches over time whether temperatures and rates are within the tested ranges of the terms of an error.
 
 use volcomp_curve::SmoothedRate;
 use volcomp_vocabulary::ErrorName;
@@ -9,27 +9,27 @@ use crate::{
     thermal_state::Fading,
 };
 
-/// The watch over the sensors of the terms of one error. State: the smoothed rates, and how far the terms have faded.
+/// Watch over the sensors of the terms of one error. State: the smoothed rates, and how far the terms have faded.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Watch {
     pub(crate) error: ErrorName,
     margin_k: f64,
     sensors: Vec<Watched>,
-    /// The share of the terms that is in effect, 0 to 1; `None` until every sensor was heard once.
+    /// The active share of the terms, 0 to 1; `None` until every sensor has delivered a temperature.
     share: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 struct Watched {
-    /// Place among the sensors.
+    /// Index of the sensor.
     sensor: usize,
-    /// Lowest and highest temperature over the reference, K.
+    /// Lowest and highest tested temperature above the reference, K.
     over_k: [f64; 2],
     k_per_s: Option<[f64; 2]>,
     rate: SmoothedRate,
-    /// Time since it was heard, s.
+    /// Time since its last temperature, s.
     unheard_s: f64,
-    /// How far it is beyond what was seen, K; `None` until it was heard once.
+    /// Distance beyond the tested range, K; `None` until the first temperature.
     beyond_k: Option<f64>,
 }
 
@@ -45,7 +45,7 @@ impl Watched {
         }
     }
 
-    /// Takes the temperature over the reference after `dt_s`, where there is one.
+    /// Steps by `dt_s` with the temperature above the reference, if there is one.
     fn step(&mut self, dt_s: f64, over_k: Option<f64>) {
         self.unheard_s += dt_s;
         let Some(over_k) = over_k else { return };
@@ -59,7 +59,7 @@ impl Watched {
 }
 
 impl Watch {
-    /// The watches over the errors of which it is stated what their terms have seen.
+    /// One watch for each error with stated tested ranges.
     pub(crate) fn over(thermal: &Thermal, sensors: &[String]) -> Vec<Self> {
         let mut watches: Vec<Self> = Vec::new();
         for seen in &thermal.seen {
@@ -80,7 +80,7 @@ impl Watch {
         watches
     }
 
-    /// Goes on by `dt_s` with the temperature of each sensor over the reference, K.
+    /// Steps by `dt_s` with the temperature of each sensor above the reference, K.
     pub(crate) fn step(
         &mut self,
         dt_s: f64,
@@ -98,15 +98,15 @@ impl Watch {
         };
     }
 
-    /// Lets time pass in which no sensor was asked.
+    /// Advances over time in which no sensor was sampled.
     pub(crate) fn stand(&mut self, stood_s: f64) {
         for watched in &mut self.sensors {
             watched.unheard_s += stood_s;
         }
     }
 
-    /// Goes on with the rates of another watch over the same sensors, named by `same`, and where it is over the same
-    /// error with how far the terms had faded.
+    /// Takes over the rates of another watch over the same sensors (`same` maps them) and, if it is over the same error, how far the terms
+    /// had faded.
     pub(crate) fn carry_over(&mut self, from: &Self, same: impl Fn(usize, usize) -> bool) {
         for watched in &mut self.sensors {
             let other = from.sensors.iter().find(|o| same(watched.sensor, o.sensor));
@@ -120,7 +120,7 @@ impl Watch {
         }
     }
 
-    /// The temperature of a sensor over the reference as the terms take it: within what was seen.
+    /// The temperature of a sensor above the reference, clamped to the tested range.
     pub(crate) fn held_k(&self, sensor: usize, over_k: f64) -> f64 {
         let mut sensors = self.sensors.iter();
         let watched = sensors.find(|watched| watched.sensor == sensor);
@@ -129,20 +129,20 @@ impl Watch {
         })
     }
 
-    /// How far the furthest sensor is beyond what was seen, K.
+    /// The largest distance of any sensor beyond the tested range, K.
     fn beyond_k(&self) -> f64 {
         let beyond = self.sensors.iter().filter_map(|s| s.beyond_k);
         beyond.fold(0.0, f64::max)
     }
 
-    /// The share of the terms that is in effect, 0 to 1: 0 until every sensor was heard, since nobody knows yet whether they
-    /// are where the terms were found.
+    /// The active share of the terms, 0 to 1: 0 until every sensor has delivered a temperature, since until then it is unknown whether they
+    /// are within the tested range.
     pub(crate) fn share(&self) -> f64 {
         self.share.unwrap_or(0.0)
     }
 
-    /// Whether a sensor is beyond what was seen, or the terms still come in again after that. A sensor that was not heard
-    /// yet is not beyond it: its terms have not begun.
+    /// True if a sensor is beyond the tested range, or the terms are still returning after that. A sensor without a temperature yet does
+    /// not count: its terms have not started.
     pub(crate) fn is_beyond(&self) -> bool {
         self.beyond_k() > 0.0 || self.share.is_some_and(|share| share < 1.0)
     }

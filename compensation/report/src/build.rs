@@ -1,4 +1,4 @@
-//! Reports of what calibrating, identifying and reading a machine file gave.
+//! Builds reports from a calibration, an identification or a machine file.
 
 use volcomp_calibrate::{Calibration, CalibrationFile, SquarenessSource, not_stated};
 use volcomp_identify::{Identification, Observations};
@@ -99,7 +99,7 @@ impl Report {
         report
     }
 
-    /// The report of a machine as its file states it: nothing in it was measured here.
+    /// The report of a machine as stated in its file, without measurements.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
         let mut report = Self::of_statements(source, machine, stated);
         if report.knows_errors() {
@@ -116,7 +116,7 @@ impl Report {
         report
     }
 
-    /// What a machine file states, without what it does not.
+    /// The report of the content of a machine file.
     fn of_statements(source: &str, machine: &Machine, stated: &Stated) -> Self {
         Self {
             head: head(source, machine, &std::iter::empty(), stated),
@@ -148,7 +148,7 @@ impl Report {
         }
     }
 
-    /// Whether it has any error.
+    /// True if the report contains any error.
     pub(crate) fn knows_errors(&self) -> bool {
         let mut squares = self.squareness.iter();
         !self.curves.is_empty()
@@ -158,8 +158,8 @@ impl Report {
     }
 }
 
-/// The standard uncertainty that a calibration file states of a squareness: its own, or that of the square which the straightness lines were read at.
-/// Where several location errors make the angle, no single one of them has that of the square.
+/// The standard uncertainty stated in a calibration file for a squareness: its own, or that of the reference square of the straightness
+/// lines. `None` if several location errors make up the angle: none of them has the uncertainty of the square.
 fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Option<f64> {
     let mut locations = file.locations.iter();
     if let Some(own) = locations.find(|of| of.error == error) {
@@ -181,7 +181,7 @@ fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Opt
     (is_alone && is_at_square && stated > 0.0).then_some(stated)
 }
 
-/// A note where axes have assembly errors.
+/// A note if axes have assembly errors.
 fn on_assembly(machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter().enumerate();
     let axes = axes.filter(|(index, _)| machine.assembly(*index).iter().any(|of| *of != 0.0));
@@ -194,7 +194,7 @@ fn on_assembly(machine: &Machine) -> Option<String> {
     })
 }
 
-/// Notes on the errors that were read in one direction of motion alone.
+/// Notes on errors that were measured in one direction only.
 fn one_direction(machine: &Machine) -> Option<String> {
     let names = machine.read_in_one_direction();
     let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
@@ -206,7 +206,7 @@ fn one_direction(machine: &Machine) -> Option<String> {
     })
 }
 
-/// The contributions that a calibration file states; `None` where it states none.
+/// The contributions stated in a calibration file; `None` without any.
 fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
     let of = &file.uncertainty;
     let all = [

@@ -1,4 +1,4 @@
-//! The error curves of a calibration with the readings that they follow, and those that a machine file states.
+//! Error curves of a calibration with their readings, and curves of a machine file.
 
 use std::collections::HashMap;
 
@@ -9,11 +9,10 @@ use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Residual, Run};
 
-/// Points of a curve over the travel.
+/// Number of points of a curve over the travel.
 const POINTS: usize = 241;
 
-/// Every error of a machine that has a curve: those that were fitted first, in the order of the calibration, then those that its
-/// file states.
+/// All errors of a machine that have a curve: first the fitted ones, in the order of the calibration, then those of its file.
 pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<Curve> {
     let machine = &calibration.machine;
     let mut names: Vec<ErrorName> = Vec::new();
@@ -42,7 +41,7 @@ pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<C
     all
 }
 
-/// The curves that a machine file states.
+/// The curves of a machine file.
 pub(crate) fn stated_curves(machine: &Machine) -> Vec<Curve> {
     let names = machine.errors().map(|(error, _)| error);
     names.filter_map(|error| bare(machine, error)).collect()
@@ -64,7 +63,7 @@ fn of_error(
             Some(direction) => &[direction as usize],
             None => &[0, 1],
         };
-        // One curve for both where only one direction was run.
+        // If only one direction was measured, one curve is used for both.
         let found = curve
             .branches
             .iter()
@@ -90,7 +89,7 @@ fn of_error(
     Some(curve)
 }
 
-/// A band about a curve, without the places between which it is straight anyway.
+/// A band about a curve, without points that linear interpolation reproduces.
 fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let mut band = Band {
         x: Vec::new(),
@@ -101,7 +100,7 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
         .map(|(&x, half)| [x, value(x) - half, value(x) + half])
         .collect();
-    // A place is left out where a line from the last one kept to the next one passes all places between.
+    // A point is left out if the line from the last kept point to the next one passes through all points between.
     let mut kept = 0;
     for place in 0..all.len() {
         let may_go = place > 0
@@ -121,7 +120,7 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     band
 }
 
-/// Whether both edges of a band at a place are on the lines from one place to the other, within a hundredth of its width.
+/// True if both edges of a band at a point are on the lines between two other points, within a hundredth of its width.
 fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     let share = (at[0] - from[0]) / (to[0] - from[0]);
     let allowed = 0.01 * (at[2] - at[1]);
@@ -131,7 +130,7 @@ fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
     })
 }
 
-/// The curve alone.
+/// The curve without readings.
 fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     let axis = machine.axis(error.axis)?;
     let range = machine.range_of(error)?;
@@ -167,7 +166,7 @@ fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     })
 }
 
-/// An error of a machine over the coordinate of its axis, all other axes at 0.
+/// An error of a machine over the coordinate of its axis, with all other axes at 0.
 fn curve_of(
     machine: &Machine,
     error: ErrorName,
@@ -210,7 +209,7 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
     }
 }
 
-/// The readings of a line where its curve is: each reading moved by what its mean was moved by.
+/// The readings of a line shifted to its curve: each by the shift of its mean.
 fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     let means = fitted.points.clone();
     let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {
@@ -243,7 +242,7 @@ fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
     }
 }
 
-/// The runs of a measurement, each reading as `value` gives it.
+/// The runs of a measurement, each reading converted by `value`.
 pub(crate) fn runs_of(
     measurement: &Measurement,
     value: impl Fn(Direction, f64, f64) -> Option<f64>,

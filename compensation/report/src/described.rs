@@ -1,9 +1,9 @@
-//! What an error is, in words.
+//! Descriptions of errors.
 
 use volcomp_metrology::MotionKind;
 use volcomp_vocabulary::{AxisKind, ErrorName};
 
-/// What an error is, in words: `straightness deviation of X in Y`.
+/// The description of an error: `straightness deviation of X in Y`.
 pub(crate) fn described(error: &str) -> String {
     let Ok(name) = error.parse::<ErrorName>() else {
         return String::new();

@@ -1,10 +1,10 @@
-//! What was found from observations of the whole machine.
+//! Results of an identification from observations of the whole machine.
 
 use volcomp_identify::{Identification, Observations, unit_symbol};
 
 use crate::report::{Identified, Left, Parameter, SourceFile, Weighted};
 
-/// What was found, as a report tells it.
+/// Converts an identification for the report.
 pub(crate) fn identified(found: &Identification) -> Identified {
     let parameters = found.parameters.iter().map(|parameter| Parameter {
         name: parameter.name.clone(),
@@ -48,7 +48,7 @@ pub(crate) fn identified(found: &Identification) -> Identified {
     }
 }
 
-/// A note on the unknowns that the observations do not determine: nothing follows of these errors.
+/// A note on the unknowns that the observations do not determine; nothing can be concluded about their errors.
 pub(crate) fn left_open(found: &Identified) -> Option<String> {
     let open: Vec<&str> = found.left_open().collect();
     (!open.is_empty()).then(|| {

@@ -1,4 +1,4 @@
-//! Positioning tests by ISO 230-2.
+//! Positioning tests to ISO 230-2.
 
 use volcomp_calibrate::{CalibrationFile, Line, Method};
 use volcomp_metrology::{
@@ -11,7 +11,7 @@ use crate::{
     report::{FigureUncertainty, Positioning},
 };
 
-/// Every line of a file that is a positioning test, with its readings as they are.
+/// All lines of a file that are positioning tests, with their raw readings.
 pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Positioning> {
     let lines = file.measurements.iter();
     let tests = lines.filter(|line| {
@@ -20,7 +20,7 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     });
     let test = |line: &Line| {
         let error = line.setup.error;
-        // What cannot be evaluated could not be calibrated.
+        // A line that cannot be evaluated could not be calibrated either.
         let result = evaluate(&line.readings).ok()?;
         Some(Positioning {
             file: line.file.display().to_string(),
@@ -37,8 +37,9 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
     tests.filter_map(test).collect()
 }
 
-/// The uncertainties of the figures, of what the calibration file states of the instrument: its scale grows with the length, a reading
-/// has the other part. Both are the same in every reading at one target, and so cancel in B and R.
+/// The uncertainties of the figures, from the contributions stated in the calibration file for the instrument: the scale contribution is
+/// proportional to the length, the other part applies to each reading. Both are the same in every reading at one target and cancel in B and
+/// R.
 fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> {
     let of = &file.uncertainty;
     let targets = line.readings.targets();
@@ -46,7 +47,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     let travel = ends.map_or(0.0, |(first, last)| last - first);
     let positive = |standard: f64| (standard > 0.0).then_some(2.0 * standard);
     let (inputs, length) = if line.setup.error.component.is_angular() {
-        // In µrad, whatever the length.
+        // In µrad, independent of the length.
         let device_um = positive(of.reading_urad);
         (
             UncertaintyInputs {
@@ -65,7 +66,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
     };
     let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
     let fewest = runs.into_iter().filter(|runs| *runs > 0).min().unwrap_or(1);
-    // With one target there is no length, and nothing is stated.
+    // With one target there is no length, so no uncertainty.
     let Ok(found) = positioning_uncertainty(&inputs, length, fewest) else {
         return Vec::new();
     };
@@ -81,7 +82,7 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> 
 }
 
 impl Positioning {
-    /// A figure by its symbol of ISO 230-2 or VDI/DGQ 3441; `None` where the runs do not give it.
+    /// A figure by its symbol of ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
     pub fn figure(&self, symbol: &str) -> Option<f64> {
         let iso = Edition::default().quantities(&self.result);
         let vdi = Vdi3441::quantities(self.vdi.as_ref());
@@ -89,7 +90,7 @@ impl Positioning {
         found.value
     }
 
-    /// The expanded uncertainty of a figure; `None` where nothing is stated that it is made of.
+    /// The expanded uncertainty of a figure; `None` if no contribution to it is stated.
     pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
         let found = self.uncertainties.iter().find(|of| of.symbol == symbol);
         found.map(|of| of.expanded)

@@ -1,23 +1,22 @@
-//! What stands in a report: plain data. Numbers are in the units that people read: coordinates in mm or deg, errors in µm or
-//! µrad.
+//! The content of a report as plain data. Coordinates are in mm or deg, errors in µm or µrad.
 
 use serde::{Deserialize, Serialize};
 use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{Direction, ErrorName};
 
-/// A report of a calibration.
+/// A report of a calibration, an identification or a machine file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Which machine, when, by whom, with what.
+    /// Machine, date, operator, instrument.
     pub head: Head,
-    /// The figures that have a tolerance; empty where none is stated.
+    /// The figures with a tolerance; empty if none is stated.
     pub checks: Vec<Check>,
-    /// What a reader must know before any number.
+    /// Warnings, to be read before any number.
     pub warnings: Vec<Warning>,
     /// Every error curve.
     pub curves: Vec<Curve>,
-    /// Positioning tests by ISO 230-2.
+    /// Positioning tests to ISO 230-2.
     pub positioning: Vec<Positioning>,
     /// The angles between the linear axes.
     pub squareness: Vec<Square>,
@@ -25,29 +24,29 @@ pub struct Report {
     pub locations: Vec<Location>,
     /// The body diagonals of ISO 230-6.
     pub diagonals: Option<Diagonals>,
-    /// The error over the working space.
+    /// The volumetric error.
     pub volume: Option<Volume>,
-    /// How uncertain it is.
+    /// The uncertainty of the volumetric error.
     pub uncertainty: Option<Uncertainty>,
-    /// The errors that nothing measured, and what each can do.
+    /// The errors that were not measured, each with its possible effect.
     pub not_measured: Vec<String>,
-    /// The errors that the measurements do not bear out: curves that do not follow their readings, lines that contradict each other, unknowns that
-    /// observations leave open or that do not describe them.
+    /// The errors that the measurements do not determine: curves that do not follow their readings, contradictory lines, unknowns that the
+    /// observations leave open, observations that the unknowns do not describe.
     pub undecided: Vec<String>,
-    /// The errors whose curves cover a part of the travel only.
+    /// The errors whose curves cover only part of the travel.
     pub partly_measured: Vec<String>,
-    /// Whether axes have assembly errors: a squareness or location is then more than its location error.
+    /// True if axes have assembly errors: a squareness or location then differs from its location error.
     pub has_assembly: bool,
-    /// What was found from observations of the whole machine.
+    /// Results of an identification from observations of the whole machine.
     pub identified: Option<Identified>,
     /// The version of volcomp that made the report.
     pub version: String,
 }
 
-/// Which machine, when, by whom, with what. `None`: neither a file nor an option states it.
+/// Machine, date, operator, instrument. `None`: stated neither by a file nor by an option.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Head {
-    /// The file that the report is made from.
+    /// The file from which the report is made.
     pub source: String,
     /// The name of the machine.
     pub machine: Option<String>,
@@ -55,19 +54,19 @@ pub struct Head {
     pub serial: Option<String>,
     /// The date of the measurement.
     pub date: Option<String>,
-    /// Who measured.
+    /// The person who measured.
     pub operator: Option<String>,
     /// The instrument.
     pub instrument: Option<String>,
-    /// The lowest and the highest temperature of the air, °C.
+    /// Minimum and maximum air temperature, °C.
     pub air_degc: Option<[f64; 2]>,
-    /// The lowest and the highest temperature of the material, °C.
+    /// Minimum and maximum material temperature, °C.
     pub material_degc: Option<[f64; 2]>,
     /// The structure code of the machine.
     pub structure: String,
     /// The axes and their travels.
     pub axes: Vec<AxisTravel>,
-    /// The tip of the tool for which volumetric errors hold, mm.
+    /// The tool tip to which volumetric errors refer, mm.
     pub tool_tip_mm: [f64; 3],
     /// The measurement files.
     pub files: Vec<SourceFile>,
@@ -76,7 +75,7 @@ pub struct Head {
 /// An axis and its travel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisTravel {
-    /// The letter.
+    /// The axis letter.
     pub axis: String,
     /// Both ends of the travel, mm or deg.
     pub travel: [f64; 2],
@@ -87,44 +86,44 @@ pub struct AxisTravel {
 /// A measurement file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
-    /// The file as it was named.
+    /// The file as named by the user.
     pub file: String,
-    /// What it measures: an error, or the kind of an observation.
+    /// The measured error, or the kind of an observation.
     pub measures: String,
-    /// How many targets, or rows.
+    /// Number of targets or rows.
     pub targets: usize,
-    /// How many runs forward and backward; `None` for observations.
+    /// Number of runs forward and backward; `None` for observations.
     pub runs: Option<[usize; 2]>,
-    /// The date that it states.
+    /// The date stated in the file.
     pub date: Option<String>,
 }
 
-/// What a figure is of.
+/// The subject of a figure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckOf {
-    /// Of what its symbol says.
+    /// The subject follows from the symbol.
     Symbol,
-    /// Of the measured errors alone, where others were not measured.
+    /// The measured errors only; others were not measured.
     MeasuredAlone,
-    /// Of an error on the part of the travel that its curve covers.
+    /// An error on the part of the travel that its curve covers.
     Part,
-    /// Of errors of which the measurements do not bear one out.
+    /// Errors of which at least one is not determined by the measurements.
     NotBorneOut,
-    /// Of what the correction leaves, while the figures of tests are of the machine without it.
+    /// The residual after correction, whereas the figures of tests are of the uncorrected machine.
     Corrected,
-    /// Of the machine at the reference temperature: its thermal terms are left out.
+    /// The machine at the reference temperature, without its thermal terms.
     AtReference,
-    /// Of a positioning test.
+    /// A positioning test.
     Test {
-        /// The error that it measures.
+        /// The measured error.
         error: String,
         /// The measurement file.
         file: String,
     },
 }
 
-/// In words; nothing where the symbol says it.
+/// The description; empty if the symbol suffices.
 impl core::fmt::Display for CheckOf {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
@@ -144,17 +143,17 @@ impl core::fmt::Display for CheckOf {
 pub struct Check {
     /// The symbol of the figure: `A`, `E`, `EC0Y`, `V`.
     pub symbol: String,
-    /// What it is of.
+    /// Its subject.
     pub of: CheckOf,
-    /// The value of the figure; `None` where the measurements do not give it.
+    /// The value of the figure; `None` if the measurements do not determine it.
     pub value: Option<f64>,
-    /// The most that is allowed.
+    /// The tolerance.
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Its expanded uncertainty (k = 2) of what is stated; `None` where nothing is.
+    /// Its expanded uncertainty (k = 2) from the stated contributions; `None` without any.
     pub uncertainty: Option<f64>,
-    /// How it stands: by ISO 14253-1 where an uncertainty is stated.
+    /// The verdict, to ISO 14253-1 if an uncertainty is stated.
     pub outcome: Verdict,
 }
 
@@ -179,39 +178,39 @@ impl core::fmt::Display for Check {
     }
 }
 
-/// What a warning is about, the gravest first.
+/// The kind of a warning, most severe first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WarningKind {
-    /// Measurements of one error say different things.
+    /// Measurements of one error contradict each other.
     Contradiction,
-    /// Fewer targets or runs than ISO 230-2 asks for.
+    /// Fewer targets or runs than ISO 230-2 requires.
     Few,
-    /// Far from 20 °C, or temperatures that nobody states.
+    /// Temperatures far from 20 °C, or not stated.
     Temperature,
     /// A run or a reading that differs from the others.
     Outlier,
-    /// Errors that nothing measured.
+    /// Errors that were not measured.
     NotMeasured,
-    /// What reading and calibrating told besides.
+    /// Other notes of reading and calibrating.
     Note,
 }
 
-/// What a reader must know before any number.
+/// A warning, to be read before any number.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// What it is about.
+    /// Its kind.
     pub kind: WarningKind,
-    /// The sentence, in English.
+    /// The message, in English.
     pub text: String,
 }
 
 /// One error: its readings and its curves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Curve {
-    /// The name: `EXX`.
+    /// The error name, such as `EXX`.
     pub error: String,
-    /// The axis that moves.
+    /// The moving axis.
     pub axis: String,
     /// `mm` or `deg`.
     pub x_unit: String,
@@ -219,24 +218,24 @@ pub struct Curve {
     pub unit: String,
     /// The travel of the axis.
     pub travel: [f64; 2],
-    /// The measured lines; none where the machine file states the curve.
+    /// The measured lines; empty if the curve comes from the machine file.
     pub lines: Vec<CurveLine>,
     /// One curve for both directions, or one for each.
     pub branches: Vec<Branch>,
-    /// The smallest and the largest value of the curve over the travels of all axes that it depends on.
+    /// Minimum and maximum of the curve over the travels of all axes that it depends on.
     pub range: [f64; 2],
-    /// Whether it depends on other axes than its own.
+    /// True if it depends on axes other than its own.
     pub has_other_axes: bool,
 }
 
-/// One measured line as its curve follows it.
+/// One measured line, as followed by its curve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurveLine {
-    /// The file; `None` where the error was found from several other lines.
+    /// The file; `None` if the error was derived from several other lines.
     pub file: Option<String>,
-    /// Single runs; none where only means are known.
+    /// Single runs; empty if only means are known.
     pub runs: Vec<Run>,
-    /// Mean readings forward and backward.
+    /// Mean readings forward and backward: targets and deviations.
     pub means: [Vec<(f64, f64)>; 2],
 }
 
@@ -245,86 +244,86 @@ pub struct CurveLine {
 pub struct Run {
     /// The direction of travel.
     pub direction: Direction,
-    /// Its number among those of its direction.
+    /// Its number among the runs of its direction.
     pub number: u32,
     /// Targets and deviations.
     pub points: Vec<(f64, f64)>,
 }
 
-/// A curve and how well it follows its readings.
+/// A curve and its residuals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Branch {
     /// The direction; `None`: both.
     pub direction: Option<Direction>,
-    /// The curve over the travel.
+    /// The curve over the travel: coordinates and values.
     pub points: Vec<(f64, f64)>,
-    /// Mean readings minus curve.
+    /// Residuals at the targets: mean readings minus curve.
     pub residuals: Vec<(f64, f64)>,
-    /// A band about the curve.
+    /// Its confidence band.
     pub band: Option<Band>,
-    /// How it was fitted; `None` where the machine file states it.
+    /// Fit results; `None` if the curve comes from the machine file.
     pub fit: Option<FitNumbers>,
 }
 
-/// A band that holds the true curve with a probability of 95 %, at each place by itself.
+/// A pointwise 95 % confidence band.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Band {
     /// Coordinates, ascending.
     pub x: Vec<f64>,
-    /// The lower edge.
+    /// Lower limit at each coordinate.
     pub low: Vec<f64>,
-    /// The upper edge.
+    /// Upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// What was resampled for it.
+    /// What was resampled to compute it.
     pub source: BandSource,
 }
 
-/// How a curve was fitted and how well it follows.
+/// Results of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitNumbers {
-    /// The kind of curve, as the machine file names it.
+    /// The kind of curve, named as in the machine file.
     pub kind: String,
-    /// How many mean readings.
+    /// Number of mean readings.
     pub readings: usize,
     /// Readings minus curve.
     pub residual: Residual,
-    /// The leave-one-out error; `None` where a reading cannot be predicted from the others.
+    /// The leave-one-out error; `None` if a reading cannot be predicted from the others.
     pub leave_one_out: Option<f64>,
-    /// The largest difference forward − backward of the curves.
+    /// Maximum difference of the curves, forward − backward.
     pub reversal: Option<f64>,
 }
 
-/// How far readings lie from their curve: readings minus curve.
+/// Residuals of a fit: readings minus curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// The smallest.
+    /// Minimum.
     pub min: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
-    /// The root mean square.
+    /// Root mean square.
     pub rms: f64,
 }
 
-/// A positioning test by ISO 230-2.
+/// A positioning test to ISO 230-2.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Positioning {
     /// The measurement file.
     pub file: String,
-    /// The error that it measures.
+    /// The measured error.
     pub error: String,
     /// `mm` or `deg`.
     pub x_unit: String,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// Every run as it was read.
+    /// All runs, with raw readings.
     pub runs: Vec<Run>,
     /// The year of the edition of ISO 230-2.
     pub edition: u16,
     /// The figures.
     pub result: Iso230Part2,
-    /// Those of VDI/DGQ 3441; `None` where it cannot be evaluated.
+    /// The figures of VDI/DGQ 3441; `None` if it cannot be evaluated.
     pub vdi: Option<Vdi3441>,
-    /// Uncertainties of figures, of the contributions that the calibration file states.
+    /// Uncertainties of the figures, from the contributions stated in the calibration file.
     pub uncertainties: Vec<FigureUncertainty>,
 }
 
@@ -344,22 +343,22 @@ pub struct Square {
     pub first: String,
     /// The axis to which it is counted.
     pub second: String,
-    /// The angle less 90°, µrad.
+    /// The angle minus 90°, µrad.
     pub angle_urad: f64,
-    /// The location errors that make it.
+    /// The location errors that contribute to it.
     pub from: Vec<Tilt>,
-    /// Whether the calibration gives it; else the machine file states it.
+    /// True if measured in this calibration; false if it comes from the machine file.
     pub measured: bool,
 }
 
-/// A location error that is a part of a squareness.
+/// A location error that contributes to a squareness.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tilt {
     /// Its name.
     pub error: String,
     /// Its value, µrad.
     pub urad: f64,
-    /// Its standard uncertainty, of what is stated, µrad; `None` where nothing is.
+    /// Its standard uncertainty from the stated contributions, µrad; `None` without any.
     pub uncertainty: Option<f64>,
 }
 
@@ -372,39 +371,39 @@ pub struct Location {
     pub value: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// The standard uncertainty (k = 1) that is stated for it.
+    /// The stated standard uncertainty (k = 1).
     pub uncertainty: Option<f64>,
 }
 
-/// Where the errors of a state come from.
+/// The source of the errors of a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// The errors that this calibration found.
+    /// The errors identified by this calibration.
     Found,
-    /// Those of the machine file that was given as the state before.
+    /// The machine file given as the state before.
     GivenBefore,
-    /// Those of the machine file that was given as the truth, without correction.
+    /// The machine file given as the truth, without correction.
     Truth,
-    /// Those of the truth with the correction of the machine of this report.
+    /// The truth with the correction by the machine of this report.
     TruthCorrected,
 }
 
-/// What is found of a state.
+/// A result with its state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfState<T> {
-    /// Where its errors come from.
+    /// The source of the errors.
     pub state: State,
-    /// What they make.
+    /// The result.
     pub found: T,
 }
 
 /// The body diagonals of ISO 230-6.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diagonals {
-    /// The state before a compensation, or the only one that is known.
+    /// The state before compensation, or the only known one.
     pub before: OfState<Vec<Diagonal>>,
-    /// The state after it.
+    /// The state after compensation.
     pub after: Option<OfState<Vec<Diagonal>>>,
 }
 
@@ -413,45 +412,45 @@ pub struct Diagonals {
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`.
     pub name: String,
-    /// Places along it (mm) and deviations (µm).
+    /// Positions along it (mm) and deviations (µm).
     pub points: Vec<(f64, f64)>,
-    /// The largest less the smallest deviation, µm.
+    /// Maximum minus minimum deviation, µm.
     pub range_um: f64,
 }
 
-/// The error of the tool over the working space.
+/// Volumetric error over the working space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Volume {
-    /// The state before a compensation, or the only one that is known.
+    /// The state before compensation, or the only known one.
     pub before: OfState<Size>,
-    /// The state after it.
+    /// The state after compensation.
     pub after: Option<OfState<Size>>,
-    /// Whether a machine has thermal terms, which are left out.
+    /// True if a machine has thermal terms, which are left out.
     pub has_thermal: bool,
-    /// Whether curves of the machine of the last state cover a part of the travel only.
+    /// True if curves of the machine of the last state cover only part of the travel.
     pub is_partly_measured: bool,
-    /// The errors of the machine whose errors the last state has that the measurements do not bear out.
+    /// The undetermined errors of the machine of the last state.
     pub undecided: Vec<String>,
-    /// Whether the machine of the last state states any error.
+    /// True if the machine of the last state has any error.
     pub knows_errors: bool,
-    /// Planes through the middle of the working space.
+    /// Maps on planes through the middle of the working space.
     pub slices: Vec<Slice>,
-    /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.
+    /// The ends of the travels of X, Y and Z, mm; both 0 for a missing axis.
     pub travels_mm: [[f64; 2]; 3],
-    /// Places in space with the error of each state.
+    /// Positions in space with the error of each state.
     pub vectors: Vec<Vector>,
     /// Number of poses of all axes over which the workpiece was aligned.
     pub poses: usize,
-    /// The axes that stand still in the maps and vectors, and where.
+    /// The axes that are not moved in the maps and vectors, and their coordinates.
     pub standing: Vec<Standing>,
 }
 
-/// An axis that stands still.
+/// An axis at a fixed coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
     /// The letter.
     pub axis: String,
-    /// Where it stands: deg of a rotary axis, else mm.
+    /// Its coordinate: deg for a rotary axis, else mm.
     pub at: f64,
 }
 
@@ -470,7 +469,7 @@ pub struct Size {
     pub tilt_urad: f64,
     /// The pose of the largest error of the tip after alignment.
     pub at: Vec<Standing>,
-    /// The tool with which it is reached; empty: the one in the spindle.
+    /// The tool of that error; empty: the one in the spindle.
     pub tool: String,
 }
 
@@ -502,22 +501,22 @@ pub struct Slice {
     pub across: String,
     /// The axis upwards.
     pub up: String,
-    /// The axis that is held; `None` on a machine that has no third one.
+    /// The axis that is held; `None` on a machine without a third one.
     pub held: Option<Standing>,
     /// The nodes to the right, mm.
     pub x: Vec<f64>,
     /// The nodes upwards, mm.
     pub y: Vec<f64>,
-    /// The length of the error before, µm; to the right fastest.
+    /// The length of the error before, µm; the axis to the right varies fastest.
     pub before_um: Vec<f64>,
     /// The length of the error after, µm.
     pub after_um: Option<Vec<f64>>,
 }
 
-/// The errors at a place, after alignment of the workpiece.
+/// The errors at a position, after alignment of the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vector {
-    /// The place, mm.
+    /// The position, mm.
     pub at_mm: [f64; 3],
     /// The error before, µm.
     pub before_um: [f64; 3],
@@ -525,18 +524,18 @@ pub struct Vector {
     pub after_um: Option<[f64; 3]>,
 }
 
-/// How uncertain the error over the working space is.
+/// Uncertainty of the volumetric error.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// What machines tell that the measurements allow; `None` where none was drawn.
+    /// Result of the Monte Carlo simulation; `None` without one.
     pub drawn: Option<Drawn>,
-    /// Contributions that the calibration file states.
+    /// Contributions stated in the calibration file.
     pub stated: Vec<Contribution>,
-    /// What it does not count, in sentences.
+    /// Contributions that are not included, in sentences.
     pub not_counted: Vec<String>,
 }
 
-/// A contribution to the uncertainty, as the calibration file states it.
+/// A contribution to the uncertainty, as stated in the calibration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
     /// Its key in `[uncertainty]`.
@@ -547,45 +546,45 @@ pub struct Contribution {
     pub unit: String,
 }
 
-/// The spread of machines that the measurements allow.
+/// Result of a Monte Carlo simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Drawn {
-    /// How many machines were drawn, 2 at the least.
+    /// Number of Monte Carlo samples, at least 2.
     pub trials: u64,
-    /// The seed of the draws.
+    /// The random seed.
     pub seed: u64,
     /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,
-    /// The largest, µm.
+    /// Maximum, µm.
     pub max_um: f64,
-    /// The pose of the largest.
+    /// The pose of the maximum.
     pub at: Vec<Standing>,
 }
 
-/// What was found from observations of the whole machine.
+/// Results of an identification from observations of the whole machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
     /// The unknowns.
     pub parameters: Vec<Parameter>,
-    /// How many combinations the observations determine.
+    /// Number of combinations that the observations determine.
     pub rank: usize,
-    /// Of how many unknowns that count.
+    /// Number of unknowns that count.
     pub of: usize,
-    /// How well those that are determined can be told apart: 1 is best.
+    /// How well the determined unknowns can be separated: 1 is best.
     pub score: f64,
-    /// How many times larger the uncertainties are than stated, by what is left of the rows.
+    /// Factor by which the uncertainties exceed the stated ones, from the residual of the rows.
     pub excess: f64,
-    /// What is left of the fitted rows.
+    /// Residual of the fitted rows.
     pub residual: Left,
-    /// What is left of rows that were left out of the fit.
+    /// Residual of rows that were left out of the fit.
     pub left_out: Option<Left>,
-    /// What is left of rows that are only predicted.
+    /// Residual of rows that are only predicted.
     pub judged: Option<Left>,
-    /// Combinations that move nothing in the observations.
+    /// Combinations of unknowns without effect on the observations.
     pub null_space: Vec<Vec<Weighted>>,
     /// Unknowns that are zero by convention.
     pub redundant: Vec<String>,
-    /// The pose that would help most, in words.
+    /// Description of the pose that would help most.
     pub next: Option<String>,
 }
 
@@ -596,7 +595,7 @@ impl Identified {
         all.filter(move |of| of.name.split(' ').next() == Some(error))
     }
 
-    /// Whether the observations leave an error open: one of its coefficients, or one that has to be zero for those that were found.
+    /// True if the observations leave an error open: one of its coefficients, or one that has to be zero for the identified ones to hold.
     pub fn leaves_open(&self, error: &str) -> bool {
         self.of_error(error).any(|of| {
             self.left_open()
@@ -604,7 +603,7 @@ impl Identified {
         })
     }
 
-    /// The coefficients of errors that the observations leave open and that are zero by no convention.
+    /// The coefficients that the observations leave open and that are not zero by convention.
     pub fn left_open(&self) -> impl Iterator<Item = &str> {
         let open = self.parameters.iter().filter(|of| of.uncertainty.is_none());
         let names = open.map(|of| of.name.as_str());
@@ -615,14 +614,14 @@ impl Identified {
     }
 }
 
-/// What a model leaves of rows of observations.
+/// Residual of a model over rows of observations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Left {
     /// The root mean square, µm.
     pub rms_um: f64,
-    /// The largest, µm.
+    /// Maximum, µm.
     pub max_um: f64,
-    /// How many rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
@@ -646,6 +645,6 @@ pub struct Parameter {
     pub uncertainty: Option<f64>,
     /// The unit.
     pub unit: String,
-    /// The unknowns that have to be zero for this value to hold.
+    /// The unknowns that must be zero for this value to hold.
     pub given_zero: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The angles between the linear axes, and the other location errors of a machine.
+//! Squareness of the linear axes, and the other location errors of a machine.
 
 use volcomp_calibrate::is_square;
 use volcomp_metrology::opening;
@@ -13,8 +13,8 @@ const PAIRS: [[AxisName; 2]; 3] = [
     [AxisName::X, AxisName::Z],
 ];
 
-/// The angles between the linear axes as the location errors of a machine make them. `measured` tells of which pairs the
-/// calibration found the angle, `uncertainty` the standard uncertainty that is stated of an error.
+/// The angles between the linear axes that follow from the location errors of a machine. `measured` returns true for pairs whose angle the
+/// calibration determined, `uncertainty` the stated standard uncertainty of an error.
 pub(crate) fn squares(
     machine: &Machine,
     measured: impl Fn([AxisName; 2]) -> bool,
@@ -48,7 +48,7 @@ pub(crate) fn squares(
     pairs.collect()
 }
 
-/// The pair of axes that a squareness error is of.
+/// The pair of axes of a squareness error.
 pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
     PAIRS.into_iter().find(|pair| {
         pair.contains(&error.axis)
@@ -58,7 +58,7 @@ pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
     })
 }
 
-/// The location errors that are no squareness.
+/// The location errors other than squareness.
 pub(crate) fn other_locations(
     machine: &Machine,
     stated: &[volcomp_calibrate::Location],

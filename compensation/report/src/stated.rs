@@ -1,11 +1,11 @@
-//! The head of a report: what files state of themselves, and what a caller states instead.
+//! The header of a report: from the files, overridden by the caller.
 
 use volcomp_metrology::{Edition, Environment, Measurement, Metadata, StartEnd};
 use volcomp_model::Machine;
 
 use crate::report::{AxisTravel, Head};
 
-/// What a caller states beside the files; it takes the place of what they state.
+/// Values stated by the caller; they override those of the files.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stated {
     /// The name of the machine.
@@ -14,7 +14,7 @@ pub struct Stated {
     pub serial: Option<String>,
     /// The date of the measurement.
     pub date: Option<String>,
-    /// Who measured.
+    /// The person who measured.
     pub operator: Option<String>,
     /// The instrument.
     pub instrument: Option<String>,
@@ -22,7 +22,7 @@ pub struct Stated {
     pub edition: Edition,
 }
 
-/// The head of a machine and its measurements.
+/// The header of the report for a machine and its measurements.
 pub(crate) fn head<'a>(
     source: &str,
     machine: &Machine,
@@ -71,9 +71,9 @@ pub(crate) fn head<'a>(
     }
 }
 
-/// Each text once, in the order in which they come.
+/// Joins distinct texts in order.
 fn joined(texts: impl Iterator<Item = String>) -> Option<String> {
-    /// So many different ones are written out.
+    /// Maximum number of listed texts.
     const MOST: usize = 4;
     let mut once: Vec<String> = Vec::new();
     for text in texts {

@@ -1,4 +1,4 @@
-//! Tolerances and how figures stand against them.
+//! Tolerances, and figures checked against them.
 
 use volcomp_metrology::{
     Edition, MetrologyError, MotionKind, Tolerance, Vdi3441, Verdict, decide, parse_tolerances_of,
@@ -10,15 +10,15 @@ use crate::{
     squares::pair_of,
 };
 
-/// The largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
+/// Symbol of the largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
 
-/// Reads `A=10,C.A=30,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
-/// of every positioning test, of those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; or that of an error: of a location error its
-/// size, of an error motion the range of its mean readings or, without readings, of its curve.
+/// Reads `A=10,C.A=30,EC0Y=20`: µm for lengths, µrad for angles. A name is one of: a symbol of ISO 230-2 or VDI/DGQ 3441, for all
+/// positioning tests, those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; an error name, for the absolute value of a location
+/// error, or for the range of an error motion (of its mean readings or, without readings, of its curve).
 ///
 /// # Errors
-/// The first part that cannot be read.
+/// The first part that is invalid.
 pub fn tolerances(text: &str) -> Result<Vec<Tolerance>, MetrologyError> {
     let symbols = symbols();
     let named = |name: &str| {
@@ -34,7 +34,7 @@ pub fn tolerances(text: &str) -> Result<Vec<Tolerance>, MetrologyError> {
     parse_tolerances_of(text, named, &expected)
 }
 
-/// What a symbol is of, if that is stated, and the symbol: `C.A`, `EXX.A`, `A`.
+/// Splits a name into its qualifier, if any, and the symbol: `C.A`, `EXX.A`, `A`.
 fn parts(name: &str) -> (Option<&str>, &str) {
     match name.split_once('.') {
         Some((of, symbol)) => (Some(of), symbol),
@@ -57,14 +57,15 @@ fn is_of(test: &Positioning, of: Option<&str>) -> bool {
     of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
 }
 
-/// The positioning tests that a tolerance is for: of its error, its axis or all, without those that have a narrower one of the same symbol.
+/// The positioning tests to which a tolerance applies: those of its error, its axis or all, except tests with a more specific tolerance of
+/// the same symbol.
 fn tests_of<'r>(
     report: &'r Report,
     tolerances: &[Tolerance],
     tolerance: &Tolerance,
 ) -> Vec<&'r Positioning> {
     let (of, symbol) = parts(&tolerance.symbol);
-    // The name of an axis is a letter, that of an error is longer.
+    // An axis name is one letter, an error name is longer.
     let narrowness = |of: Option<&str>| of.map_or(0, str::len);
     let has_narrower = |test: &Positioning| {
         tolerances.iter().any(|other| {
@@ -78,7 +79,7 @@ fn tests_of<'r>(
         .collect()
 }
 
-/// Refuses a limit that would be µm of linear axes and µrad of rotary ones: one number cannot be meant for both.
+/// Rejects a limit that would apply to linear axes in µm and to rotary axes in µrad.
 ///
 /// # Errors
 /// The first such tolerance.
@@ -117,8 +118,7 @@ fn symbols() -> Vec<&'static str> {
     [&Edition::symbols()[..], &Vdi3441::symbols()].concat()
 }
 
-/// How the figures of a report stand against tolerances, in the order of these. A tolerance whose figure nothing gives is not
-/// evaluated, and that is said.
+/// Checks the figures of a report against tolerances, in the order of the tolerances. A tolerance without a figure is reported as not evaluated.
 pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     let symbols = symbols();
     let mut all = Vec::new();
@@ -128,7 +128,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
-                // At another temperature the figure is another one; what the measurements do not bear out may be of any size.
+                // At another temperature the figure differs, and an undetermined error may have any size.
                 Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::NotBorneOut) => {
                     Verdict::Undecided
                 }
@@ -171,18 +171,18 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
             let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
-            // The machines that were drawn are those of the errors that were found.
+            // The Monte Carlo samples are of the identified errors.
             let drawn = report
                 .uncertainty
                 .as_ref()
                 .and_then(|all| all.drawn.as_ref())
-                // Where nothing is known to scatter, nothing was drawn.
+                // Without any known scatter there is no spread.
                 .filter(|drawn| drawn.max_um > 0.0);
             let found = last.filter(|last| last.state == State::Found);
             let u = drawn
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
-            // Of a machine of which no error is known nothing follows.
+            // If no error of the machine is known, nothing can be concluded.
             let value = last.filter(|last| match last.state {
                 State::Found => report.knows_errors(),
                 _ => volume.is_some_and(|volume| volume.knows_errors),
@@ -210,13 +210,13 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     all
 }
 
-/// What the size of an error is of.
+/// The subject of the size of an error.
 fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     let name = error.to_string();
-    // The range of mean readings is that of the readings, whatever the curve does.
+    // The range of mean readings does not depend on the curve.
     let mut curves = report.curves.iter();
     let is_of_readings = curves.any(|of| of.error == name && !of.lines.is_empty());
-    // The squareness of two axes may stand on either of them.
+    // The squareness of two axes may be stated for either of them.
     let pair = pair_of(error).filter(|_| error.location);
     let is_it = |of: ErrorName| of == error || of.location && pair.is_some() && pair_of(of) == pair;
     let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
@@ -229,7 +229,7 @@ fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
     }
 }
 
-/// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.
+/// The size of an error, and its expanded uncertainty (k = 2) if its contributions are stated.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let found = report.identified.as_ref();
     if found.is_some_and(|of| of.leaves_open(name)) {
@@ -254,7 +254,7 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
         let of = square.from.iter().find(|from| from.error == name);
-        // The angle of the pair may stand on its other axis.
+        // The angle of the pair may be stated for its other axis.
         of.map(|from| (square, from.urad.abs().max(square.angle_urad.abs())))
     });
     if let Some((square, value)) = square {
@@ -271,8 +271,8 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
 }
 
-/// The smallest and the largest mean reading, each with its place; `None` of so few targets that no two readings can differ, once the line of a
-/// straightness is taken out.
+/// The smallest and the largest mean reading, each with its position; `None` with too few targets for two readings to differ (for a
+/// straightness, after removal of the fitted line).
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     let means = curve
         .lines
@@ -295,15 +295,16 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     Some([*low, *high])
 }
 
-/// What the calibration file states of readings, as a standard uncertainty (k = 1) under its key.
+/// The standard uncertainty (k = 1) that the calibration file states under a key.
 fn stated(report: &Report, key: &str) -> Option<f64> {
     let of = report.uncertainty.as_ref()?;
     let mut stated = of.stated.iter();
     stated.find(|of| of.key == key).map(|of| of.standard)
 }
 
-/// The standard uncertainty of the range of mean readings: two of them, each with its own, and of a length the scale from one to the other.
-/// `None` where nothing is stated that it is made of, and of curves from readings of another kind: tilts that are summed up, other errors.
+/// The standard uncertainty of the range of mean readings: two readings, each with its own, and, for a length, the scale over their
+/// distance `apart`. `None` without stated contributions, and for curves derived from readings of another kind (summed tilts, other
+/// errors).
 fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
     if !curve.lines.iter().all(direct) {
@@ -327,20 +328,20 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     Some(of_readings.hypot(of_scale))
 }
 
-/// The standard uncertainty of a squareness: that of its unknown, where it was found as one, else that of the reference angle that is stated, where
-/// it was measured. Where several location errors make the angle, no single one of them has that of the reference.
+/// The standard uncertainty of a squareness: that of its unknown if it was identified, otherwise that of the stated reference angle if it
+/// was measured. If several location errors make up the angle, none of them has the uncertainty of the reference.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
     let mut from = square.from.iter();
     let of_statement = || from.find(|of| of.error == name)?.uncertainty;
     identified(report, name).or_else(of_statement)
 }
 
-/// The standard uncertainty of an unknown that observations determined.
+/// The standard uncertainty of an identified unknown.
 fn identified(report: &Report, name: &str) -> Option<f64> {
     let found = report.identified.as_ref()?;
     let mut parameters = found.parameters.iter();
     let of_statements = parameters.find(|of| of.name == name)?.uncertainty?;
-    // Where more is left of the observations than their uncertainty says, that of what follows from them is larger as well.
+    // If the residual of the observations exceeds their uncertainty, the uncertainty of the unknowns grows by the same factor.
     Some(of_statements * found.excess)
 }
 

@@ -1,4 +1,4 @@
-//! The error of the tool over the working space, before and after.
+//! Volumetric error over the working space, before and after compensation.
 
 use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
 use volcomp_model::{
@@ -9,20 +9,20 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
 
-/// Nodes along an axis of a plane that is drawn.
+/// Number of nodes along an axis of a drawn plane.
 const CELLS: usize = 25;
-/// Error vectors along an axis.
+/// Number of error vectors along an axis.
 const VECTORS: usize = 5;
 
-/// What gives the error at a pose: position (mm) and rotation (rad) in workpiece axes.
+/// The error at a pose: position (mm) and rotation (rad) in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
-/// The errors of one or of two states of a machine: their size over poses of all axes, and pictures over the working space with
-/// other axes where `others` says (mm or deg). `judged` is the machine whose errors the last state has. Each state has a field for each tool, the first for the tool of the pictures.
-/// `None` of a machine without two of the axes X, Y and Z.
+/// The errors of one or two states of a machine: their size over poses of all axes, and maps over the working space with other axes at
+/// `others` (mm or deg). `judged` is the machine whose errors the last state has. Each state has one field per tool; the first is the tool
+/// of the maps. `None` for a machine without two of the axes X, Y and Z.
 ///
 /// # Errors
-/// What [`Machine::state`] refuses of `others`.
+/// The errors of [`Machine::state`] for `others`.
 pub fn volume(
     [machine, judged]: [&Machine; 2],
     others: &[(AxisName, f64)],
@@ -94,7 +94,7 @@ pub fn volume(
     }))
 }
 
-/// The axes that are not moved over the working space, and where they stand.
+/// The axes that are not moved over the working space, and their coordinates.
 fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
     let stand = machine
@@ -138,7 +138,7 @@ impl Beside<'_> {
     }
 }
 
-/// The coordinates of a node at the places of X, Y and Z.
+/// The coordinates of a node, in the order X, Y, Z.
 fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
     let mut at = [0.0; 3];
     for (name, coordinate) in grid.axes.iter().zip(place) {
@@ -188,7 +188,7 @@ fn slices(
             let place = grid.axes.iter().position(|axis| *axis == name);
             place.map_or_else(Vec::new, |place| grid.nodes_mm[place].clone())
         };
-        // X is fastest, then Y: `across` comes before `up`, and the third has one node.
+        // X varies fastest, then Y: `across` comes before `up`, and the third has one node.
         let poses: Vec<Pose> = (0..grid.len())
             .map(|index| grid.node(machine, index).1)
             .collect();
@@ -214,8 +214,8 @@ fn slices(
     Ok(found)
 }
 
-/// The machine with each tool for which the volumetric error is evaluated, by name: the one that it has, of which the pictures are, then
-/// both ends of the range of tools.
+/// The machine with each tool for which the volumetric error is evaluated, by name: first its current tool, used for the maps, then both
+/// ends of the tool range.
 ///
 /// # Errors
 /// A range of tools that the machine file does not state.
@@ -229,11 +229,11 @@ pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
     Ok(tools)
 }
 
-/// The standard uncertainty of the position error over poses of all axes and the tools at both ends of their range, from Monte Carlo samples; `None` for a machine
-/// with none of the axes X, Y and Z.
+/// The standard uncertainty of the position error over poses of all axes and the tools at both ends of their range, from Monte Carlo
+/// samples; `None` for a machine without any of the axes X, Y and Z.
 ///
 /// # Errors
-/// What [`Machine::state`] refuses.
+/// See [`Machine::state`].
 pub fn uncertainty(
     machine: &Machine,
     ensemble: &Ensemble,
@@ -255,7 +255,7 @@ pub fn uncertainty(
     {
         let own = machine.chain().ideal_tip_mm(&pose);
         for (_, with_tool) in &tools {
-            // What the rotations of a drawn machine move the other tip by.
+            // The lever by which the rotations of a sample move the other tip.
             let lever_mm = with_tool.chain().ideal_tip_mm(&pose) - own;
             let error = Vector3::from(ensemble.uncertainty_of(|drawn| {
                 let [x, y, z, a, b, c] = drawn.evaluate(&pose).into_six();

@@ -1,4 +1,4 @@
-//! What a reader must know before any number, the gravest first.
+//! Warnings of a report, most severe first.
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method, with_files};
 use volcomp_metrology::{
@@ -17,7 +17,7 @@ pub(crate) fn of_calibration(
 ) -> Vec<Warning> {
     let mut all = Vec::new();
     let mut add = |kind: WarningKind, text: String| {
-        // The same sentence from two places is said once, where it is gravest.
+        // A message that occurs twice is kept at its most severe kind.
         if all.iter().all(|warning: &Warning| warning.text != text) {
             all.push(Warning { kind, text });
         }
@@ -91,7 +91,7 @@ pub(crate) fn of_calibration(
     all
 }
 
-/// Texts of another part as warnings of a kind.
+/// Converts texts of another part to warnings of a kind.
 pub(crate) fn warnings<T: ToString>(
     kind: WarningKind,
     texts: &[T],
@@ -102,7 +102,7 @@ pub(crate) fn warnings<T: ToString>(
     })
 }
 
-/// Whether both axes of a pair stand for a squareness that the calibration file names.
+/// True if both axes of a pair belong to a squareness of the calibration file.
 pub(crate) fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
     let named = calibration.squareness.iter().map(|(error, _)| *error);
     let found = calibration

@@ -1,4 +1,4 @@
-//! What the errors of a machine make of its working space.
+//! Effect of the errors of a machine on its working space.
 
 use std::collections::BTreeSet;
 
@@ -14,8 +14,8 @@ use crate::{
 };
 
 impl Report {
-    /// Adds the body diagonals and the volumetric error of the errors that `machine` has, without a correction, for the
-    /// tools at both ends of their range. Returns the note on thermal terms that are left out.
+    /// Adds the body diagonals and the volumetric error of the errors of `machine`, without correction, for the tools at both ends of their
+    /// range. Returns the note on thermal terms that are left out.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated.
@@ -56,8 +56,8 @@ impl Report {
         Ok(self.leave_out_temperatures(machine.thermal().reference_degc, [machine]))
     }
 
-    /// Records that the thermal terms of these machines are left out, which makes a figure within its tolerance undecided.
-    /// Returns the note; `None` of machines without thermal terms.
+    /// Records that the thermal terms of these machines are left out, which makes a figure within its tolerance undecided. Returns the
+    /// note; `None` for machines without thermal terms.
     pub fn leave_out_temperatures<'a>(
         &mut self,
         reference_degc: f64,
@@ -85,11 +85,11 @@ impl Report {
     }
 }
 
-/// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg), where `command` gives the
-/// commanded pose of a target; `None` of a machine without one of the axes X, Y and Z.
+/// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg); `command` gives the commanded pose of a
+/// target. `None` for a machine without one of the axes X, Y and Z.
 ///
 /// # Errors
-/// What [`Machine::state`] refuses of `others`.
+/// The errors of [`Machine::state`] for `others`.
 pub fn body_diagonals(
     machine: &Machine,
     actual: &Machine,

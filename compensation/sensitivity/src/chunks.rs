@@ -1,4 +1,4 @@
-//! Work over many poses on all cores.
+//! Parallel evaluation of many poses.
 
 use std::{
     ops::Range,
@@ -7,11 +7,11 @@ use std::{
 
 use rayon::prelude::*;
 
-/// Poses that one core takes at a time.
+/// Number of poses that one core takes at a time.
 const CHUNK: usize = 2048;
 
-/// What `work` makes of each chunk of `count` poses, in the order of the poses: joined in this order every run gives the same
-/// digits. `progress` is told, from any core, how many poses of how many are done.
+/// Results of `work` for each chunk of `count` poses, in the order of the poses: joined in this order, every run gives the same digits.
+/// `progress` receives, from any thread, the number of finished poses and their total number.
 pub(crate) fn chunks<T: Send>(
     count: usize,
     progress: &(impl Fn(usize, usize) + Sync),

@@ -1,34 +1,34 @@
-//! Which columns of a matrix are combinations of others.
+//! Linear dependence of the columns of a matrix.
 
 use nalgebra::{DMatrix, DVector};
 
-/// A column counts as a combination of others when less than this part of it is left beside them.
+/// A column counts as linearly dependent if less than this part of it remains after projection.
 pub const DEPENDENT_BELOW: f64 = 1e-9;
 
-/// A share of a column in a combination that is smaller than this beside the largest is rounding.
+/// Relative threshold below which the share of a column in a combination is rounding.
 const ROUNDING: f64 = 1e-7;
 
-/// The rank of a matrix and the combinations of its columns that vanish.
+/// The rank of a matrix and its vanishing combinations of columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependence {
-    /// The columns that those before them do not make up, rising.
+    /// The columns that are independent of the previous ones, ascending.
     pub kept: Vec<usize>,
-    /// For each column that is a combination of those before it, the combination that vanishes: places and weights of
-    /// unit length, the first of them positive, the column itself last.
+    /// For each column that depends on the previous ones, the combination that vanishes: indices and weights of unit length, the first
+    /// positive, the column itself last.
     pub null: Vec<Vec<(usize, f64)>>,
 }
 
 impl Dependence {
-    /// How many columns no other columns make up.
+    /// Number of independent columns.
     pub fn rank(&self) -> usize {
         self.kept.len()
     }
 
-    /// Of the columns of `matrix` (any scale each), taken in their order: each is held against those before it by
-    /// orthogonalisation done twice. A column of zeros is a combination of none.
+    /// The dependence of the columns of `matrix` (any scale each), in order: each column is projected onto the previous ones by twofold
+    /// orthogonalisation. A column of zeros depends on none.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
-        // For each column of the basis its place, and itself in terms of the basis, both scaled to unit length.
+        // For each column of the basis its index, and its coefficients in the basis, both scaled to unit length.
         let mut places: Vec<usize> = Vec::new();
         let mut triangle: Vec<Vec<f64>> = Vec::new();
         let norms: Vec<f64> = matrix.column_iter().map(|column| column.norm()).collect();
@@ -66,12 +66,12 @@ impl Dependence {
     }
 }
 
-/// The weights of the columns of a basis in what has these shares along its orthogonal directions.
+/// The weights of the columns of a basis in a vector with these shares along its orthogonal directions.
 fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     let mut left = shares.to_vec();
     let mut weights = vec![0.0; shares.len()];
     for (place, column) in triangle.iter().enumerate().rev() {
-        // The diagonal is above what counts as dependent.
+        // The diagonal exceeds the threshold of dependence.
         let weight = left[place] / column[place];
         weights[place] = weight;
         for (left, share) in left.iter_mut().zip(column) {
@@ -81,7 +81,7 @@ fn weights(triangle: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     weights
 }
 
-/// A combination of columns of unit length as one of the columns themselves, without rounding, of unit length.
+/// Converts a combination of columns of unit length to one of the original columns, without rounding, of unit length.
 fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
     let largest = scaled
         .iter()
@@ -97,7 +97,7 @@ fn combination(scaled: Vec<(usize, f64)>, norms: &[f64]) -> Vec<(usize, f64)> {
         .map(|(_, weight)| weight * weight)
         .sum::<f64>()
         .sqrt();
-    // The first name counts positive.
+    // Sign convention: the first weight is positive.
     let first = weighted.first().map_or(1.0, |(_, weight)| weight.signum());
     for (_, weight) in &mut weighted {
         *weight /= length * first;

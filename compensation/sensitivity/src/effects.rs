@@ -1,4 +1,4 @@
-//! The sizes of what errors do over many poses: of one unit of each, or of the values that a machine has.
+//! Effects of errors over many poses: of one unit of each, or of the values of a machine.
 
 use nalgebra::Vector3;
 use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource};
@@ -32,10 +32,10 @@ pub struct Effect {
     pub share: f64,
 }
 
-/// The largest number of poses.
+/// Maximum number of poses.
 const MOST_POSES: usize = 1 << 28;
 
-/// The number of poses, where it is one that is looked at and the chain has the axes of all errors.
+/// The number of poses, if within the limit and if the chain has the axes of all errors.
 pub(crate) fn checked(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -61,7 +61,7 @@ pub(crate) fn checked(
     Ok(count)
 }
 
-/// Sums and largest values of the squares of displacement (mm) and rotation (rad).
+/// Sums and maxima of the squares of displacement (mm) and rotation (rad).
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Squares {
     position: [f64; 2],
@@ -69,7 +69,7 @@ pub(crate) struct Squares {
 }
 
 impl Squares {
-    /// Takes displacement and rotation at one more pose.
+    /// Adds displacement and rotation at one pose.
     pub(crate) fn take(&mut self, [position, rotation]: [Vector3<f64>; 2]) {
         let of = |v: Vector3<f64>| [v.norm_squared(); 2];
         self.join(&Self {
@@ -78,7 +78,7 @@ impl Squares {
         });
     }
 
-    /// Takes what other poses add up to.
+    /// Adds the sums of other poses.
     pub(crate) fn join(&mut self, other: &Self) {
         let both = |one: [f64; 2], other: [f64; 2]| [one[0] + other[0], one[1].max(other[1])];
         self.position = both(self.position, other.position);
@@ -86,11 +86,11 @@ impl Squares {
     }
 }
 
-/// The values (µm or µrad) that a source has for the errors, over the poses: to first order, what each of them does to the
-/// tool alone. An error motion counts with its value at each pose, on the branch that the pose states as its approach.
+/// The first-order effect on the tool of each error alone, with the values (µm or µrad) of a source, over the poses. An error motion has
+/// its value at each pose, on the branch of the pose's approach.
 ///
 /// # Errors
-/// Those of [`sensitivity`](crate::sensitivity()).
+/// See [`sensitivity`](crate::sensitivity()).
 pub fn effects_of(
     chain: &Chain,
     source: &(impl ErrorSource + Sync),
@@ -100,10 +100,10 @@ pub fn effects_of(
     effects_of_with_progress(chain, source, terms, poses, |_, _| {})
 }
 
-/// [`effects_of`]; `progress` is told, from any thread, how many poses of how many are done.
+/// [`effects_of`]; `progress` receives, from any thread, the number of finished poses and their total number.
 ///
 /// # Errors
-/// Those of [`effects_of`].
+/// See [`effects_of`].
 pub fn effects_of_with_progress(
     chain: &Chain,
     source: &(impl ErrorSource + Sync),
@@ -114,7 +114,7 @@ pub fn effects_of_with_progress(
     let count = checked(chain, terms, poses)?;
     let made_of: Vec<(usize, Vec<InGap>)> = terms
         .iter()
-        // Every axis is there: it was checked above.
+        // Cannot fail: all axes were checked above.
         .filter_map(|&term| {
             Some((
                 chain.structure().index_of(term.axis())?,
@@ -152,7 +152,7 @@ pub fn effects_of_with_progress(
     effects(terms, &sums, count, |_| 1.0)
 }
 
-/// The component of a motion that a term names, mm or rad.
+/// The component of a motion named by a term, mm or rad.
 fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     let along = term.component().mcs_index();
     if term.component().is_angular() {
@@ -162,7 +162,7 @@ fn component_of(six: &ErrorMotion, term: ErrorTerm) -> f64 {
     }
 }
 
-/// The effects of errors from their squares, which are those of one of `size` (mm or rad) of each.
+/// The effects of errors from their squares, which are those of a value `size` (mm or rad) of each.
 pub(crate) fn effects(
     terms: &[ErrorTerm],
     squares: &[Squares],

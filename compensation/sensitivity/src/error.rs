@@ -1,28 +1,28 @@
-//! Why nothing can be said of a chain and its errors.
+//! Errors of a sensitivity analysis.
 
 use volcomp_vocabulary::AxisName;
 
-/// Why nothing can be said.
+/// Why a sensitivity analysis is not possible.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensitivityError {
-    /// No pose, or more than are looked at.
+    /// No pose, or more than the maximum number.
     #[error("found {} poses, expected 1 to {most}", found.map_or("too many".to_owned(), |n| n.to_string()))]
     Poses {
-        /// How many were given; `None` where they cannot be counted.
+        /// Number of poses; `None` if it overflows.
         found: Option<usize>,
-        /// The largest number that is looked at.
+        /// Maximum number.
         most: usize,
     },
-    /// No error was named.
+    /// The list of errors is empty.
     #[error("found no error, expected at least one")]
     NoErrors,
     /// An error of an axis that the chain does not have.
     #[error("{term}: the structure has no axis {axis}")]
     NoSuchAxis {
-        /// The error that was named.
+        /// The named error.
         term: String,
-        /// The axis that is missing.
+        /// The missing axis.
         axis: AxisName,
     },
     /// A pose or a chain with a number that is not finite.

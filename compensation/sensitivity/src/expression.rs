@@ -1,4 +1,4 @@
-//! The first-order volumetric error as a formula: each error with its lever, as papers print it.
+//! First-order volumetric error as a formula: each error with its lever, as printed in papers.
 
 use volcomp_kinematics::{Chain, ErrorSource, Joint, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, ErrorName};
@@ -9,23 +9,23 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// Three sums, along X, Y and Z.
+/// Components along X, Y and Z.
 type Vector = [Polynomial; 3];
 
 /// The left sides: displacement of the tool tip along X, Y and Z, rotation of the tool about them.
 const LEFT: [&str; 6] = ["dX", "dY", "dZ", "dA", "dB", "dC"];
 
-/// Errors that act through the same lever.
+/// Errors with the same lever.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grouped {
-    /// The lever without its sign: mm of displacement for each rad, or a number without unit.
+    /// The lever without its sign: mm of displacement per rad, or a dimensionless number.
     pub lever: Polynomial,
-    /// The errors, each with whether it counts negative.
+    /// The errors, each with true if its sign is negative.
     pub errors: Vec<(ErrorTerm, bool)>,
 }
 
-/// The first-order volumetric error of a chain in workpiece axes: six sums of errors, each with its lever. Lengths are
-/// mm and angles rad; the tool tip is `Xt`, `Yt`, `Zt`, without those of its coordinates that are 0.
+/// The first-order volumetric error of a chain in workpiece axes: six sums of errors, each with its lever. Lengths are in mm and angles in
+/// rad; the tool tip is `Xt`, `Yt`, `Zt`, without its coordinates that are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     components: [Vec<Grouped>; 6],
@@ -33,7 +33,7 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// The formula of a chain and these errors; an error of an axis that the chain does not have is not in it.
+    /// The formula of a chain and these errors; errors of axes that the chain does not have are left out.
     pub fn of(chain: &Chain, terms: &[ErrorTerm]) -> Self {
         let made_of: Vec<_> = terms.iter().map(|&term| twists(chain, term)).collect();
         let tip = chain.tool_tip_mm();
@@ -42,7 +42,7 @@ impl Expression {
             Polynomial::factor(symbol, f64::from(u8::from(tip[place] != 0.0)))
         });
         let mut columns: Vec<[Vector; 2]> = vec![<[Vector; 2]>::default(); terms.len()];
-        // From the tool to the workpiece, as the sum of twists goes.
+        // From the tool to the workpiece, like the sum of twists.
         for gap in (0..=chain.joints().len()).rev() {
             for (column, twists) in columns.iter_mut().zip(&made_of) {
                 for twist in twists.iter().filter(|twist| twist.gap == gap) {
@@ -91,12 +91,12 @@ impl Expression {
         &self.components
     }
 
-    /// The coordinates of the tool tip that stand in the formula, `Xt`, `Yt` and `Zt`, mm.
+    /// The values of the tool tip coordinates `Xt`, `Yt` and `Zt` in the formula, mm.
     pub fn tool_tip_mm(&self) -> [f64; 3] {
         self.tool_tip_mm
     }
 
-    /// The six formulas, `dX = …` to `dC = …`, in a form that Python and spreadsheets read.
+    /// The six formulas, `dX = …` to `dC = …`, in a syntax accepted by Python and spreadsheets.
     pub fn text(&self) -> [String; 6] {
         core::array::from_fn(|place| {
             let sum = written(&self.components[place], false, ErrorTerm::to_string);
@@ -214,7 +214,7 @@ fn turned(turn: &[Vector; 3], vector: &Vector) -> Vector {
     })
 }
 
-/// Errors with the same lever, but for its sign, put together in the order of the first of each.
+/// Groups errors with the same lever up to its sign, in the order of the first of each.
 fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped> {
     let mut groups: Vec<Grouped> = Vec::new();
     for (term, lever) in levers.filter(|(_, lever)| !lever.is_zero()) {
@@ -230,7 +230,7 @@ fn grouped(levers: impl Iterator<Item = (ErrorTerm, Polynomial)>) -> Vec<Grouped
     groups
 }
 
-/// A sum of errors and levers; `name` writes an error.
+/// Formats a sum of errors and levers; `name` formats an error.
 fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String) -> String {
     let mut text = String::new();
     let mut add = |negative: bool, what: &str| {
@@ -249,7 +249,7 @@ fn written(groups: &[Grouped], latex: bool, name: impl Fn(&ErrorTerm) -> String)
             }
             continue;
         }
-        // The sign of the first error stands before the lever.
+        // The sign of the first error is written before the lever.
         let turned = group.errors.first().is_some_and(|(_, negative)| *negative);
         let mut sum = String::new();
         for (place, (term, negative)) in group.errors.iter().enumerate() {

@@ -1,11 +1,11 @@
-//! Sums of products of coordinates, sines, cosines and tool offsets: the levers of a formula.
+//! Sums of products of coordinates, sines, cosines and tool offsets, as used for the levers of a formula.
 
 use core::fmt;
 use std::collections::BTreeMap;
 
 use volcomp_vocabulary::AxisName;
 
-/// What a product in a lever is made of.
+/// A factor of a product in a lever.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Factor {
     /// The coordinate of a linear axis, mm: `x`.
@@ -44,31 +44,31 @@ impl fmt::Display for Factor {
     }
 }
 
-/// A sum of products, each with its number; no factor stands twice in a product.
+/// A sum of products with numeric coefficients; no factor is repeated in a product.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Polynomial(BTreeMap<Vec<Factor>, f64>);
 
 impl Polynomial {
-    /// A number.
+    /// A constant.
     pub(crate) fn number(value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[], value);
         sum
     }
 
-    /// A factor with a number before it.
+    /// A factor with a coefficient.
     pub(crate) fn factor(factor: Factor, value: f64) -> Self {
         let mut sum = Self::default();
         sum.add_product(&[factor], value);
         sum
     }
 
-    /// Whether nothing is in it.
+    /// True if the sum is empty.
     pub fn is_zero(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The products with their numbers.
+    /// The products with their coefficients.
     pub fn products(&self) -> impl Iterator<Item = (&[Factor], f64)> {
         self.0
             .iter()
@@ -81,7 +81,7 @@ impl Polynomial {
         }
         let sum = self.0.entry(factors.to_vec()).or_insert(0.0);
         *sum += value;
-        // What cancels does so exactly: the same numbers with opposite signs.
+        // Cancellation is exact: the same numbers with opposite signs.
         if *sum == 0.0 {
             self.0.remove(factors);
         }
@@ -105,7 +105,7 @@ impl Polynomial {
         product
     }
 
-    /// The value, each factor by `value_of`.
+    /// Evaluates the sum, each factor by `value_of`.
     pub fn value(&self, value_of: impl Fn(Factor) -> f64) -> f64 {
         let product = |(factors, number): (&Vec<Factor>, &f64)| {
             factors
@@ -115,14 +115,14 @@ impl Polynomial {
         self.0.iter().map(product).sum()
     }
 
-    /// In the order in which people read it: products first, a number alone last.
+    /// Reading order: products first, a constant last.
     fn ordered(&self) -> Vec<(&[Factor], f64)> {
         let mut products: Vec<_> = self.products().collect();
         products.sort_by_key(|(factors, _)| factors.is_empty());
         products
     }
 
-    /// Itself or its negative, so that the first number is positive, and whether it was turned.
+    /// Itself or its negative, such that the first coefficient is positive, and whether it was negated.
     pub(crate) fn positive(mut self) -> (Self, bool) {
         let negative = self
             .ordered()
@@ -136,12 +136,12 @@ impl Polynomial {
         (self, negative)
     }
 
-    /// Whether it is the number 1.
+    /// True if it is the constant 1.
     pub(crate) fn is_one(&self) -> bool {
         *self == Self::number(1.0)
     }
 
-    /// As a factor of a product: a sum in parentheses.
+    /// Formats it as a factor of a product: a sum in parentheses.
     pub(crate) fn as_factor(&self, latex: bool) -> String {
         let text = if latex {
             self.latex()
@@ -172,7 +172,7 @@ impl Polynomial {
             let mut parts: Vec<String> = factors.iter().map(|&factor| name(factor)).collect();
             let size = number.abs();
             if size != 1.0 || parts.is_empty() {
-                // Every digit: the formula is worth as much as the model.
+                // All digits: the formula must be as accurate as the model.
                 parts.insert(0, size.to_string());
             }
             text += &parts.join(times);

@@ -1,4 +1,4 @@
-//! The poses over which errors are judged.
+//! Poses over which errors are evaluated.
 
 use volcomp_kinematics::{Chain, ChainError, State};
 use volcomp_vocabulary::AxisName;
@@ -8,23 +8,22 @@ use volcomp_vocabulary::AxisName;
 pub enum Poses {
     /// Every combination of the nodes of each axis.
     Grid(Vec<Vec<f64>>),
-    /// Every combination of `count` evenly spaced nodes over the travel of each axis, both ends included; one node is the middle.
+    /// Every combination of `count` evenly spaced nodes over the travel of each axis, both ends included; a count of 1 gives the middle.
     Even {
         /// The travel of each axis.
         travels: Vec<[f64; 2]>,
-        /// The nodes of each axis.
+        /// Number of nodes of each axis.
         count: usize,
     },
-    /// One pose after another.
+    /// A list of poses.
     List(Vec<State>),
 }
 
 impl Poses {
-    /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; one node is the
-    /// middle.
+    /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; a count of 1 gives the middle.
     ///
     /// # Errors
-    /// What [`Chain::by_axis`] refuses.
+    /// See [`Chain::by_axis`].
     pub fn over(
         chain: &Chain,
         travels: impl IntoIterator<Item = (AxisName, [f64; 2])>,
@@ -37,7 +36,7 @@ impl Poses {
         })
     }
 
-    /// How many poses there are; `None` where they are more than can be counted.
+    /// Number of poses; `None` if it overflows.
     pub fn count(&self) -> Option<usize> {
         match self {
             Self::Grid(nodes) => nodes
@@ -50,8 +49,7 @@ impl Poses {
         }
     }
 
-    /// The pose at a place: of a grid the last axis runs fastest. Beyond the end the grid begins again, and a list gives
-    /// machine zero.
+    /// The pose at an index: in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list gives machine zero.
     pub fn state(&self, place: usize) -> State {
         let axes = match self {
             Self::List(states) => return states.get(place).copied().unwrap_or_default(),
@@ -68,7 +66,7 @@ impl Poses {
         state
     }
 
-    /// How many nodes a grid has along an axis.
+    /// Number of nodes of a grid along an axis.
     fn nodes(&self, axis: usize) -> usize {
         match self {
             Self::Grid(nodes) => nodes[axis].len(),

@@ -1,4 +1,4 @@
-//! What each error does over many poses, which errors are one motion, and which no measurement of the tool tells apart.
+//! Effect of each error over many poses, errors that cause the same motion, and errors that no measurement of the tool can separate.
 
 use nalgebra::{DMatrix, Vector3};
 use volcomp_kinematics::Chain;
@@ -14,7 +14,7 @@ use crate::{
     term::ErrorTerm,
 };
 
-/// Poses whose rows are brought into triangular form together.
+/// Number of poses whose rows are triangularised together.
 const STACKED: usize = 48;
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
@@ -63,7 +63,7 @@ fn as_maps<S: serde::Serializer>(
     serializer.collect_seq(named)
 }
 
-/// Judges errors of a chain over poses, to first order, on all cores.
+/// Analyses errors of a chain over poses, to first order, on all cores.
 ///
 /// # Errors
 /// [`SensitivityError`].
@@ -75,7 +75,7 @@ pub fn sensitivity(
     sensitivity_with_progress(chain, terms, poses, |_, _| {})
 }
 
-/// [`sensitivity()`]; `progress` is told, from any thread, how many poses of how many are done.
+/// [`sensitivity()`]; `progress` receives, from any thread, the number of finished poses and their total number.
 ///
 /// # Errors
 /// [`SensitivityError`].
@@ -123,7 +123,7 @@ fn in_micro_units(term: ErrorTerm) -> f64 {
     }
 }
 
-/// A combination in mm and rad as one of unit length in µm and µrad.
+/// Converts a combination in mm and rad to one of unit length in µm and µrad.
 fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
     let micro = |term: &ErrorTerm| {
         if term.component().is_angular() {
@@ -146,12 +146,12 @@ fn in_micro(mut combination: Vec<(ErrorTerm, f64)>) -> Vec<(ErrorTerm, f64)> {
     combination
 }
 
-/// The twists of the gaps without those that are the same at every pose: across a slide translations stay what they are.
+/// The twists of the gaps without duplicates at every pose: translations are unchanged across a linear axis.
 struct Basis {
-    /// The place of each of the six twists of each gap.
+    /// The index of each of the six twists of each gap.
     place: Vec<[usize; 6]>,
     columns: usize,
-    /// The lever by which rotations are made comparable to displacements, mm.
+    /// The lever that makes rotations comparable to displacements, mm.
     lever_mm: f64,
 }
 
@@ -172,7 +172,7 @@ impl Basis {
             }
             place.push(here);
         }
-        // Any lever of the right size will do.
+        // Only the order of magnitude of the lever matters.
         let lever = |at: usize| {
             let gaps = Gaps::at(chain, &poses.state(at));
             let levers = gaps.tip_mm[..=chain.joints().len()]
@@ -187,7 +187,7 @@ impl Basis {
         }
     }
 
-    /// The rows of a pose: displacement in units of the lever, and rotation.
+    /// Writes the rows of a pose: displacement in units of the lever, and rotation.
     fn write_rows(&self, gaps: &Gaps, rows: &mut DMatrix<f64>, from: usize) {
         for (gap, place) in self.place.iter().enumerate() {
             let (turned, tip) = (&gaps.turned[gap], gaps.tip_mm[gap] / self.lever_mm);
@@ -221,9 +221,9 @@ impl Basis {
     }
 }
 
-/// What a chunk of poses adds up to.
+/// The sums over a chunk of poses.
 struct Sums {
-    /// What each error does, for each mm or rad.
+    /// The effect of each error per mm or rad.
     effects: Vec<Squares>,
     /// The triangular factor of the stacked rows.
     triangle: DMatrix<f64>,
@@ -281,7 +281,7 @@ impl Sums {
     }
 }
 
-/// Columns that are proportional, put together; those of zeros are left out.
+/// Groups proportional columns; columns of zeros are left out.
 fn motions(
     chain: &Chain,
     terms: &[ErrorTerm],
@@ -315,11 +315,11 @@ fn motions(
     groups.into_iter().map(named).collect()
 }
 
-/// The name of a motion: by the error that stands nearest to the workpiece.
+/// The name of a motion: the error nearest to the workpiece.
 fn name(chain: &Chain, terms: &[ErrorTerm], made_of: &[Vec<InGap>], group: &[usize]) -> String {
     let single = group.iter().filter(|&&place| made_of[place].len() == 1);
     let Some(&place) = single.min_by_key(|&&place| made_of[place][0].gap) else {
-        // Axis lines only: each is two twists.
+        // Only axis lines, each of which consists of two twists.
         let names: Vec<String> = group
             .iter()
             .map(|&place| terms[place].to_string())

@@ -1,12 +1,11 @@
-//! The errors of a chain as numbers that can be told one by one.
+//! The single errors of a chain.
 
 use core::fmt;
 
 use volcomp_kinematics::Chain;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
-/// One error of a machine: an error motion at the coordinate where its axis stands, a location error, or an assembly
-/// error.
+/// One error of a machine: an error motion at the current coordinate of its axis, a location error, or an assembly error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ErrorTerm {
     /// An error motion `E?N` or a location error `E?0N`.
@@ -16,7 +15,7 @@ pub enum ErrorTerm {
 }
 
 impl ErrorTerm {
-    /// Along or about which axis of the machine coordinate system it is.
+    /// Its component along or about an axis of the machine coordinate system.
     pub fn component(self) -> Component {
         match self {
             Self::Named(name) => name.component,
@@ -24,7 +23,7 @@ impl ErrorTerm {
         }
     }
 
-    /// The axis that has it.
+    /// The axis of the error.
     pub fn axis(self) -> AxisName {
         match self {
             Self::Named(name) => name.axis,
@@ -32,8 +31,7 @@ impl ErrorTerm {
         }
     }
 
-    /// The name of the coefficient that a null direction speaks of: `EXC constant` for an error motion, which is a
-    /// curve, else the name.
+    /// The name of the coefficient in a null direction: `EXC constant` for an error motion, which is a curve, otherwise the name.
     pub fn coefficient(self) -> String {
         match self {
             Self::Named(name) if !name.location => format!("{name} constant"),
@@ -73,9 +71,9 @@ impl fmt::Display for ErrorTerm {
     }
 }
 
-/// The errors of a chain, axis after axis from the workpiece to the tool: six error motions, then the location errors
-/// that move something; with `assembly` the six assembly errors instead of the location errors, which they comprise, and
-/// of those only the ones that are `stated`.
+/// The errors of a chain, axis by axis from the workpiece to the tool: six error motions, then the location errors that have an effect.
+/// With `assembly`, the six assembly errors replace the location errors that they include; of the location errors only those in `stated`
+/// are kept.
 pub fn terms(chain: &Chain, assembly: bool, stated: &[ErrorName]) -> Vec<ErrorTerm> {
     let mut terms = Vec::new();
     for joint in chain.joints() {

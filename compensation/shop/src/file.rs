@@ -1,4 +1,4 @@
-//! The measurement file of a line: its kind, its head, its text.
+//! Measurement file of a line: format, header, text.
 
 use volcomp_metrology::{
     DeviationUnit, Environment, Measurement, Metadata, MotionKind, Quantity, StartEnd, write_csv,
@@ -7,22 +7,22 @@ use volcomp_metrology::{
 
 use crate::shop::{Shop, ShopLine};
 
-/// The kind of a measurement file.
+/// Format of a measurement file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Format {
-    /// Of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.
+    /// Files of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.
     #[default]
     Renishaw,
-    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose heads state their units.
+    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose headers state their units.
     Csv,
-    /// Position file of an API laser, `.pos`: means over the runs, lengths alone.
+    /// Position file of an API laser, `.pos`: means over the runs, lengths only.
     ApiPos,
     /// Text report of a 5529 laser, `.txt`: means and scatter over the runs of both directions.
     KeysightReport,
 }
 
 impl Format {
-    /// The formats by the word that a shop file has for them.
+    /// The formats by their names in a shop file.
     pub(crate) const NAMES: [(&'static str, Self); 4] = [
         ("renishaw", Self::Renishaw),
         ("csv", Self::Csv),
@@ -30,7 +30,7 @@ impl Format {
         ("keysight-report", Self::KeysightReport),
     ];
 
-    /// The ending of a file that holds angles or lengths, the latter by straightness optics or not.
+    /// The file extension for angles or lengths, the latter with or without straightness optics.
     fn ending(self, holds_angles: bool, straightness: bool) -> &'static str {
         match (self, holds_angles, straightness) {
             (Self::Csv, ..) => "csv",
@@ -42,7 +42,7 @@ impl Format {
         }
     }
 
-    /// Why a line cannot be written in this format, if it cannot.
+    /// Why a line cannot be written in this format; `None` if it can.
     pub(crate) fn refuses(self, line: &ShopLine) -> Option<&'static str> {
         match self {
             Self::ApiPos if line.setup.reads_angles() => {
@@ -56,22 +56,22 @@ impl Format {
     }
 }
 
-/// What every measurement file says of the test, as far as its format has a place for it.
+/// Header data of every measurement file, as far as its format supports them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
     /// The date of the test.
     pub date: Option<String>,
-    /// Who measured.
+    /// The person who measured.
     pub by: Option<String>,
     /// The serial number of the machine.
     pub serial: Option<String>,
-    /// Where the machine stands.
+    /// Location of the machine.
     pub location: Option<String>,
-    /// Temperature of the air during the test, °C.
+    /// Air temperature during the test, °C.
     pub air_degc: Option<f64>,
-    /// Temperature of the material during the test, °C. The readings of the virtual shop do not depend on it.
+    /// Material temperature during the test, °C. The readings of the virtual shop do not depend on it.
     pub material_degc: Option<f64>,
-    /// Expansion coefficient that was set in the program of the laser, µm/(m·K).
+    /// Expansion coefficient set in the laser software, µm/(m·K).
     pub expansion_um_per_m_k: Option<f64>,
 }
 
@@ -94,7 +94,7 @@ impl Header {
 }
 
 impl ShopLine {
-    /// The name of the measurement file with its ending.
+    /// The name of the measurement file with its extension.
     pub(crate) fn file_name(&self) -> String {
         let straightness = MotionKind::of(self.setup.error) == MotionKind::Straightness;
         let ending = self.format.ending(self.setup.reads_angles(), straightness);

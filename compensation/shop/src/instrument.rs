@@ -1,4 +1,4 @@
-//! An instrument that is not perfect: noise, resolution, drift, lost motion, targets and runs.
+//! Imperfect instruments: noise, resolution, drift, lost motion, targets and runs.
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -7,31 +7,31 @@ use volcomp_vocabulary::{Direction, Um, Urad};
 
 use crate::error::InstrumentError;
 
-/// How an instrument reads and how a line is run.
+/// An instrument and how it measures a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instrument {
-    /// How it reads lengths.
+    /// Imperfections of length readings.
     pub length: Imperfections<Um>,
-    /// How it reads angles.
+    /// Imperfections of angle readings.
     pub angle: Imperfections<Urad>,
-    /// Standard deviation of the slope at which a straightness reference is aligned.
+    /// Standard deviation of the slope with which a straightness reference is aligned.
     pub alignment: Urad,
     /// Number of targets over the travel, both ends included.
     pub targets: usize,
     /// Number of runs in each direction.
     pub runs: u32,
-    /// Whether targets are approached in both directions.
+    /// True if targets are approached in both directions.
     pub both_directions: bool,
 }
 
-/// The imperfections that make the readings of an instrument differ from the true deviations, µm or µrad.
+/// Imperfections by which the readings of an instrument differ from the true deviations, µm or µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imperfections<U> {
     /// Standard deviation of a reading.
     pub noise: U,
-    /// Step of a reading, 0 for none.
+    /// Resolution of a reading, 0 for none.
     pub resolution: U,
-    /// Growth of the readings from the first to the last of a line.
+    /// Drift of the readings from the first to the last of a line.
     pub drift: U,
     /// Lost motion of the set-up: forward minus backward.
     pub reversal: U,
@@ -51,18 +51,17 @@ impl Default for Instrument {
     }
 }
 
-/// Targets of one line, and runs, at the most.
+/// Maximum number of targets or of runs of one line.
 pub(crate) const MAX_TARGETS: usize = 100_000;
 
-/// Readings of one line in one direction at the most.
+/// Maximum number of readings of one line in one direction.
 pub(crate) const MAX_READINGS: usize = 1_000_000;
 
 impl Instrument {
-    /// Whether the instrument can be: counts within limits, numbers finite and, but for drift and reversal, not
-    /// negative.
+    /// Checks the instrument: counts within limits, numbers finite and, except for drift and reversal, not negative.
     ///
     /// # Errors
-    /// The first quantity that cannot be.
+    /// The first invalid quantity.
     pub fn check(&self) -> Result<(), InstrumentError> {
         let (targets, runs) = (self.targets, self.runs);
         if !(2..=MAX_TARGETS).contains(&targets) {
@@ -111,7 +110,7 @@ impl Instrument {
         Ok(())
     }
 
-    /// Whether the runs over a number of targets are not too many readings.
+    /// Checks that the runs over a number of targets do not exceed the maximum number of readings.
     pub(crate) fn check_count(&self, targets: usize) -> Result<(), InstrumentError> {
         let (runs, most) = (self.runs, MAX_READINGS);
         if targets.saturating_mul(runs as usize) > most {
@@ -132,8 +131,7 @@ impl Instrument {
             .collect()
     }
 
-    /// Runs a line: `perfect` is what a perfect instrument reads at a target in a direction, and 0 at
-    /// the first target.
+    /// Measures a line: `perfect` is the reading of a perfect instrument at a target in a direction, 0 at the first target.
     pub(crate) fn run(
         &self,
         targets: &[f64],
@@ -178,7 +176,7 @@ impl Instrument {
     }
 }
 
-/// The targets of a bridge over a travel: one foot spacing apart from its lower end on, as many as the travel holds.
+/// The targets of a bridge over a travel: spaced by the distance of its feet from the lower end on, as many as fit.
 pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> {
     (0..=MAX_TARGETS)
         .map(|step| low + bridge_mm * step as f64)
@@ -186,7 +184,7 @@ pub(crate) fn bridge_targets([low, high]: [f64; 2], bridge_mm: f64) -> Vec<f64> 
         .collect()
 }
 
-/// The same imperfections as numbers in the unit of the readings.
+/// Converts the imperfections to numbers in the unit of the readings.
 fn plain<U: Copy>(of: &Imperfections<U>, number: fn(U) -> f64) -> Imperfections<f64> {
     Imperfections {
         noise: number(of.noise),

@@ -20,16 +20,16 @@ use crate::{
     shop::{Shop, ShopLine, ShopLocation},
 };
 
-/// The random numbers of location errors are others than those of lines and observations.
+/// First random stream of location errors, separate from those of lines and observations.
 const FIRST_LOCATION: u64 = 1 << 33;
 
 impl Shop {
-    /// Every file by name: the machine without errors; the measurements and `calibration.toml`, unless only observations
-    /// are to be made; the observations and `observations.toml`, if there are any. `progress` is told how many of how many
-    /// lines and observations are done.
+    /// All files by name: the machine without errors; the measurements and `calibration.toml`, unless only observations are made; the
+    /// observations and `observations.toml`, if there are any. `progress` receives the number of finished lines and observations and their
+    /// total number.
     ///
     /// # Errors
-    /// A line that cannot be laid through the machine, an observation that cannot be made.
+    /// A line that does not fit the machine, an observation that cannot be made.
     pub fn files(
         &self,
         mut progress: impl FnMut(usize, usize),
@@ -52,7 +52,7 @@ impl Shop {
         }
         self.check_size()?;
         let alignments = self.alignments();
-        // Without rotary axes it is a rigid motion of the workpiece, and no reading tells of it.
+        // Without rotary axes it is a rigid motion of the workpiece, which no reading shows.
         let turns = self.truth.axes().iter().any(|axis| axis.name.is_rotary());
         let set_up = turns.then(|| self.set_up());
         let mut machine = self.truth.clone();
@@ -98,7 +98,7 @@ impl Shop {
         Ok(files)
     }
 
-    /// The names of the [`files`](Self::files), without making them.
+    /// The names of the [`files`](Self::files), without generating them.
     pub fn file_names(&self) -> Vec<String> {
         let mut names = vec!["machine.toml".to_owned()];
         names.extend(self.lines.iter().map(ShopLine::file_name));
@@ -119,7 +119,7 @@ impl Shop {
         names
     }
 
-    /// Whether there is a calibration file: anything that it reads, or no observations.
+    /// True if there is a calibration file: there is something to calibrate, or there are no observations.
     pub(crate) fn has_calibration(&self) -> bool {
         !self.lines.is_empty()
             || !self.squareness.is_empty()
@@ -127,7 +127,7 @@ impl Shop {
             || self.observations.is_empty()
     }
 
-    /// The table of a location error in the calibration file: its value with noise, and the uncertainty.
+    /// The table of a location error in the calibration file: its value with noise, and its uncertainty.
     fn read_location(&self, index: usize, location: &ShopLocation) -> Result<String, ShopError> {
         let error = location.error;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -143,7 +143,7 @@ impl Shop {
         } else {
             seen.linear_mm[place] * 1e3
         };
-        // To a millionth of a µm or µrad: the rounding of a product of poses is no reading.
+        // Rounded to a millionth of a µm or µrad, which removes the rounding of the product of poses.
         let value = (value * 1e6).round() / 1e6;
         let read = value + location.noise * share;
         let unit = error.component.unit();
@@ -157,13 +157,13 @@ impl Shop {
         ))
     }
 
-    /// How many lines and observations there are.
+    /// Number of lines and observations.
     pub fn count(&self) -> usize {
         self.lines.len() + self.observations.len()
     }
 
-    /// Slopes at which the straightness references stand. The two beams of a squareness enclose the
-    /// angle of its reference, so their slopes add up to φ − π/2.
+    /// Slopes with which the straightness references are aligned. The two beams of a squareness measurement enclose the angle of its
+    /// reference, so their slopes add up to φ − π/2.
     fn alignments(&self) -> BTreeMap<ErrorName, Urad> {
         let mut alignments = BTreeMap::new();
         for (index, line) in self.lines.iter().enumerate() {
@@ -185,7 +185,7 @@ impl Shop {
         alignments
     }
 
-    /// The axes at which and along which artefacts are set up.
+    /// The coordinates and the axes along which artefacts are set up.
     fn reference(&self) -> (Vec<f64>, [AxisName; 2]) {
         let axes = self.truth.axes().iter();
         (
@@ -194,7 +194,7 @@ impl Shop {
         )
     }
 
-    /// The targets at which a straightness is measured, mm; `None` where it is not.
+    /// The targets at which a straightness is measured, mm; `None` if it is not measured.
     fn targets_of(&self, error: ErrorName) -> Option<Vec<f64>> {
         let line = self.lines.iter().find(|line| line.setup.error == error)?;
         let travel = self.truth.axis(error.axis)?.travel;
@@ -204,7 +204,7 @@ impl Shop {
         })
     }
 
-    /// How the artefacts are set up: by the reference lines of the straightnesses as they are measured, else over 21 targets.
+    /// The set-up of the artefacts: from the reference lines of the straightness measurements, by default over 21 targets.
     fn set_up(&self) -> SetUp {
         let (reference, axes) = self.reference();
         SetUp::of(&self.truth, &reference, axes, |error| {
@@ -212,15 +212,15 @@ impl Shop {
         })
     }
 
-    /// A generator of its own for each line, so that a further line does not change the others.
+    /// A separate generator for each line, so that a further line does not change the others.
     fn random(&self, stream: usize) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(stream as u64);
         random
     }
 
-    /// The readings of the instrument along a line (µm or µrad) whose straightness reference is tilted by
-    /// `alignment`; `index` chooses the random numbers.
+    /// The readings of the instrument along a line (µm or µrad) whose straightness reference is tilted by `alignment`; `index` selects the
+    /// random stream.
     fn measure(
         &self,
         index: usize,
@@ -295,7 +295,7 @@ impl Shop {
     }
 }
 
-/// The errors that an instrument sees: all, or where it is centred on an axis itself only the motions of this one.
+/// The errors visible to an instrument: all, or only the error motions of one axis if the instrument is centred on that axis.
 struct Seen<S> {
     of: S,
     only: Option<usize>,

@@ -1,29 +1,29 @@
-//! A volumetric observation to be made: which instrument, how it stands, how many poses. Plain data.
+//! Volumetric observations: instrument, set-up, poses. Plain data.
 
 use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
 use crate::{error::ObservationError, instrument::Instrument, plan::Plan};
 
-/// An observation to be made on the truth machine.
+/// A volumetric observation of the truth machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShopObservation {
-    /// Name of the row file without its ending.
+    /// Name of the row file without its extension.
     pub name: String,
-    /// How the instrument reads; `alignment` is the standard deviation of each tilt at which a bar or a laser stands.
+    /// The instrument; `alignment` is the standard deviation of each tilt with which a bar or a laser is set up.
     pub instrument: Instrument,
-    /// Axes that stand still, mm or deg.
+    /// Axes that are not moved, mm or deg.
     pub at: Vec<(AxisName, f64)>,
-    /// Tools of the machine file that take turns from pose to pose; none: the tool of the machine.
+    /// Tools of the machine file, used alternately from pose to pose; empty: the tool of the machine.
     pub tools: Vec<String>,
-    /// The instrument and how it stands.
+    /// The kind of instrument and its set-up.
     pub setting: Setting,
 }
 
-/// An instrument and how it stands; points and directions in workpiece axes, mm.
+/// An instrument and its set-up; points and directions in workpiece axes, mm.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Setting {
-    /// A tracker follows a target on the tool.
+    /// A laser tracker that follows a target on the tool.
     Points {
         /// The poses.
         poses: Poses,
@@ -34,22 +34,22 @@ pub enum Setting {
     },
     /// Spheres on the table.
     Sphere {
-        /// The poses: so many at each sphere, or all of a plan.
+        /// The poses: a number for each sphere, or all of a plan.
         poses: Poses,
-        /// Their centres.
+        /// Centres of the spheres.
         centres: Vec<[f64; 3]>,
-        /// What is written.
+        /// What is recorded.
         reads: Reads,
     },
-    /// Distances from a point on the table.
+    /// Distances from a point on the table: ballbar or laser tracer.
     Distance {
         /// The poses.
         poses: Poses,
         /// The point.
         point: [f64; 3],
-        /// What every reading is too short by.
+        /// Length by which every reading is too short.
         dead_length_mm: f64,
-        /// All poses at this distance from the point (ballbar); `None`: anywhere in the travel (tracer).
+        /// All poses at this distance from the point (ballbar); `None`: anywhere in the travel (laser tracer).
         radius_mm: Option<f64>,
     },
     /// A step gauge: distances between its faces.
@@ -58,12 +58,12 @@ pub enum Setting {
     BallRow {
         /// The bar.
         bar: Bar,
-        /// What is written.
+        /// What is recorded.
         reads: Reads,
     },
-    /// A laser along body diagonals, `PPP` and so on.
+    /// A laser along body diagonals, such as `PPP`.
     Diagonals {
-        /// Which of them.
+        /// The diagonals.
         names: Vec<String>,
     },
 }
@@ -71,14 +71,14 @@ pub enum Setting {
 /// The poses at which an instrument reads.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Poses {
-    /// So many, drawn over the travels.
+    /// A number of poses, drawn at random over the travels.
     Drawn(usize),
-    /// Commands that were chosen beforehand.
+    /// Predetermined commands.
     Planned(Plan),
 }
 
 impl Poses {
-    /// How many there are, at each sphere where they are drawn.
+    /// Number of poses; for drawn poses, the number for each sphere.
     pub fn count(&self) -> usize {
         match self {
             Self::Drawn(count) => *count,
@@ -87,30 +87,30 @@ impl Poses {
     }
 }
 
-/// How a probe tells where it is against a sphere or a ball.
+/// How a probe measures a sphere or a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
-    /// The machine goes to the centre, its coordinates are written (touch probe).
+    /// The machine moves to the centre, and its coordinates are recorded (touch probe).
     Coordinates,
-    /// The machine goes where the centre is nominally, the offset is written (R-test, indicators).
+    /// The machine moves to the nominal centre, and the offset is recorded (R-test, indicators).
     Offset,
 }
 
 /// A bar with marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar {
-    /// Where the distance along the bar is zero.
+    /// The zero of the distance along the bar.
     pub origin: [f64; 3],
-    /// The nominal direction of the bar, of any length.
+    /// The nominal direction of the bar; not necessarily a unit vector.
     pub direction: [f64; 3],
     /// The calibrated distances along the bar, mm.
     pub distances: Vec<f64>,
-    /// Standard uncertainty of every calibrated distance but that of 0 mm.
+    /// Standard uncertainty of every calibrated distance except that of 0 mm.
     pub calibration: Um,
 }
 
 impl Setting {
-    /// The word in a shop file.
+    /// The name in a shop file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Points { .. } => "points",
@@ -124,7 +124,7 @@ impl Setting {
 }
 
 impl ShopObservation {
-    /// Whether it can be made: an instrument that can be, as many poses and marks as are allowed, diagonals that there are.
+    /// Checks the observation: a valid instrument, numbers of poses and marks within limits, existing diagonals.
     pub(crate) fn check(&self) -> Result<(), ObservationError> {
         self.instrument.check()?;
         let (what, found, [least, most]) = match &self.setting {
@@ -153,14 +153,14 @@ impl ShopObservation {
         Ok(())
     }
 
-    /// The standard uncertainty of a reading as the file of observations states it, µm: noise and rounding.
+    /// The standard uncertainty of a reading as stated in the file of observations, µm: noise and rounding.
     pub(crate) fn uncertainty_um(&self) -> f64 {
         let length = &self.instrument.length;
         let rounding = length.resolution.0 / 12.0_f64.sqrt();
         length.noise.0.hypot(rounding).max(LEAST_UNCERTAINTY_UM)
     }
 
-    /// The names of its files without their endings.
+    /// The names of its files without their extensions.
     pub(crate) fn file_names(&self) -> Vec<String> {
         let name = &self.name;
         match &self.setting {
@@ -173,16 +173,16 @@ impl ShopObservation {
         }
     }
 
-    /// Whether the set-up drifts.
+    /// True if the set-up drifts.
     pub(crate) fn drifts(&self) -> bool {
         self.instrument.length.drift != Um(0.0) || self.instrument.angle.drift != Urad(0.0)
     }
 }
 
-/// Poses of one observation at the most.
+/// Maximum number of poses of one observation.
 pub(crate) const MOST_POSES: usize = 100_000;
-/// Marks of a bar at the most.
+/// Maximum number of marks of a bar.
 pub(crate) const MOST_MARKS: usize = 10_000;
 
-/// The uncertainty that is stated for an instrument without noise, µm.
+/// The uncertainty stated for an instrument without noise, µm.
 const LEAST_UNCERTAINTY_UM: f64 = 1e-3;

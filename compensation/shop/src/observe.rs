@@ -1,4 +1,4 @@
-//! Makes the row files of the volumetric instruments and the file of observations that reads them.
+//! Generates the row files of the volumetric instruments and the file of observations that reads them.
 
 mod bars;
 mod diagonals;
@@ -27,20 +27,20 @@ use crate::{
     shop::{CALIBRATED, Shop},
 };
 
-/// The random numbers of observations are others than those of lines.
+/// First random stream of observations, separate from those of lines.
 const FIRST_STREAM: u64 = 1 << 32;
 
-/// The sides from which axes come are others than what is read.
+/// First random stream of the approach directions, separate from those of readings.
 const FIRST_SIDES: u64 = 1 << 48;
 
-/// What was made of one observation: row files, and its tables in the file of observations.
+/// The output of one observation: row files, and its tables in the file of observations.
 struct Made {
     files: Vec<(String, String)>,
     tables: String,
 }
 
 impl Shop {
-    /// The row files of all observations and `observations.toml`; `done` is told of each.
+    /// The row files of all observations and `observations.toml`; `done` is called after each.
     pub(crate) fn observe(
         &self,
         mut done: impl FnMut(),
@@ -54,7 +54,7 @@ impl Shop {
             .iter()
             .map(|unknown| format!("    {},\n", unknown.to_toml(false)))
             .collect();
-        // What the lines give stays as it is where observations find the rest.
+        // Errors from the lines are kept; the observations identify the others.
         let machine = if self.has_calibration() {
             CALIBRATED
         } else {
@@ -92,8 +92,8 @@ impl Shop {
     }
 }
 
-/// The numbers of the spheres of each observation, from 1, in their names S1, S2, …: the file of observations has one sphere by each
-/// name. Spheres at one place are one sphere.
+/// The numbers of the spheres of each observation, from 1, in their names S1, S2, …: the file of observations has one sphere of each name.
+/// Spheres at the same position are one sphere.
 fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
     let mut places: Vec<[f64; 3]> = Vec::new();
     let mut number = |centre: &[f64; 3]| {
@@ -112,21 +112,21 @@ fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// An instrument at the truth machine.
+/// An instrument on the truth machine.
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
-    /// The number of each of its spheres.
+    /// The numbers of its spheres.
     spheres: Vec<usize>,
     tools: Tools<'a>,
     free_axes: FreeAxes,
     random: ChaCha8Rng,
     approach: Approach,
-    /// Draws from which side the axes come to a first row.
+    /// Random directions from which the axes approach a first row.
     sides: ChaCha8Rng,
 }
 
-/// The machine with each tool, which take turns; with its own where no tool is named.
+/// The machine with each tool, used alternately; with its own tool if none is named.
 struct Tools<'a>(Vec<(&'a str, Machine)>);
 
 impl Tools<'_> {
@@ -138,7 +138,7 @@ impl Tools<'_> {
         &self.at(pose).1
     }
 
-    /// The tool's cell in a row, with a comma at its end; empty where no tool is named.
+    /// The tool's cell in a row, with a trailing comma; empty if no tool is named.
     fn cell(&self, pose: usize) -> String {
         match self.at(pose).0 {
             "" => String::new(),
@@ -163,7 +163,7 @@ impl<'a> Observer<'a> {
         if machines.is_empty() {
             machines.push(("", truth.clone()));
         }
-        // Refuses axes that are not there and numbers that are none.
+        // Rejects missing axes and values that are not finite.
         truth.state(&what.at)?;
         let mut sides = random.clone();
         sides.set_stream(FIRST_SIDES + random.get_stream());
@@ -203,7 +203,7 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Poses all over the travels, or those of a plan.
+    /// Poses spread over the travels, or those of a plan.
     fn everywhere(&mut self, poses: &Poses) -> Vec<State> {
         match poses {
             Poses::Drawn(count) => self.free_axes.everywhere(*count, &mut self.random),
@@ -215,7 +215,7 @@ impl<'a> Observer<'a> {
         StandardNormal.sample(&mut self.random)
     }
 
-    /// A direction that is drawn, all alike.
+    /// A random direction, uniformly distributed.
     fn direction(&mut self) -> Vector3<f64> {
         direction(&mut self.random)
     }
@@ -232,13 +232,13 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The drift of the set-up at a row: from nothing at the first to all of it at the last.
+    /// The drift of the set-up at a row: from zero at the first to its full value at the last.
     fn drift_mm(&self, direction: &Vector3<f64>, row: usize, rows: usize) -> Vector3<f64> {
         let share = row as f64 / rows.saturating_sub(1).max(1) as f64;
         direction * (1e-3 * self.what.instrument.length.drift.0 * share)
     }
 
-    /// The header of the axes, with a comma at its end.
+    /// The header of the axes, with a trailing comma.
     fn axes_header(&self) -> String {
         let letters = self
             .truth
@@ -248,7 +248,7 @@ impl<'a> Observer<'a> {
         letters.collect()
     }
 
-    /// The coordinates, mm or deg, with a comma at their end.
+    /// The coordinates, mm or deg, with a trailing comma.
     fn coordinates(&self, state: &State) -> String {
         let axes = self.truth.axes().iter().zip(&state.q);
         axes.fold(String::new(), |mut text, (axis, &q)| {
@@ -267,7 +267,7 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The keys of a table that all kinds have.
+    /// The keys that the tables of all kinds have in common.
     fn table(&self, kind: &str, file: &str, uncertainty_um: f64) -> String {
         let drift = if self.what.drifts() {
             "drift = 1\n"
@@ -281,7 +281,7 @@ impl<'a> Observer<'a> {
         )
     }
 
-    /// The marks of every pass in their order.
+    /// The marks of every pass, in order.
     fn passes(&self, marks: usize) -> Vec<Vec<usize>> {
         let instrument = &self.what.instrument;
         let mut passes = Vec::new();
@@ -294,19 +294,19 @@ impl<'a> Observer<'a> {
         passes
     }
 
-    /// The axes as they are held.
+    /// The state of the axes that are not moved.
     fn held(&self) -> Result<State, ObservationError> {
         Ok(self.truth.state(&self.what.at)?)
     }
 }
 
-/// Axes that came from one side or the other before the first row, which nobody writes down.
+/// Random approach directions before the first row, which are not recorded.
 fn from_one_side(random: &mut ChaCha8Rng) -> Approach {
     let side = |()| Direction::of(random.random_range(-1.0..1.0));
     Approach::from_sides([(); MAX_AXES].map(side))
 }
 
-/// A direction that is drawn, all alike.
+/// A random direction, uniformly distributed.
 fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
     let [x, y, z] = [(); 3].map(|()| StandardNormal.sample(random));
     Vector3::<f64>::new(x, y, z)
@@ -314,21 +314,21 @@ fn direction(random: &mut ChaCha8Rng) -> Vector3<f64> {
         .unwrap_or_else(Vector3::x)
 }
 
-/// A direction and two across it, as columns.
+/// A direction and two normal to it, as columns.
 fn across(along: &Vector3<f64>) -> Matrix3<f64> {
     let side = Vector3::ith(along.iamin(), 1.0);
     let side1 = (side - along * along.dot(&side)).normalize();
     Matrix3::from_columns(&[*along, side1, along.cross(&side1)])
 }
 
-/// A row of cells that end with a comma, and numbers.
+/// Adds a row: cells that end with a comma, then numbers.
 fn push_row(text: &mut String, cells: &str, numbers: &[f64]) {
     let numbers: Vec<String> = numbers.iter().map(|x| number(*x)).collect();
     // Writing to a String cannot fail.
     let _ = writeln!(text, "{cells}{}", numbers.join(","));
 }
 
-/// A row with the offset that was read, µm, if one was.
+/// Adds a row with the measured offset, µm, if there is one.
 fn push_offset(text: &mut String, cells: &str, read_mm: Option<Vector3<f64>>) {
     match read_mm {
         Some(offset) => push_row(text, &format!("{cells},"), (offset * 1e3).as_slice()),
@@ -338,7 +338,7 @@ fn push_offset(text: &mut String, cells: &str, read_mm: Option<Vector3<f64>>) {
     }
 }
 
-/// A number with at most six digits behind the point.
+/// Formats a number with at most six decimals.
 fn number(x: f64) -> String {
     let text = format!("{x:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

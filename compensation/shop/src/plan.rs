@@ -1,4 +1,4 @@
-//! A plan of poses: commands that were chosen beforehand, in place of poses that are drawn.
+//! Plans of poses: predetermined commands instead of random poses.
 
 use std::path::{Path, PathBuf};
 
@@ -8,17 +8,17 @@ use volcomp_vocabulary::AxisName;
 
 use crate::observation::MOST_POSES;
 
-/// Commanded poses, one after the other.
+/// Commanded poses, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The axes whose coordinates the plan states; others stand as `at` says, and linear ones may follow to a sphere.
+    /// The axes whose coordinates the plan states; the others are at the coordinates of `at`, and linear ones may follow to a sphere.
     pub axes: Vec<AxisName>,
     /// The poses.
     pub poses: Vec<PlannedPose>,
 }
 
 impl Plan {
-    /// Whether it commands rotary axes only, so that linear axes follow to a sphere.
+    /// True if it commands rotary axes only, so that linear axes follow to a sphere.
     pub(crate) fn is_rotary(&self) -> bool {
         self.axes.iter().all(|axis| axis.is_rotary())
     }
@@ -29,12 +29,12 @@ impl Plan {
 pub struct PlannedPose {
     /// Coordinates of the axes of the plan, mm or deg.
     pub at: Vec<f64>,
-    /// Of spheres: which of the centres, from 0.
+    /// For spheres: index of the centre, from 0.
     pub sphere: usize,
 }
 
-/// Reads a plan: a CSV table with a column for each axis that it commands, and `sphere` (S1, S2, …) where there are several.
-/// `spheres` is their number. The file is looked for beside the shop file.
+/// Reads a plan: a CSV table with a column for each commanded axis, and `sphere` (S1, S2, …) if there are several. `spheres` is their
+/// number. The path is relative to the shop file.
 pub(crate) fn read_plan(
     value: &Value<'_>,
     machine: &Machine,
@@ -80,7 +80,7 @@ pub(crate) fn read_plan(
             "found no column `sphere`, expected one that says which of the {spheres} spheres each row is at: S1 to S{spheres}"
         )));
     }
-    // To a sphere the linear axes follow, where the plan commands none of them.
+    // The linear axes follow to a sphere if the plan commands none of them.
     let follow = spheres > 0 && axes.iter().all(|(axis, _)| axis.is_rotary());
     for axis in machine.axes() {
         let name = axis.name;
@@ -103,7 +103,7 @@ pub(crate) fn read_plan(
         for &(name, column) in &axes {
             let cell = row.cell(column);
             let found = cell.number()?;
-            // It was looked up above.
+            // Cannot fail: the name was looked up above.
             let Some(axis) = machine.axis(name) else {
                 continue;
             };

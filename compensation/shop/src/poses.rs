@@ -1,4 +1,4 @@
-//! Poses at which a machine is observed, and how it gets to a point.
+//! Poses at which a machine is observed, and moves to a point.
 
 use rand::{Rng, RngExt};
 use volcomp_kinematics::{REACHED_WITHIN_MM, State, actual_pose, nalgebra::Vector3};
@@ -7,15 +7,15 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::plan::{Plan, PlannedPose};
 
-/// Commands are rounded to this, mm or deg.
+/// Resolution of commands, mm or deg.
 const COMMAND_STEP: f64 = 1e-3;
-/// Tries for one pose, with other rotary positions each time.
+/// Maximum number of tries for one pose, each with other rotary positions.
 const TRIES: usize = 200;
 
-/// The axes of a machine that are free to move, and where the others stand.
+/// The axes of a machine that are free to move, and the coordinates of the others.
 #[derive(Clone, Debug)]
 pub(crate) struct FreeAxes {
-    /// Place in the chain and travel, mm or deg.
+    /// Chain index, kind and travel, mm or deg.
     free: Vec<(usize, AxisKind, [f64; 2])>,
     held: State,
 }
@@ -39,7 +39,7 @@ impl FreeAxes {
         own.map(|(place, _, travel)| (*place, *travel))
     }
 
-    /// Poses all over the travels: each axis stands once at each of so many places, ends included, in an order of its own.
+    /// Poses spread over the travels: each axis visits `poses` even positions, ends included, once each in an independent random order.
     pub(crate) fn everywhere(&self, poses: usize, random: &mut impl Rng) -> Vec<State> {
         let mut states = vec![self.held; poses];
         for (place, kind, travel) in &self.free {
@@ -50,7 +50,7 @@ impl FreeAxes {
         states
     }
 
-    /// The poses of a plan; axes that it does not command stand where they are held, or at 0.
+    /// The poses of a plan; axes that it does not command are at their held coordinates, or at 0.
     pub(crate) fn planned(&self, machine: &Machine, plan: &Plan) -> Vec<State> {
         let state = |pose: &PlannedPose| {
             let mut state = self.held;
@@ -64,8 +64,8 @@ impl FreeAxes {
         plan.poses.iter().map(state).collect()
     }
 
-    /// Poses with the ideal tip at points, at rotary positions all over the travels. `point` and `machine` by the number of
-    /// the pose; a point that is out of reach is drawn anew. `Err`: how many were found.
+    /// Poses with the ideal tip at points, at rotary positions spread over the travels. `point` and `machine` are called with the index of
+    /// the pose; a point out of reach is redrawn. `Err`: the number of poses found.
     pub(crate) fn around<'m, R: Rng>(
         &self,
         poses: usize,
@@ -102,7 +102,7 @@ impl FreeAxes {
         Ok(states)
     }
 
-    /// The linear axes where the ideal tip is at a point, rounded as commands are; `None` out of travel.
+    /// The linear axes with the ideal tip at a point, rounded like commands; `None` if out of travel.
     pub(crate) fn ideal(
         &self,
         machine: &Machine,
@@ -121,7 +121,7 @@ impl FreeAxes {
         Some(state)
     }
 
-    /// The linear axes where the actual tip is at a point.
+    /// The linear axes with the actual tip at a point.
     pub(crate) fn actual(
         &self,
         machine: &Machine,
@@ -145,7 +145,7 @@ impl FreeAxes {
         (missed_mm <= REACHED_WITHIN_MM).then_some(state)
     }
 
-    /// Adds to the coordinate of every free linear axis, mm.
+    /// Adds `by` to the coordinate of every free linear axis, mm.
     pub(crate) fn shift_linear(&self, state: &mut State, mut by: impl FnMut(f64) -> f64) {
         for (place, _) in self.of(AxisKind::Linear) {
             state.q[place] = by(state.q[place]);
@@ -166,7 +166,7 @@ pub(crate) fn actual_tip(
         - chain.workpiece_origin_mm()
 }
 
-/// So many places over a travel, ends included, in an order that is drawn.
+/// `count` even positions over a travel, ends included, in random order.
 fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     let [low, high] = travel;
     let last = count.saturating_sub(1) as f64;
@@ -180,7 +180,7 @@ fn spread(travel: [f64; 2], count: usize, random: &mut impl Rng) -> Vec<f64> {
     places
 }
 
-/// A coordinate as it is typed, within travel.
+/// Rounds a coordinate like a typed command, within travel.
 fn command(q: f64, [low, high]: [f64; 2]) -> f64 {
     ((q / COMMAND_STEP).round() * COMMAND_STEP)
         .max(low)

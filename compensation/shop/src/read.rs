@@ -36,7 +36,7 @@ impl Shop {
     /// Reads a shop file and its truth machine.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// Invalid input, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ShopError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut inputs = vec![path.to_owned()];
@@ -49,11 +49,11 @@ impl Shop {
         Ok(shop)
     }
 
-    /// Decodes the text of a shop file; `file` names it in messages, and plans of poses are read beside it; `machine` gives the
-    /// machine of the name that stands in it.
+    /// Decodes the text of a shop file; `file` is its name in messages, and plans of poses are read relative to it; `machine` returns the
+    /// machine of the name stated in it.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// Invalid input, with file, line and key.
     pub fn parse(
         text: &str,
         file: &str,
@@ -165,7 +165,7 @@ fn decode_location(
     Ok(())
 }
 
-/// `[header]`: what every measurement file says of the test.
+/// `[header]`: header data of every measurement file.
 fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
     section.allow(&[
         "date",
@@ -194,7 +194,7 @@ fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
     })
 }
 
-/// What a `[[measurement]]` takes unless it states otherwise.
+/// Defaults of a `[[measurement]]`.
 struct Usual<'s> {
     instrument: &'s Instrument,
     format: Format,
@@ -244,7 +244,7 @@ fn decode_measurement(
         let setup = Setup::decode(section, error, truth)?;
         let instrument = decode_instrument(section, usual.instrument)?;
         if let Method::Angular { bridge_mm, .. } = setup.method {
-            // Known to be a straightness by this.
+            // Fails unless the error is a straightness.
             tilt_sign(error, TiltReading::Slope).map_err(|e| value.error(e.to_string()))?;
             let travel = truth.axis(error.axis).map_or([0.0; 2], |axis| axis.travel);
             let steps = (travel[1] - travel[0]) / bridge_mm;
@@ -276,10 +276,10 @@ fn decode_measurement(
     Ok(())
 }
 
-/// Names of files that every shop may write.
+/// File names that every shop may write.
 pub(crate) const TAKEN: [&str; 4] = ["machine", "calibration", "observations", "calibrated"];
 
-/// The name of a file in the folder of the shop's files.
+/// A file name in the folder of the shop's files.
 pub(crate) fn decode_file_name(value: &Value<'_>) -> Result<String, InputError> {
     let name = value.text()?;
     if name.is_empty() || name.contains(['/', '\\']) {
@@ -299,7 +299,7 @@ fn free_name(error: ErrorName, lines: &[ShopLine]) -> String {
     }
 }
 
-/// The keys of an instrument, in its own table and over it in a `[[measurement]]`.
+/// The keys of an instrument, in its own table and overridden in a `[[measurement]]`.
 const INSTRUMENT_KEYS: [&str; 12] = [
     "noise_um",
     "noise_urad",
@@ -315,7 +315,7 @@ const INSTRUMENT_KEYS: [&str; 12] = [
     "both_directions",
 ];
 
-/// The instrument of a section, whose keys stand over those of `base`.
+/// The instrument of a section, whose keys override those of `base`.
 pub(crate) fn decode_instrument(
     section: &Section<'_>,
     base: &Instrument,

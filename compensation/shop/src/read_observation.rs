@@ -15,10 +15,10 @@ use crate::{
     shop::ShopLine,
 };
 
-/// Poses of an observation unless it says otherwise.
+/// Default number of poses of an observation.
 const POSES: usize = 30;
 
-/// Every `[[observation]]`, and the key `unknown` that goes with them.
+/// Every `[[observation]]`, and the accompanying key `unknown`.
 pub(crate) fn decode_observations(
     root: &Section<'_>,
     truth: &Machine,
@@ -160,7 +160,7 @@ const BAR_KEYS: [&str; 8] = [
     "tools",
 ];
 
-/// The shop's instrument with the keys of the observation; set-ups drift only where the observation says so.
+/// The shop's instrument with the keys of the observation; set-ups drift only if the observation states it.
 fn own_instrument(
     section: &Section<'_>,
     base: &Instrument,
@@ -189,7 +189,7 @@ fn free_name(kind: &str, before: &[ShopObservation]) -> String {
     }
 }
 
-/// How many poses, or the file of a plan; `spheres` is the number of spheres.
+/// The number of poses, or the file of a plan; `spheres` is the number of spheres.
 fn poses(
     section: &Section<'_>,
     truth: &Machine,
@@ -295,7 +295,7 @@ fn diagonals(section: &Section<'_>, truth: &Machine) -> Result<Vec<String>, Inpu
     Ok(names)
 }
 
-/// The axes that stand still, within their travel; along diagonals X, Y and Z do not.
+/// The axes that are not moved, within their travel; along diagonals these cannot be X, Y and Z.
 fn at(
     section: &Section<'_>,
     truth: &Machine,

@@ -16,36 +16,36 @@ use crate::{
 /// A truth machine with the measurements to be made on it.
 #[derive(Clone, Debug)]
 pub struct Shop {
-    /// The machine as it really is.
+    /// The actual machine, including its errors.
     pub truth: Machine,
-    /// Seed of all that is random.
+    /// Random seed.
     pub seed: u64,
     /// The lines to be measured.
     pub lines: Vec<ShopLine>,
-    /// Squareness errors, each with φ − π/2 of its reference: φ is the angle between the + directions of the two beams.
+    /// Squareness errors, each with φ − π/2 of its reference: φ is the angle between the positive directions of the two beams.
     pub squareness: Vec<(ErrorName, Urad)>,
-    /// The location errors that are read directly.
+    /// The location errors that are measured directly.
     pub locations: Vec<ShopLocation>,
-    /// What the measurement files say of the test.
+    /// Header data of the measurement files.
     pub header: Header,
     /// The volumetric observations to be made.
     pub observations: Vec<ShopObservation>,
-    /// What the file of observations asks for.
+    /// The unknowns of the file of observations.
     pub unknown: Vec<Unknown>,
-    /// The files that were read: the shop file, the machine, plans of poses; none where the shop was not read from a file.
+    /// The input files: the shop file, the machine, plans of poses; empty if the shop was not read from a file.
     pub inputs: Vec<PathBuf>,
 }
 
-/// The machine file that the calibration of the lines is to write, beside the shop's files: where a shop has lines and
+/// Name of the machine file that the calibration of the lines writes, in the folder of the shop's files: if a shop has lines and
 /// observations, its file of observations starts from this machine.
 pub const CALIBRATED: &str = "calibrated.toml";
 
-/// A location error that is read directly: a mandrel and an indicator, a probe in the control's own cycle.
+/// A location error that is measured directly: with a mandrel and an indicator, or by a probing cycle of the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShopLocation {
     /// The location error.
     pub error: ErrorName,
-    /// Standard deviation of what is read, µm or µrad; stated as its standard uncertainty.
+    /// Standard deviation of the reading, µm or µrad; stated as its standard uncertainty.
     pub noise: f64,
 }
 
@@ -54,15 +54,15 @@ pub struct ShopLocation {
 pub struct ShopLine {
     /// The error and how it is measured.
     pub setup: Setup,
-    /// With which instrument, over which targets, in how many runs.
+    /// The instrument, with its targets and runs.
     pub instrument: Instrument,
-    /// The kind of curve that the calibration file asks for.
+    /// The kind of curve that the calibration file requests.
     pub curve: Option<CurveChoice>,
-    /// Of a rotary axis: whether the readings are taken against the commanded pose, so that they hold what the location errors
-    /// of the axis add; `false`: the instrument is centred on the axis as it is.
+    /// For a rotary axis: true if the readings refer to the commanded pose, so that they include the effect of the location errors of the
+    /// axis; `false`: the instrument is centred on the actual axis.
     pub holds_location: bool,
-    /// Name of the measurement file without its ending.
+    /// Name of the measurement file without its extension.
     pub name: String,
-    /// The kind of the measurement file.
+    /// The format of the measurement file.
     pub format: Format,
 }

@@ -1,4 +1,4 @@
-//! How many readings a shop makes: they stand in memory all at once.
+//! Limit of the number of readings of a shop, which are all in memory at once.
 
 use volcomp_calibrate::Method;
 
@@ -9,11 +9,11 @@ use crate::{
     shop::{Shop, ShopLine},
 };
 
-/// Readings of all lines and observations at the most.
+/// Maximum number of readings of all lines and observations.
 const MOST_READINGS: usize = 5_000_000;
 
 impl Shop {
-    /// Refuses a shop that makes more readings than fit into memory.
+    /// Rejects a shop with more readings than allowed.
     pub(crate) fn check_size(&self) -> Result<(), ShopError> {
         let lines = self.lines.iter().map(|line| self.readings_of(line));
         let observations = self.observations.iter().map(rows_of);
@@ -37,7 +37,7 @@ impl Shop {
     }
 }
 
-/// Readings over so many targets or marks.
+/// Number of readings over a number of targets or marks.
 fn over(instrument: &Instrument, targets: usize) -> usize {
     let directions = 1 + usize::from(instrument.both_directions);
     targets

@@ -1,4 +1,4 @@
-//! Wear: what months of work make of a machine.
+//! Wear of a machine over months of work.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,71 +9,70 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
-/// Places over the travel at which a worn curve is tabulated, besides those at which the curve before has to be looked at: at even ones alone
-/// the wave of a screw would become another one.
+/// Number of even positions over the travel at which a worn curve is tabulated, in addition to the sampling coordinates of the previous
+/// curve: even positions alone would alias the wave of a screw.
 const NODES: u32 = 64;
-/// What a month of work with the load 1 does, times a factor of its own for each error: the most a guide gives way, and the most a
-/// screw stretches, µm.
+/// Wear per month of work at load 1, before a random factor for each error: maximum deflection of a guide, and maximum elongation of a screw, µm.
 const GUIDE_UM: f64 = 0.06;
 const SCREW_UM: f64 = 0.08;
-/// The growth of the play: the reversal value, forward less backward, gets smaller by it, since the carriage lags, µm and µrad.
+/// Growth of the backlash per month, µm and µrad. It reduces the reversal value (forward minus backward), since the carriage lags.
 const PLAY: f64 = 0.05;
-/// The amplitude of the eccentricity of a rotary axis's gear, and of the run-out of its bearing, µrad and µm.
+/// Amplitude of the eccentricity of a rotary axis's gear, µrad, and of the run-out of its bearing, µm.
 const GEAR_URAD: f64 = 0.2;
 const BEARING_UM: f64 = 0.02;
-/// The standard deviation of what a squareness or parallelism drifts by in a month, µrad.
+/// Standard deviation of the monthly drift of a squareness or parallelism, µrad.
 const SETTLED_URAD: f64 = 0.15;
-/// The standard deviation of the logarithm of the factors.
+/// Standard deviation of the natural logarithm of the random factors.
 const SPREAD: f64 = 0.4;
 
-/// How long a machine has worked. Everything grows in proportion to `months` and `load`.
+/// The operating time of a machine. All wear is proportional to `months` and `load`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wear {
     /// Months of work.
     pub months: f64,
-    /// How hard it works: 1 is one shift of mixed parts.
+    /// Relative load: 1 is one shift of mixed parts.
     pub load: f64,
-    /// What makes this machine another one than its neighbour.
+    /// Random seed, different for each machine.
     pub seed: u64,
 }
 
-/// Why a machine cannot be worn.
+/// Why wear cannot be computed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WearError {
-    /// Months or a load that cannot be.
+    /// Months or a load out of range.
     #[error("{what}: found {found}, expected 0 to {most}")]
     Number {
         /// `months` or `load`.
         what: &'static str,
-        /// What was found.
+        /// The rejected value.
         found: f64,
-        /// The most.
+        /// Maximum value.
         most: f64,
     },
     /// The errors of the machine are no longer finite.
     #[error(transparent)]
     Curve(#[from] CurveError),
-    /// The machine does not take the error.
+    /// The machine rejects the worn error.
     #[error(transparent)]
     Machine(#[from] ModelError),
 }
 
-/// A machine after its work.
+/// A worn machine.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Worn {
     /// The machine.
     pub machine: Machine,
-    /// Errors that were left as they are, since they are grids over two axes.
+    /// Errors left unchanged because they are grids over two axes.
     pub left: Vec<ErrorName>,
 }
 
 impl Wear {
-    /// What the machine becomes. The wear of an error does not depend on which other axes the machine has.
+    /// Computes the worn machine. The wear of an error does not depend on which other axes the machine has.
     ///
     /// # Errors
-    /// Months that are not 0 to 1200, a load that is not 0 to 100, errors beyond all numbers.
+    /// Months outside 0 to 1200, a load outside 0 to 100, errors that are no longer finite.
     pub fn of(&self, machine: &Machine) -> Result<Worn, WearError> {
         for (what, found, most) in [("months", self.months, 1200.0), ("load", self.load, 100.0)] {
             if !(0.0..=most).contains(&found) {
@@ -121,7 +120,7 @@ impl Wear {
         Draws(random)
     }
 
-    /// Guides give way where the axis works most, and the carriage tilts as its way bends; the screw stretches there, too.
+    /// A linear axis: guides wear where the axis works most, the carriage tilts along the bent guide, and the screw elongates there, too.
     fn linear(&self, worn: &mut Worn, axis: AxisName, along: usize) -> Result<(), WearError> {
         let Some([low, high]) = worn.machine.axis(axis).map(|axis| axis.travel) else {
             return Ok(());
@@ -129,7 +128,7 @@ impl Wear {
         let span = high - low;
         let own = ErrorName::motion(LINEAR[along], axis);
         let mut draws = self.draws(own);
-        // Where it works: the middle of a bump, and half its width, in parts of the travel.
+        // The working zone: the middle of a bump, and half its width, as shares of the travel.
         let zone = Zone {
             middle: low + span * (0.5 + 0.15 * draws.normal()).clamp(0.2, 0.8),
             half: 0.4 * span,
@@ -142,7 +141,7 @@ impl Wear {
             let mut draws = self.draws(name);
             let bent = GUIDE_UM * self.amount() * draws.factor() * draws.sign();
             worn.add(name, 0.0, |q| bent * zone.bump(q))?;
-            // The tangent of the way: the direction of the axis times the slope, µm/mm are mrad.
+            // Tangent of the path: axis direction times slope; µm/mm are mrad.
             let turned = if (along + 1) % 3 == across { 1e3 } else { -1e3 };
             let tilt = ErrorName::motion(ANGULAR[about], axis);
             worn.add(tilt, 0.0, |q| turned * bent * zone.slope(q))?;
@@ -150,7 +149,7 @@ impl Wear {
         Ok(())
     }
 
-    /// Gears get play and run out, and so do bearings.
+    /// A rotary axis: gears get backlash and eccentricity, bearings get run-out.
     fn rotary(&self, worn: &mut Worn, axis: AxisName, about: usize) -> Result<(), WearError> {
         let own = ErrorName::motion(ANGULAR[about], axis);
         for (component, amplitude) in [
@@ -175,15 +174,15 @@ impl Wear {
     }
 }
 
-/// Further digits of a position, an error or an angle mean nothing, and only fill the file: 1e-6 mm, µm or µrad.
+/// Rounds a position, an error or an angle to 1e-6 mm, µm or µrad; further digits only fill the file.
 fn rounded(value: f64) -> f64 {
-    // A negative zero is none.
+    // Avoids a negative zero.
     (1e6 * value).round() / 1e6 + 0.0
 }
 
 const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
 const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
-/// The squarenesses of three linear axes, X being the first reference.
+/// The squareness errors of three linear axes, with X as the first reference.
 const SQUARENESSES: [(Component, AxisName); 3] = [
     (Component::EC, AxisName::Y),
     (Component::EA, AxisName::Z),
@@ -248,7 +247,7 @@ impl Worn {
     }
 }
 
-/// Where an axis works most.
+/// The zone in which an axis works most.
 #[derive(Clone, Copy, Debug)]
 struct Zone {
     middle: f64,
@@ -256,19 +255,19 @@ struct Zone {
 }
 
 impl Zone {
-    /// 1 in the middle, 0 from both its ends on, without an edge.
+    /// A smooth bump: 1 in the middle, 0 from both ends outward.
     fn bump(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + (std::f64::consts::PI * at).cos())
     }
 
-    /// Its slope.
+    /// The slope of the bump.
     fn slope(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         -0.5 * std::f64::consts::PI / self.half * (std::f64::consts::PI * at).sin()
     }
 
-    /// How much of it is passed: 0 before it, 1 behind it.
+    /// The passed share of the zone: 0 before it, 1 after it.
     fn passed(self, q: f64) -> f64 {
         let at = ((q - self.middle) / self.half).clamp(-1.0, 1.0);
         0.5 * (1.0 + at + (std::f64::consts::PI * at).sin() / std::f64::consts::PI)
@@ -283,7 +282,7 @@ impl Draws {
         StandardNormal.sample(&mut self.0)
     }
 
-    /// How much more or less than usual.
+    /// A random factor about 1.
     fn factor(&mut self) -> f64 {
         (SPREAD * self.normal()).exp()
     }

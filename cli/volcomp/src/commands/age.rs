@@ -1,4 +1,4 @@
-//! `volcomp age`: what months of work make of a machine.
+//! `volcomp age`: simulate the wear of a machine over months of work.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -11,7 +11,7 @@ use volcomp_vocabulary::Direction;
 use super::{Answer, fixed, table, table_text};
 use crate::{failure::Failure, output::OutputFile, table::folded};
 
-/// Places over the travel at which the change of an error is looked at.
+/// Number of even positions over the travel at which the change of an error is evaluated.
 const PLACES: u32 = 200;
 
 /// What months of work make of a machine: guides, screws, gears and squareness wear
@@ -105,7 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes.collect())
 }
 
-/// What became larger by how much.
+/// The increases as text.
 fn text(document: &Age) -> String {
     let Age { file, months, .. } = document;
     if document.errors.is_empty() {
@@ -131,7 +131,7 @@ fn text(document: &Age) -> String {
     text
 }
 
-/// What changed, over the travels, the mean of both directions.
+/// The changes over the travels, of the mean of both directions.
 fn changes(before: &Machine, after: &Machine) -> Vec<Aged> {
     let mut changes = Vec::new();
     for (name, curve) in after.errors() {

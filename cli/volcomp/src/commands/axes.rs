@@ -1,4 +1,4 @@
-//! `volcomp axes`: where the axes stand for a tip and a direction of the tool.
+//! `volcomp axes`: axis coordinates for a tip and a tool direction.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -146,7 +146,7 @@ fn text(machine: &Machine, document: &Axes) -> String {
     text
 }
 
-/// The linear axes that are dependent at this pose: how they move together, and between which ends.
+/// The linear axes that are dependent at this pose: their common move, and its limits.
 fn dependent(document: &Axes) -> String {
     let mut text = String::new();
     for moves in &document.dependent_moves {

@@ -1,4 +1,4 @@
-//! `volcomp calibrate`: from measurement files to a machine file.
+//! `volcomp calibrate`: measurement files to a machine file.
 
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
@@ -179,7 +179,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         };
         return calibrate_draft::run(folder, machine, &arguments.output, &wanted);
     }
-    // Where there is no draft the call has a calibration file.
+    // clap requires a calibration file unless a draft is requested.
     let path = arguments.calibration.clone().unwrap_or_default();
     let file = CalibrationFile::read(&path)?;
     if let Some(date) = arguments.date.as_ref().filter(|date| !is_date(date)) {

@@ -1,4 +1,4 @@
-//! `volcomp calibrate --draft`: a calibration file from a folder of measurement files, with its open questions.
+//! `volcomp calibrate --draft`: a calibration file from a folder of measurement files, with open questions.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,11 +11,11 @@ use volcomp_model::Machine;
 use super::{Answer, refuse_overwriting, table, table_text};
 use crate::{failure::Failure, output::OutputFile, table::folded};
 
-/// What the call wants of a draft.
+/// Options of a draft.
 pub(super) struct Wanted<'a> {
-    /// Answers to many questions at once: `[OF:]KEY=VALUE`.
+    /// Answers to groups of questions: `[OF:]KEY=VALUE`.
     pub(super) answers: &'a [String],
-    /// Writes over a file with another text.
+    /// Overwrite a file with different text.
     pub(super) replace: bool,
 }
 
@@ -64,14 +64,14 @@ pub(crate) struct Drafted {
     found: Draft,
 }
 
-/// The draft with answers that hold for many questions, and notes on answers that settled none. Of two answers to one question that for its
-/// error counts before that for its axis, and this before one for all; of two that are alike, the first.
+/// The draft with the answers applied, and notes on answers that match no question. The most specific answer wins (error, then axis, then
+/// all); of equals, the first.
 fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), Failure> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     let mut decided = draft.clone();
     let mut answers: Vec<&String> = answers.iter().collect();
     answers.sort_by_key(|given| std::cmp::Reverse(narrowness(given)));
-    // What else is asked follows from the error, and then from the unit.
+    // The remaining questions depend on the error, and then on the unit.
     for turn in Turn::ALL {
         let now = answers.iter().filter(|given| turn_of(given) == turn);
         take(now.copied(), &[draft, &decided], &mut all, &mut notes)?;
@@ -82,7 +82,7 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), F
     Ok((decided, notes))
 }
 
-/// Whom an answer is for, its key, and its value, of `[OF:]KEY=VALUE`.
+/// Splits `[OF:]KEY=VALUE` into the error or axis it applies to, its key, and its value.
 fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
     let (asked, value) = match given.split_once('=') {
         Some((asked, value)) => (asked, Some(value.trim())),
@@ -94,7 +94,7 @@ fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
     }
 }
 
-/// Of how little an answer is: the name of an axis is a letter, that of an error is longer, without either it is for all.
+/// How specific an answer is: an error name is longer than an axis name, which is longer than none.
 fn narrowness(given: &str) -> usize {
     parts(given).0.map_or(0, str::len)
 }
@@ -103,7 +103,7 @@ fn turn_of(given: &str) -> Turn {
     Turn::of(parts(given).1)
 }
 
-/// Answers to every question that one of the drafts asks and no answer before has settled, and notes on those that settle none.
+/// Collects answers to all questions of the drafts that no earlier answer has settled, and notes on answers that match none.
 fn take<'a>(
     answers: impl Iterator<Item = &'a String>,
     drafts: &[&Draft],
@@ -146,7 +146,7 @@ fn take<'a>(
     Ok(())
 }
 
-/// Refuses to write over a file with another text: its questions may have been answered.
+/// Refuses to overwrite a file with different text: its questions may have been answered.
 fn refuse_another(output: &Path, text: &str) -> Result<(), Failure> {
     if !output.exists() || std::fs::read(output).is_ok_and(|there| there == text.as_bytes()) {
         return Ok(());
@@ -157,7 +157,7 @@ fn refuse_another(output: &Path, text: &str) -> Result<(), Failure> {
     )))
 }
 
-/// The folder of the draft, from which the files are named.
+/// The folder of the draft; file names in it are relative to this folder.
 fn base_of(output: &Path) -> PathBuf {
     let folder = match output.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -166,7 +166,7 @@ fn base_of(output: &Path) -> PathBuf {
     folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
 }
 
-/// A file as it is named from a folder: relative where it stands in it, else from the root on.
+/// The path of a file relative to a folder if it is inside, otherwise absolute.
 fn relative(path: &Path, base: &Path) -> String {
     let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     whole
@@ -205,7 +205,7 @@ fn text(file: &str, draft: &Draft) -> String {
     text + &kinds_of_questions(draft)
 }
 
-/// The keys that are open, how often, and what is asked: most questions are alike.
+/// The open keys with their counts and questions: most questions are alike.
 fn kinds_of_questions(draft: &Draft) -> String {
     let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
     for asked in &draft.questions {

@@ -1,4 +1,4 @@
-//! `volcomp check`: a machine file as it is understood.
+//! `volcomp check`: show the parsed machine.
 
 use std::{
     fmt::Write,
@@ -221,11 +221,11 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
     }
 }
 
-/// Warns of corrections that `nc` and `export` refuse, at the temperatures or some kelvins from the reference.
+/// Warns of corrections that `nc` and `export` reject, at these temperatures or some kelvins from the reference.
 fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
     let usual = CorrectionLimit::default();
     let largest = machine.largest_corrections(temperatures)?;
-    // Where rotary axes correct, nc bounds what all axes together do at the tool.
+    // With correcting rotary axes, nc limits the combined effect of all axes at the tool.
     let (who, but) = if largest.iter().any(|(axis, _)| axis.is_rotary()) {
         (
             "export allows",
@@ -259,7 +259,7 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     for ((axis, per_k), (_, most)) in per_k.into_iter().zip(at_reference) {
         let limit = usual.of(axis.kind());
         let left_k = (limit.um_or_urad() - most.um_or_urad()) / per_k.um_or_urad();
-        // Less than is printed is nothing.
+        // Values that would be printed as zero are left out.
         if per_k.um_or_urad() >= 0.05 && left_k >= 0.0 {
             notes.push(format!(
                 "the correction of {axis} changes by up to {per_k:.1} with each kelvin of the sensors: {:.1} K from {reference_degc} °C it may reach the {limit} that {who} without --limit-um{but}",
@@ -270,7 +270,7 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     Ok(notes)
 }
 
-/// Where measurement files are looked for.
+/// The folder in which measurement files are searched.
 fn folder(arguments: &Arguments) -> PathBuf {
     match (&arguments.files, arguments.machine.parent()) {
         (Some(folder), _) => folder.clone(),
@@ -279,7 +279,7 @@ fn folder(arguments: &Arguments) -> PathBuf {
     }
 }
 
-/// Names the rotary axes whose centre line is not stated: it is taken to run through the origin.
+/// Notes the rotary axes without a stated centre line, which is assumed to run through the origin.
 fn no_point_note(machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter();
     let without = axes.filter(|axis| axis.name.is_rotary() && axis.point_mm.is_none());
@@ -349,7 +349,7 @@ fn thermal(machine: &Machine) -> Option<Thermal> {
     })
 }
 
-/// Every corner of the travels of X, Y and Z that the machine has, X fastest; other axes stand at 0.
+/// All corners of the travels of the machine's linear axes among X, Y, Z, with X fastest; other axes are at 0.
 fn corners(machine: &Machine) -> Vec<State> {
     let linear = [AxisName::X, AxisName::Y, AxisName::Z];
     let linear = linear.into_iter().filter_map(|name| machine.axis(name));
@@ -367,7 +367,7 @@ fn corners(machine: &Machine) -> Vec<State> {
             })
             .collect();
     }
-    // Ends of travel are finite and belong to axes that are there.
+    // Cannot fail: ends of travel are finite, and the axes exist.
     let states = corners
         .iter()
         .filter_map(|corner| machine.state(corner).ok());
@@ -390,14 +390,14 @@ fn place(machine: &Machine, temperatures: &Temperatures, state: &State) -> Place
     }
 }
 
-/// The errors of a machine by what is known of them.
+/// The errors of a machine, grouped by what is known of them.
 struct Sizes {
     there: Vec<Size>,
     zero: Vec<ErrorName>,
     not_stated: Vec<ErrorName>,
 }
 
-/// Every error motion of every axis and the location errors that ISO 230-1 names, axis by axis.
+/// Every error motion of every axis and the location errors of ISO 230-1, axis by axis.
 fn sizes(machine: &Machine, axes: &[AxisName]) -> Sizes {
     let mut sizes = Sizes {
         there: Vec::new(),
@@ -448,8 +448,7 @@ impl Sizes {
     }
 }
 
-/// Whether a machine with these axes usually has the location error: squareness between X, Y and Z, shift and tilt
-/// of the line of a rotary axis.
+/// True if a machine with these axes usually has the location error: squareness between X, Y and Z, offset and tilt of the line of a rotary axis.
 fn is_expected(name: ErrorName, axes: &[AxisName]) -> bool {
     match name.axis.kind() {
         AxisKind::Rotary => name.component.mcs_index() != name.axis.mcs_index(),
@@ -487,7 +486,7 @@ struct FileState {
 impl FileState {
     fn of(source: &Source, folder: &Path) -> Self {
         let path = folder.join(&source.file);
-        // A pipe of that name would be waited for.
+        // Reading a named pipe would block.
         let hash = path.is_file().then(|| sha256_of(&path));
         Self {
             file: source.file.clone(),
@@ -506,7 +505,7 @@ impl FileState {
 }
 
 impl Provenance {
-    /// The provenance that the machine file states, with the state of each file below `folder`; `None` where it states nothing.
+    /// The provenance stated in the machine file, with the state of each file below `folder`; `None` if nothing is stated.
     fn of(machine: &Machine, folder: &Path) -> Option<Self> {
         let stated = machine.provenance();
         let mut files: Vec<FileState> = Vec::new();
@@ -522,7 +521,7 @@ impl Provenance {
         })
     }
 
-    /// A note for each file that is not the one which the errors were found from.
+    /// A note for each file that differs from the one from which the errors were identified.
     fn notes(&self) -> Vec<String> {
         let changed = self.files.iter().filter(|file| file.state == "different");
         let note = |file: &FileState| {
@@ -538,7 +537,7 @@ impl Provenance {
         changed.map(note).collect()
     }
 
-    /// The provenance for people.
+    /// The provenance as text.
     fn text(&self) -> String {
         let stated = &self.stated;
         let mut said = Vec::new();
@@ -581,7 +580,7 @@ impl Provenance {
     }
 }
 
-/// The whole answer.
+/// The document as text.
 fn text(check: &Check) -> String {
     let name = if check.name.is_empty() {
         "machine without a name"
@@ -759,7 +758,7 @@ fn places(check: &Check) -> String {
     text
 }
 
-/// `X- Y+ Z-`: which end of travel each axis stands at.
+/// `X- Y+ Z-`: the end of travel of each axis.
 fn corner(check: &Check, place: &Place) -> String {
     let ends = check.axes.iter().filter_map(|axis| {
         let at = *place.at.get(&axis.name)?;
@@ -778,7 +777,7 @@ fn vector([x, y, z]: &[f64; 3]) -> String {
 
 const LETTERS: [&str; 3] = ["X", "Y", "Z"];
 
-/// A direction in MCS: `+X`, or its three numbers where it lies along none of X, Y, Z.
+/// A direction in MCS: `+X`, or its three components if it is along none of X, Y, Z.
 fn direction(u: &Vector3<f64>) -> String {
     match along_machine_axis(u) {
         Some((place, is_positive)) => {
@@ -789,7 +788,7 @@ fn direction(u: &Vector3<f64>) -> String {
     }
 }
 
-/// A description of a positive motion of an axis, as seen from the workpiece and in the workshop.
+/// Describes a positive motion of an axis, relative to the workpiece and as seen on the machine.
 fn motion(joint: &Joint) -> String {
     let name = joint.name;
     let (to, back) = (direction(&joint.direction), direction(&-joint.direction));
@@ -811,8 +810,8 @@ fn motion(joint: &Joint) -> String {
     }
 }
 
-/// A warning about the signs of the errors of an axis that does not count along its letter's direction: errors are
-/// along and about the axes of MCS whatever the direction of the axis. `None` where both agree.
+/// A warning about the signs of the errors of an axis whose direction differs from that of its letter: errors are along and about the axes
+/// of MCS whatever the direction of the axis. `None` if both agree.
 fn signs(joint: &Joint) -> Option<String> {
     let (name, along) = (joint.name, joint.name.mcs_index());
     let found = along_machine_axis(&joint.direction);
@@ -841,8 +840,8 @@ fn signs(joint: &Joint) -> Option<String> {
     })
 }
 
-/// An error by what it is, in the words of the conventions: `straightness deviation of X in Y`, `pitch of X`. Pitch
-/// and yaw are those of a horizontal axis; a vertical one has tilts.
+/// The standard term for an error: `straightness deviation of X in Y`, `pitch of X`. Pitch and yaw are those of a horizontal axis; a
+/// vertical one has tilts.
 fn meaning(error: ErrorName) -> String {
     let axis = error.axis;
     let along = LETTERS[error.component.mcs_index()];
@@ -873,7 +872,7 @@ fn meaning(error: ErrorName) -> String {
     }
 }
 
-/// Two lines from the workpiece to the tool: the letters, and below each what it does.
+/// Two lines from the workpiece to the tool: the letters, and the type of motion below each.
 ///
 /// ```text
 ///   w-----C'----X'----b-----Y-----Z-----B-----t

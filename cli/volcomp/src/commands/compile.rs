@@ -1,4 +1,4 @@
-//! `volcomp compile`: the compiled machine as a file.
+//! `volcomp compile`: write the compiled machine to a file.
 
 use std::path::PathBuf;
 
@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         file: arguments.output.display().to_string(),
         bytes: blob.len(),
         version: BLOB_VERSION,
-        // After VOLCOMPM and the version.
+        // The checksum follows VOLCOMPM and the version.
         sha256: hexadecimal(blob.get(12..44).unwrap_or_default()),
         tolerance_nm: nm,
         pieces: compiled.pieces(),

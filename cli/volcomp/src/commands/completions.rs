@@ -1,4 +1,4 @@
-//! `volcomp completions`: what a shell needs to complete the command line.
+//! `volcomp completions`: shell completion scripts.
 
 use clap::Command;
 use clap_complete::{Shell, generate};

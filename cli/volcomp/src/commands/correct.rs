@@ -1,4 +1,4 @@
-//! `volcomp correct`: what must be added to a command.
+//! `volcomp correct`: the correction to add to a command.
 
 use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
 
@@ -149,7 +149,7 @@ fn options(machine: &Machine, letters: &[String]) -> Result<CorrectionOptions, F
         machine.index_of(name)?;
         names.push(name);
     }
-    // Each letter once: never more than there are.
+    // Cannot overflow: each axis occurs once.
     options.correct = Some(names.into_iter().collect());
     Ok(options)
 }
@@ -184,8 +184,7 @@ fn evaluate(
     }
 }
 
-/// The standard uncertainty of the correction of each axis, µm or µrad: the spread over the drawn machines, each of which
-/// is corrected exactly.
+/// The standard uncertainty of the correction of each axis, µm or µrad: the spread over the Monte Carlo samples, each corrected exactly.
 fn uncertainty(
     ensemble: &Ensemble,
     machine: &Machine,
@@ -202,14 +201,14 @@ fn uncertainty(
         .collect()
 }
 
-/// With a single rotary axis the tool axis is never wholly corrected, which is said once.
+/// A single rotary axis never fully corrects the tool axis; this is noted once.
 fn one_rotary_note(machine: &Machine, options: &CorrectionOptions) -> Option<String> {
     (movable_rotary(machine, options) == 1).then(|| {
         "one rotary axis may move: the tool axis is corrected in one direction only".to_owned()
     })
 }
 
-/// Names the positions whose correction the solver did not bring to an end.
+/// Notes the positions at which the solver did not converge.
 fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
     let open = rows.iter().filter(|row| !row.converged).count();
     (open > 0).then(|| {
@@ -220,17 +219,16 @@ fn not_converged_note(rows: &[CorrectionAt]) -> Option<String> {
     })
 }
 
-/// How many rotary axes may move to correct.
+/// Number of rotary axes that may move to correct.
 fn movable_rotary(machine: &Machine, options: &CorrectionOptions) -> usize {
     options.correctors(machine.chain()).rotary().len()
 }
 
-/// The length of a vector.
 fn norm(v: &[f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The text for people. `rotary` is how many rotary axes may move.
+/// The corrections as text. `rotary` is the number of rotary axes that may move.
 fn text(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     match rows {
         [row] => one(row, rotary),
@@ -333,7 +331,7 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     text
 }
 
-/// What the uncertainties do not count, each at the position where it moves the tool most.
+/// The errors not included in the uncertainties, each at the position of its largest effect on the tool.
 fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
     let mut all: Vec<NotCounted> = rows
         .iter()
@@ -346,26 +344,25 @@ fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
     all
 }
 
-/// Whether the tool axis cannot be corrected at a pose where other poses of the machine can.
+/// True if the tool axis cannot be corrected at this pose but can at others.
 fn is_singular(row: &CorrectionAt, rotary: usize) -> bool {
     row.singular && rotary >= 2
 }
 
-/// The columns of the file. Separator and decimal mark are those of the table that was read.
+/// The columns of the output file. Separator and decimal mark are those of the input table.
 struct Columns<'t> {
     table: Option<&'t CsvTable>,
-    /// The columns of the table that are written as they were read.
+    /// Columns of the input table that are copied.
     carried: Vec<(Column, &'t str)>,
-    /// The names of columns of the table in whose place new ones are written.
+    /// Names of input columns that are replaced by computed ones.
     replaced: Vec<&'t str>,
-    /// The axes in the order of their columns.
     axes: Vec<AxisName>,
-    /// Whether uncertainties are written.
+    /// True if uncertainties are written.
     uncertain: bool,
 }
 
 impl<'t> Columns<'t> {
-    /// The columns for a machine, with those of the table that was read.
+    /// The columns for a machine, with those of the input table.
     fn new(machine: &Machine, table: Option<&'t CsvTable>, uncertain: bool) -> Self {
         let mut axes: Vec<AxisName> = machine.axes().iter().map(|axis| axis.name).collect();
         axes.sort_unstable();
@@ -382,7 +379,7 @@ impl<'t> Columns<'t> {
         }
     }
 
-    /// Says which columns of the table are not carried over because new ones have their names.
+    /// Notes the columns of the table that are not copied because computed ones have the same names.
     fn replaced_note(&self) -> Option<String> {
         (!self.replaced.is_empty()).then(|| {
             let names = self.replaced.join(", ");
@@ -390,7 +387,7 @@ impl<'t> Columns<'t> {
         })
     }
 
-    /// The file: one row for each correction.
+    /// The output file: one row per correction.
     fn csv(&self, corrections: &[CorrectionAt]) -> Result<Vec<u8>, Failure> {
         // `,`, `;` and the tab are one byte each.
         let separator = self.table.map_or(',', CsvTable::separator);
@@ -448,7 +445,7 @@ impl<'t> Columns<'t> {
         values.map(|value| self.number(*value)).collect()
     }
 
-    /// What an error that the uncertainty does not count moves the tool by here.
+    /// The effect on the tool of an error that the uncertainty does not include.
     fn told(&self, of: &NotCounted) -> String {
         format!(
             "{} {} um per {} {}",
@@ -474,7 +471,7 @@ impl<'t> Columns<'t> {
     }
 }
 
-/// The names of the columns that are computed.
+/// The names of the computed columns.
 fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
     let corrected = axes
         .iter()

@@ -1,4 +1,4 @@
-//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size, beside the figures of the paper
+//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size, compared with the results of the paper
 //! on such a gantry (10.1177/0954405416645985).
 
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ enum CurveKind {
 }
 
 impl CurveKind {
-    /// What the calibration file asks for.
+    /// The curve requested in the calibration file.
     fn choice(self) -> CurveChoice {
         match self {
             Self::Auto => CurveChoice::Auto,
@@ -250,7 +250,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&found, text, Vec::new())
 }
 
-/// Laser files of the truth machine, and the machine that their calibration finds.
+/// Writes laser files of the truth machine, and calibrates a machine from them.
 fn measure_and_calibrate(
     shop: &Shop,
     texts: &[(&str, &str)],
@@ -314,7 +314,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
     })
 }
 
-/// The curves of a machine, with the settings of those by moving least squares.
+/// The curves of a machine, with the settings of the moving-least-squares ones.
 fn curves(machine: &Machine) -> Vec<FittedCurve> {
     let of = |(error, curve): (ErrorName, &ErrorCurve)| {
         let directions: &[Option<&'static str>] = match curve {
@@ -347,7 +347,7 @@ fn curves(machine: &Machine) -> Vec<FittedCurve> {
     machine.errors().flat_map(of).collect()
 }
 
-/// The change from `before` to `after` in percent of `before`; negative where it became smaller.
+/// The change from `before` to `after` in percent of `before`; negative for a reduction.
 fn reduction(before: f64, after: f64) -> f64 {
     100.0 * (after / before - 1.0)
 }
@@ -423,7 +423,7 @@ fn text(shop: &Shop, found: &Demo, kept: Option<&Path>) -> String {
     )
 }
 
-/// Order and support of each curve where all are moving least squares; else nothing.
+/// Order and support of each curve if all are moving least squares; otherwise empty.
 fn settings_text(curves: &[FittedCurve]) -> String {
     let settings: Option<Vec<(usize, f64)>> =
         curves.iter().map(|c| c.order.zip(c.support)).collect();
@@ -451,15 +451,14 @@ fn travel_mm(machine: &Machine, letter: &str) -> f64 {
     axis.map_or(0.0, |axis| axis.travel[1] - axis.travel[0])
 }
 
-/// Resolution of the controller's correction.
+/// Resolution of the controller's correction, mm.
 const OUTPUT_STEP_MM: f64 = 1e-3;
 const POINTS: usize = 61;
 const TRIALS: u64 = 100;
-/// More steps of a bridge than any line has.
+/// Maximum number of bridge steps of a line.
 const MAX_STEPS: usize = 100_000;
 
-/// Every linear line of the shop on the truth machine: as it is, and with `command` in place of the
-/// target.
+/// Every linear line of the shop on the truth machine, without correction and with `command` applied to the target.
 fn compare_lines(
     shop: &Shop,
     command: &impl Fn(&State) -> State,
@@ -473,7 +472,7 @@ fn compare_lines(
         if line.setup.error.component.is_angular() {
             continue;
         }
-        // What a bridge measured is judged by the straightness itself.
+        // A line measured with a bridge is evaluated by the straightness itself.
         let setup = Setup {
             method: Method::Direct,
             ..line.setup.clone()
@@ -528,7 +527,7 @@ fn description(shop: &Shop, line: &ShopLine) -> String {
     format!("at {}", held.join(" "))
 }
 
-/// Largest minus smallest value, of straightness after its least-squares line is removed.
+/// Maximum minus minimum; for straightness after removal of the least-squares line.
 fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     let removed = if is_straightness {
         ReferenceLine::least_squares(profile).map(|line| line.removed_from(profile))
@@ -543,13 +542,12 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
     )
 }
 
-/// The residual (peak to peak, µm) that would remain if the curve between the targets were known exactly: the noise
-/// of the mean of the runs at the targets, interpolated in straight lines between them, and the rounding of the
-/// output.
+/// The residual (peak to peak, µm) that would remain with a perfect curve between the targets: the noise of the mean of the runs at the
+/// targets, interpolated linearly, and the rounding of the output.
 fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
     let instrument = &line.instrument;
     let runs = f64::from(instrument.runs).sqrt();
-    // The tilts of a bridge add up from target to target.
+    // The tilts of a bridge accumulate from target to target.
     let (noise, targets, adds_up) = match line.setup.method {
         Method::Direct => (instrument.length.noise.0, instrument.targets, false),
         Method::Angular { bridge_mm, .. } => {
@@ -593,7 +591,7 @@ fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool
     sum / TRIALS as f64
 }
 
-/// Straight between equally spaced values, `share` from 0 to 1.
+/// Linear interpolation between equally spaced values, `share` from 0 to 1.
 fn between(values: &[f64], share: f64) -> f64 {
     let place = share * (values.len() - 1) as f64;
     let pairs = values.windows(2).enumerate();
@@ -604,7 +602,7 @@ fn between(values: &[f64], share: f64) -> f64 {
     pair[0] * (1.0 - part) + pair[1] * part
 }
 
-/// The squareness errors of the shop from the slopes of its lines.
+/// The squareness errors of the shop, computed from the slopes of its lines.
 fn squareness(shop: &Shop, lines: &[Line]) -> Vec<Squareness> {
     let value = |error: ErrorName, which: usize| {
         let slope = |part: ErrorName| {
@@ -624,7 +622,7 @@ fn squareness(shop: &Shop, lines: &[Line]) -> Vec<Squareness> {
     shop.squareness.iter().filter_map(both).collect()
 }
 
-/// Fits the forward means of the X positioning file and compares with the truth.
+/// Fits the forward means of the X positioning file and compares them with the truth.
 fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve, Failure> {
     let measurement = read_file(file).map_err(Failure::input)?;
     let means = measurement.mean_curve_in(Direction::Positive);
@@ -655,7 +653,7 @@ fn irregular_curve(shop: &Shop, file: &Path) -> Result<IrregularCurve, Failure> 
     })
 }
 
-/// A line of the paper: the error, where our line of it runs (`""`: there is only one), µm before and, where it is printed, after.
+/// Results of the paper: the error, the position of our line (`""` for a single line), µm before and, if printed, after.
 const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
     ("EXX", "", 58.6, Some(3.5)),
     ("EYY", "Z=650", 68.0, Some(4.8)),
@@ -671,7 +669,7 @@ const PAPER_LINES: [(&str, &str, f64, Option<f64>); 9] = [
 /// The positioning files of X, Y and Z.
 const FILES: [(&str, &str); 3] = [("EXX", "exx.rtl"), ("EYY", "eyy.rtl"), ("EZZ", "ezz.rtl")];
 
-/// What the paper prints as left by a method at the targets, µm.
+/// Residuals printed in the paper for a method at the targets, µm.
 fn printed(error: &str, method: &str) -> Option<[f64; 2]> {
     match (error, method) {
         ("EXX", "polynomial of order 6") => Some([-5.2, 5.0]),
@@ -684,7 +682,7 @@ fn printed(error: &str, method: &str) -> Option<[f64; 2]> {
 
 const MLS: &str = "moving least squares";
 
-/// Our figures beside those of the paper. `folder` has the measurement files.
+/// Our results compared with those of the paper. `folder` contains the measurement files.
 fn published(lines: &[Line], folder: &Path) -> Result<Published, Failure> {
     let row = |&(error, at, paper_before_um, paper_after_um): &(&'static str, &str, f64, _)| {
         let own = |line: &&Line| line.error.to_string() == error && line.line.contains(at);
@@ -709,7 +707,7 @@ fn published(lines: &[Line], folder: &Path) -> Result<Published, Failure> {
     })
 }
 
-/// What each method leaves of the mean reading at each target.
+/// The residual of each method at the targets of the mean readings.
 fn left_at_targets(error: &'static str, file: &Path) -> Result<Vec<PublishedResidual>, Failure> {
     let means = read_file(file).map_err(Failure::input)?.mean_curve();
     let (x, u): (Vec<f64>, Vec<f64>) = means.into_iter().unzip();
@@ -740,7 +738,7 @@ fn left_at_targets(error: &'static str, file: &Path) -> Result<Vec<PublishedResi
     fits.into_iter().map(row).collect()
 }
 
-/// Both tables for people.
+/// Both tables as text.
 fn published_text(published: &Published) -> String {
     let mut lines = table(&["", "before", "paper", "after", "paper"]);
     for line in &published.lines {

@@ -113,7 +113,7 @@ fn of_machine(file: &Path, machine: &Machine, error: ModelError) -> Failure {
     }
 }
 
-/// The targets as a program of a simulated control: a row for each, mm and deg.
+/// The targets as a program for a simulated control: one row each, mm and deg.
 fn program(
     machine: &Machine,
     points: usize,
@@ -137,7 +137,7 @@ fn program(
         }
         let _ = writeln!(text, ",{feed}");
     };
-    // From the middle, so that it is known from which side each axis comes to the first target.
+    // Starts from the middle to define the direction from which each axis approaches the first target.
     if let [(_, middle), ..] = diagonal_targets(machine, 3, others)?
         && let Some(middle) = middle.get(1)
     {

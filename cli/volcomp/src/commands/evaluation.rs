@@ -1,5 +1,5 @@
-//! Evaluations of files: quantities against their tolerances, a CSV file with a row for each, and several files in one call, where one that is
-//! refused does not hide the others.
+//! Evaluation of measurement files: quantities against tolerances, a CSV file with one row per file, and several files per call, where a
+//! rejected file does not stop the others.
 
 use std::path::{Path, PathBuf};
 
@@ -47,7 +47,7 @@ impl Judgement {
     }
 }
 
-/// The tolerances of the call, among the symbols that it evaluates.
+/// The tolerances of the command line; only symbols in `known` are allowed.
 pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Tolerance>, Failure> {
     let Some(text) = text else {
         return Ok(Vec::new());
@@ -55,8 +55,8 @@ pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Toler
     parse_tolerances(text, known).map_err(|error| Failure::Input(format!("--{error}")))
 }
 
-/// What several files came to: a row for each with the quantities that have a limit, or without any those of a plain symbol, and the verdict; and the
-/// names of all symbols once.
+/// Table of several files: one row each with the quantities that have a limit (without any limit, those with a plain symbol) and the
+/// verdict; then the names of all symbols.
 pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.quantities));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
@@ -118,8 +118,7 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     table_text(&shown) + &names
 }
 
-/// The quantities as a table, with columns for uncertainty and limit where there are any, and for their names where these do not stand
-/// elsewhere.
+/// The quantities as a table, with columns for uncertainty and limit if there are any, and for their names if requested.
 pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -> String {
     let uncertain = quantities.iter().any(|q| q.uncertainty.is_some());
     let limited = quantities.iter().any(|q| q.limit.is_some());
@@ -154,7 +153,7 @@ pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -
     table_text(&rows)
 }
 
-/// The decision in a sentence.
+/// The decision as a sentence.
 pub(crate) fn decision_text(judgement: &Judgement) -> String {
     let Some(decision) = judgement.decision else {
         return String::new();
@@ -162,7 +161,7 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
     let of = |verdict: Verdict| {
         let named = (judgement.quantities.iter()).filter(|q| q.verdict == Some(verdict));
         let mut symbols: Vec<&str> = named.map(|q| q.symbol).collect();
-        // Two standards may have one symbol.
+        // Two standards may use the same symbol.
         let mut seen = std::collections::HashSet::new();
         symbols.retain(|symbol| seen.insert(*symbol));
         symbols.join(", ")
@@ -187,15 +186,15 @@ pub(crate) fn decision_text(judgement: &Judgement) -> String {
     folded(&format!("{verdict}: {}. {rule}.", parts.join("; ")), "")
 }
 
-/// What one file came to.
+/// The result of one file.
 pub(crate) struct Row {
-    /// The file as it was named in the call.
+    /// The file as named in the call.
     pub(crate) file: String,
-    /// Its quantities, or why it is refused.
+    /// Its quantities, or why it was rejected.
     pub(crate) found: Result<Judgement, String>,
 }
 
-/// An output that must be none of the files that are read.
+/// Opens an output that must not be one of the input files.
 pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Failure> {
     let inputs: Vec<(&Path, &str)> = files
         .iter()
@@ -204,7 +203,7 @@ pub(crate) fn open_rows(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Fa
     OutputFile::open_beside(path, &inputs)
 }
 
-/// Writes the table: file, unit, a column for each quantity, verdict, error.
+/// Writes the table: file, unit, one column per quantity, verdict, error.
 pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure> {
     let mut heads: Vec<String> = Vec::new();
     for quantity in rows
@@ -252,7 +251,7 @@ pub(crate) fn write_rows(output: OutputFile, rows: &[Row]) -> Result<(), Failure
     output.write_whole(&bytes.map_err(|error| Failure::Work(format!("the table: {error}")))?)
 }
 
-/// The symbol; of ASME with the standard before it, since it has those of ISO 230-2.
+/// The column header; ASME symbols are prefixed with the standard, since they repeat those of ISO 230-2.
 fn head(quantity: &JudgedQuantity) -> String {
     if quantity.standard.starts_with("ASME") {
         format!("ASME_{}", quantity.symbol)
@@ -261,13 +260,13 @@ fn head(quantity: &JudgedQuantity) -> String {
     }
 }
 
-/// One file, evaluated.
+/// The evaluation of one file.
 pub(crate) struct Evaluated<D> {
     pub(crate) document: D,
     pub(crate) text: String,
-    /// What the file says of itself.
+    /// The metadata stated in the file.
     pub(crate) metadata: Metadata,
-    /// The same as in the document: what stands in its row of the CSV file.
+    /// The quantities and the verdict, for the row of the CSV file.
     pub(crate) judgement: Judgement,
 }
 
@@ -295,8 +294,8 @@ pub(crate) struct RefusedFile {
     pub(crate) error: String,
 }
 
-/// The answer to a call with these files, and the CSV file with a row for each. With one file what refuses it is the answer; with
-/// several the others are still evaluated. A wrong call, or work that failed, ends it in either case.
+/// Evaluates the files, and writes the CSV file with one row per file. The error of a single file is the result; with several files the
+/// others are still evaluated. An invalid call or a failed operation stops in either case.
 pub(crate) fn evaluated<D: Serialize>(
     files: &[PathBuf],
     csv: Option<&Path>,
@@ -360,7 +359,7 @@ pub(crate) fn evaluated<D: Serialize>(
     })
 }
 
-/// Why the program fails after all files were read: some, each with its error, were refused.
+/// The failure reported after all files were read if some were rejected.
 pub(crate) fn some_refused(refused: &[RefusedFile], count: usize) -> Option<Failure> {
     let first = &refused.first()?.error;
     let files: Vec<&str> = refused.iter().map(|of| of.file.as_str()).collect();

@@ -1,4 +1,4 @@
-//! `volcomp export`: a machine as the compensation tables of a control.
+//! `volcomp export`: a machine to the compensation tables of a control.
 
 use std::path::{Path, PathBuf};
 
@@ -71,7 +71,7 @@ pub(crate) struct ControlArguments {
 }
 
 impl ControlArguments {
-    /// The numbers of the axes, where they are stated.
+    /// The axis numbers, if stated.
     pub(crate) fn numbers(&self) -> Result<Option<AxisNumbers>, Failure> {
         self.axis_numbers.as_deref().map(axis_numbers).transpose()
     }
@@ -172,7 +172,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// That nobody said where the other axes stand, and where the middle of their travel is, which suits most tables better.
+/// Notes that the coordinates of the other axes were not stated, and the middle of their travel, which suits most tables better.
 fn not_at(machine: &Machine, reference: &[(AxisName, f64)]) -> Option<String> {
     let places = |at: &dyn Fn(&Axis) -> f64| {
         let axes = machine.axes().iter();
@@ -196,7 +196,7 @@ fn rounded(at: f64) -> f64 {
     (at * 1e3).round() / 1e3 + 0.0
 }
 
-/// That an axis is worse off with the tables than without.
+/// Notes an axis whose error is larger with the tables than without.
 fn worse_than_none(axis: &AxisLoss) -> Option<String> {
     (axis.largest > axis.correction).then(|| {
         let unit = unit_symbol(axis.unit);
@@ -211,14 +211,14 @@ fn worse_than_none(axis: &AxisLoss) -> Option<String> {
     })
 }
 
-/// Where the files go.
+/// Where the files are written.
 enum Place {
     File(Box<OutputFile>),
     Folder(PathBuf),
 }
 
 impl Place {
-    /// A path with an ending is a file, where it is no folder already.
+    /// A path with an extension is a file, unless it is an existing folder.
     fn of(arguments: &Arguments) -> Result<Self, Failure> {
         let path = &arguments.output;
         if path.is_file() || (path.extension().is_some() && !path.is_dir()) {
@@ -239,7 +239,7 @@ impl Place {
         Ok(Self::Folder(path.clone()))
     }
 
-    /// The files that were written, and those of them that took the place of others with another text.
+    /// Returns the written files, and those of them that replaced files with different text.
     fn write(
         self,
         files: &[TextFile],
@@ -281,7 +281,7 @@ impl Place {
     }
 }
 
-/// An output that is not the machine file.
+/// Opens an output that must not be the machine file.
 fn beside_machine(path: &Path, arguments: &Arguments) -> Result<OutputFile, Failure> {
     OutputFile::open_beside(
         path,
@@ -289,10 +289,10 @@ fn beside_machine(path: &Path, arguments: &Arguments) -> Result<OutputFile, Fail
     )
 }
 
-/// Notes on tables that volcomp has written into the folder before: a control may read those of another format too, and those of an axis that has no
-/// error any more.
+/// Notes on tables that volcomp wrote into the folder earlier: a control may also read those of another format, and those of an axis that
+/// no longer has an error.
 fn other_tables(arguments: &Arguments, written: &[String]) -> Vec<String> {
-    /// No table of a control is larger.
+    /// Maximum size of a control's table, bytes.
     const MOST_BYTES: u64 = 64 << 20;
     let small = |path: &Path| {
         std::fs::metadata(path).is_ok_and(|of| of.is_file() && of.len() <= MOST_BYTES)
@@ -309,7 +309,7 @@ fn other_tables(arguments: &Arguments, written: &[String]) -> Vec<String> {
             if is_named_by(arguments.format, &name) {
                 return Some((arguments.format, name));
             }
-            // What cannot be read, or is no text, is none of these files.
+            // A file that cannot be read as text is not a table.
             let text = std::fs::read_to_string(&path).ok()?;
             let format = Format::stated_in(&TextFile {
                 name: name.clone(),
@@ -343,7 +343,7 @@ fn other_tables(arguments: &Arguments, written: &[String]) -> Vec<String> {
     notes
 }
 
-/// Whether a file has the name of a table of this format, where the table itself does not say it.
+/// True if a file has the name of a table of this format; only for formats whose content does not identify a table.
 fn is_named_by(format: Format, name: &str) -> bool {
     let axis = match format {
         Format::Linuxcnc | Format::LinuxcncType1 => name.strip_suffix(".comp"),

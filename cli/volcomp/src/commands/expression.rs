@@ -82,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             .collect::<BTreeMap<_, _>>(),
     };
     let shown = if arguments.latex {
-        // A break at a blank is a blank to LaTeX.
+        // LaTeX treats a line break like a blank.
         let whole = latex.join(" \\\\\n");
         let lines: String = whole.lines().map(|line| folded(line, "")).collect();
         format!("\\begin{{align}}\n{lines}\\end{{align}}\n")
@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, shown, Vec::new())
 }
 
-/// A formula in lines that Python reads: within parentheses where there are several.
+/// A formula in lines valid in Python: in parentheses if there are several.
 fn in_lines(formula: &str) -> String {
     let lines = folded(formula, "");
     match formula.split_once(" = ") {

@@ -1,4 +1,4 @@
-//! `volcomp fit`: readings to a curve of the machine file.
+//! `volcomp fit`: readings to a curve of a machine file.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -249,11 +249,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// Stands in the table where a target cannot be predicted from the others.
+/// Table entry for a target that cannot be predicted from the others.
 const NOT_PREDICTED: &str = "x";
 
-/// Two tables, of the largest residual and of the leave-one-out error, a row for each support and a column for each
-/// order.
+/// Two tables, of the largest residual and of the leave-one-out error, with one row per support and one column per order.
 fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String {
     let mut supports: Vec<f64> = trials.iter().map(|trial| trial.support).collect();
     supports.sort_by(f64::total_cmp);
@@ -315,7 +314,7 @@ fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String 
     text
 }
 
-/// A note where the curve is printed outside its range.
+/// A note if the curve is printed outside its range.
 fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
     let [low, high] = curve.domain()?;
     let outside = at.iter().filter(|at| !curve.contains(**at));
@@ -328,16 +327,16 @@ fn outside_note(curve: &Curve, at: &[f64]) -> Option<String> {
     })
 }
 
-/// How a curve was chosen, and how far the true one may be from it.
+/// The choice of a curve, and its confidence band.
 type Chosen = (Choice, Option<Band>);
 
-/// The curve through the means `u` at `x`, and how it was chosen where it was.
+/// The curve through the means `u` at `x`, and, if it was chosen automatically, the choice.
 fn fit(
     arguments: &Arguments,
     measurement: &Measurement,
     (x, u): (&[f64], &[f64]),
 ) -> Result<(Fit, Option<Chosen>), FitError> {
-    // Targets come sorted; an empty measurement is refused by its reader.
+    // Targets are sorted; the reader rejects an empty measurement.
     let domain = [
         x.first().copied().unwrap_or(0.0),
         x.last().copied().unwrap_or(0.0),
@@ -390,7 +389,7 @@ fn document(fit: &Fit, at: &[f64], unit: DeviationUnit) -> Result<FittedCurve, F
     })
 }
 
-/// The curve as the machine file has it, in JSON: read back from what would be written there.
+/// The curve in JSON as in a machine file: parsed from its machine-file form.
 fn curve_json(curve: &Curve) -> Result<Value, Failure> {
     let text = format!("curve = {}", write_curve(curve));
     let table: toml::Table = text
@@ -427,7 +426,7 @@ fn text(fit: &Fit, at: &[f64], unit: DeviationUnit) -> String {
 /// Targets and readings of a run.
 type Run = (Vec<f64>, Vec<f64>);
 
-/// Chooses by all runs, by the rule of `calibrate`; fits the means of the targets, `x` and `u`.
+/// Chooses a curve from all runs, by the same rule as `calibrate`; fits the means `u` at the targets `x`.
 fn auto(
     measurement: &Measurement,
     x: &[f64],
@@ -453,7 +452,7 @@ fn auto(
     let mut fit = choice.method.fit(x, u)?;
     fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
     let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
-    // A method that the readings of some runs do not carry has no band.
+    // No band if the method cannot be fitted to some of the runs.
     let places = band_places(x);
     let found = band(choice.method, &runs, &places, &BandOptions::default()).ok();
     let found = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
@@ -466,7 +465,7 @@ fn auto(
     Ok((fit, (choice, band)))
 }
 
-/// The period of the targets, deg: that of a rotary axis which was read all the way round. `calibrate` goes by the travel of the axis, which
+/// The period of the targets, deg: that of a rotary axis measured over a full turn. `calibrate` uses the travel of the axis instead, which
 /// a file of readings does not state.
 fn period(measurement: &Measurement) -> Option<f64> {
     if axis_kind(measurement) != Some(AxisKind::Rotary) {
@@ -474,15 +473,14 @@ fn period(measurement: &Measurement) -> Option<f64> {
     }
     let targets = measurement.targets();
     let range = targets.last()? - targets.first()?;
-    // The step from the last target to the first of the next turn is one as between the others.
+    // The gap from the last target to the first of the next turn must equal the other gaps.
     let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
     (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
 }
 
 const FULL_TURN_DEG: f64 = 360.0;
 
-/// Each run with the mean of its directions at each target that it read in all of them: what differs between directions is no
-/// scatter.
+/// Each run with the mean of its directions at every target that it measured in all of them: differences between directions are not scatter.
 fn whole_runs(measurement: &Measurement) -> Vec<Run> {
     let ways = Direction::BOTH
         .into_iter()
@@ -509,7 +507,7 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .collect()
 }
 
-/// What the mean reading of a target, over its directions, scatters by about the curve.
+/// Scatter of the mean reading of a target, over its directions, about the curve.
 fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
     let scatter = measurement.scatter_of_mean(OfRun::Line)?;
     let ways = Direction::BOTH
@@ -521,7 +519,7 @@ fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
     })
 }
 
-/// The choice, the best candidate of each kind and the band as people read them.
+/// The choice, the best candidate of each kind and the band as text.
 fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> String {
     let symbol = unit.to_string();
     let mut text = format!("\nchosen: {} ({})\n", choice.method, choice.reason);
@@ -547,7 +545,7 @@ fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> Str
     to_the_left(&mut rows, &[4]);
     let mut best = choice.best_of_kinds();
     if let Some(chosen) = choice.chosen() {
-        // The one chosen stands for its kind, also where a more complicated one of it is a little better.
+        // The chosen candidate represents its kind, even if a more complex one of the kind is slightly better.
         for score in &mut best {
             if score.method.kind() == chosen.method.kind() {
                 *score = *chosen;

@@ -1,4 +1,4 @@
-//! `volcomp form`: form, position and coaxiality of a feature measured point by point.
+//! `volcomp form`: form, position and coaxiality of a feature measured by points.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -157,7 +157,7 @@ struct Zone {
 }
 
 impl EvaluatedForm {
-    /// The document of an evaluation; `lines` are those of the points in the file.
+    /// The document of an evaluation; `lines` are the line numbers of the points in the file.
     fn new(form: &Form, lines: &[usize], coaxiality_mm: Option<f64>, notes: Vec<String>) -> Self {
         const UM_PER_MM: f64 = 1e3;
         let zone = form.minimum_zone.as_ref();
@@ -210,13 +210,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// What a machine tool cuts is much better than this part of its size, and than this, mm.
+/// A form deviation above this share of the size of the feature and above `DOUBTFUL_MM` is implausible for a machined part.
 const DOUBTFUL_PART: f64 = 0.01;
 const DOUBTFUL_MM: f64 = 0.1;
-/// No feature is larger, mm.
+/// Maximum size of a feature, mm.
 const LARGEST_MM: f64 = 50e3;
 
-/// Points that are probably no feature of this kind, or not in mm.
+/// Notes on points that are probably not of this kind of feature, or not in mm.
 fn doubtful(points_mm: &[[f64; 3]], deviation_mm: f64) -> Vec<String> {
     let extent = |axis: usize| range(points_mm.iter().map(|point| point[axis]));
     let size_mm = [0, 1, 2].map(extent).iter().map(|x| x * x).sum::<f64>();
@@ -299,11 +299,11 @@ fn text(document: &EvaluatedForm, feature: FeatureKind) -> String {
     text
 }
 
-/// The name of the form deviation about the feature of least squares.
+/// The name of the form deviation about the least-squares feature.
 fn deviation(document: &EvaluatedForm, feature: FeatureKind) -> &'static str {
     match feature {
         FeatureKind::Circle => "roundness",
-        // A line in space has no plane to be out of.
+        // A line in space has no out-of-plane deviation.
         FeatureKind::Line if document.out_of_plane_um.is_none() => {
             "straightness, as diameter of the cylinder about the line,"
         }

@@ -1,4 +1,4 @@
-//! `volcomp identify`: from volumetric observations to a machine file.
+//! `volcomp identify`: volumetric observations to a machine file.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ fn text(found: &Identification, output: &Path) -> String {
     text + EXPLAINED
 }
 
-/// What the words of the tables mean.
+/// Explanation of the table columns.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
 pose. Score: 1 is best; an unknown may be 1/score times as uncertain as it would
@@ -70,10 +70,10 @@ be if all others were known: below 0.01 some can hardly be told apart. Rank: how
 many unknowns are determined, of how many that are counted.
 ";
 
-/// A pose that makes the least certain unknown by less than this more certain changes little.
+/// Minimum factor by which a pose must reduce the uncertainty of the least certain unknown to be worth recommending.
 const LITTLE: f64 = 1.05;
 
-/// The pose that would help most, and how.
+/// The pose that would help most, and its effect.
 fn next_text(next: &Next) -> String {
     let pose: Vec<String> = next
         .pose
@@ -107,7 +107,7 @@ fn next_text(next: &Next) -> String {
     text + &folded(&what, "  ")
 }
 
-/// The tables of what was found, for people.
+/// The results as text tables.
 pub(super) fn found_text(document: &Identification) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     let mut given_zero: Vec<&str> = Vec::new();
@@ -176,7 +176,7 @@ pub(super) fn found_text(document: &Identification) -> String {
     text
 }
 
-/// Where spheres are met, another sphere may help more than a pose.
+/// With spheres, another sphere may help more than a pose.
 fn sphere_helps(next: &Next) -> &'static str {
     if next.kind == Kind::Sphere {
         "; another sphere, far from the rotary axes and at another height, may help more"
@@ -185,7 +185,7 @@ fn sphere_helps(next: &Next) -> &'static str {
     }
 }
 
-/// Angles in degrees and lengths in mm have more digits than µm and µrad.
+/// Angles in degrees and lengths in mm get more decimals than µm and µrad.
 fn shown(parameter: &Parameter, number: f64) -> String {
     let digits = match parameter.unit {
         "mm" => 4,

@@ -1,4 +1,4 @@
-//! `volcomp import`: the compensation tables of a control as curves of a machine file.
+//! `volcomp import`: compensation tables of a control to curves of a machine file.
 
 use std::path::{Path, PathBuf};
 
@@ -116,13 +116,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, shown, warnings)
 }
 
-/// Whether a file says what the tables are, and is none.
+/// True if a file describes the tables and is not one itself.
 fn is_facts(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(is_facts_file)
 }
 
-/// The files, those of folders in the order of their names.
+/// The files; those of folders sorted by name.
 fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut paths = Vec::new();
     for path in given {

@@ -1,4 +1,4 @@
-//! `volcomp inspect`: what measurement files hold.
+//! `volcomp inspect`: the content of measurement files.
 
 use std::path::{Path, PathBuf};
 
@@ -142,7 +142,7 @@ pub(crate) struct MeasurementSummary {
 }
 
 impl CaptureSummary {
-    /// The document of a capture that was read.
+    /// The document of a capture.
     fn new(file: String, capture: &Capture) -> Self {
         let samples = || capture.samples.iter().copied();
         Self {
@@ -160,7 +160,7 @@ impl CaptureSummary {
 }
 
 impl LogSummary {
-    /// The document of a log that was read.
+    /// The document of a log.
     fn new(file: String, log: &ChannelLog) -> Self {
         let mut warnings = vec![
             "which channel is the target and which the reading is not known: state it in `channels`".to_owned(),
@@ -187,14 +187,14 @@ impl LogSummary {
 }
 
 impl MeasurementSummary {
-    /// The document of a file that was read.
+    /// The document of a measurement file.
     fn new(file: String, measurement: &Measurement) -> Self {
         let deviations = || measurement.readings.iter().map(|reading| reading.deviation);
         let [runs_forward, runs_backward] =
             Direction::BOTH.map(|direction| measurement.runs(direction).len());
         let environment = &measurement.environment;
         let format = measurement.format;
-        // Straightness and angles do not grow with the material.
+        // Only positioning readings depend on the expansion of the material.
         let is_laser = measurement.quantity == Some(Quantity::Positioning)
             && format != Some(FileFormat::ApiPos);
         Self {
@@ -243,7 +243,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 files.push(Files::One(Box::new(document)));
                 texts.push(text);
             }
-            // A folder may hold notes and pictures, too.
+            // A folder may also contain notes and pictures.
             Err(MetrologyError::Extension { .. }) if !is_named => not_read.push(file),
             Err(error) => {
                 texts.push(refused_text(&file, &error));
@@ -272,7 +272,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     })
 }
 
-/// The files that are meant, and whether each is named by itself: a folder stands for those below it.
+/// The files to read, and whether each was named explicitly: a folder means all files below it.
 fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     let mut all = Vec::new();
     for path in named {
@@ -291,7 +291,7 @@ fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
     Ok(all)
 }
 
-/// A row for each of several files.
+/// Overview of several files, one row each.
 #[derive(Default)]
 struct Overview {
     rows: Vec<[String; 7]>,
@@ -360,7 +360,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().display().to_string()
 }
 
-/// The one error that title and name say, else the axis that the file states, if it does.
+/// The error named in the file name and title (several are joined, with a question mark); without any, the axis stated in the file.
 fn error_of(path: &Path, measurement: &Measurement) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let title = measurement.metadata.title.as_deref().unwrap_or_default();
@@ -378,7 +378,7 @@ fn error_of(path: &Path, measurement: &Measurement) -> String {
     }
 }
 
-/// What the files before said.
+/// Data of the previous files.
 #[derive(Default)]
 struct Others {
     readings: SeenReadings<String>,
@@ -386,7 +386,7 @@ struct Others {
 }
 
 impl Others {
-    /// Warnings about a file that only the others show.
+    /// Warnings that follow from a comparison with the other files.
     fn compare(&mut self, file: &str, measurement: &Measurement) -> Vec<String> {
         let mut warnings = Vec::new();
         if let Some(other) = self.readings.before(measurement, file.to_owned()) {
@@ -430,7 +430,7 @@ fn one(file: String, content: &Content) -> Result<(Contents, String), Failure> {
     Ok((document, text(&entries, measurement)))
 }
 
-/// The document, a line for each key, warnings first.
+/// The document with one line per key, warnings first.
 fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> String {
     let mut text = String::new();
     let warnings = document.get("warnings").and_then(Value::as_array);
@@ -443,7 +443,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     };
     for (key, value) in document {
         match (key.as_str(), value) {
-            // The former stand above; what a kind of file cannot state is not worth a line.
+            // Warnings are printed above; keys that this kind of file cannot state are left out.
             ("warnings", _) | ("material_compensation", Value::Null) => {}
             ("channels", Value::Array(channels)) => {
                 for channel in channels {
@@ -494,7 +494,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     text
 }
 
-/// mm or deg where the file tells the kind of the axis, else both.
+/// mm or deg if the file determines the kind of the axis, otherwise both.
 fn target_unit(measurement: &Measurement) -> &'static str {
     match axis_kind(measurement) {
         Some(AxisKind::Rotary) => " deg",
@@ -503,12 +503,12 @@ fn target_unit(measurement: &Measurement) -> &'static str {
     }
 }
 
-/// The same in a cell: nothing where the file does not tell.
+/// The unit for a table cell: empty if the file does not determine it.
 fn short_unit(measurement: &Measurement) -> &'static str {
     axis_kind(measurement).map_or("", |_| target_unit(measurement))
 }
 
-/// The unit of a quantity of the surroundings, as the document describes it.
+/// The unit of an environmental quantity, as in the document.
 fn surroundings_unit(name: &str) -> &'static str {
     match name {
         "air_temperature" | "material_temperature" => " °C",

@@ -1,4 +1,4 @@
-//! `volcomp map-table`: the corrections of a machine as the map that a control looks up.
+//! `volcomp map-table`: the corrections of a machine as a lookup map for a control.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -270,7 +270,7 @@ fn document(
     }
 }
 
-/// The corrected axes, each with the largest correction on the lines.
+/// The corrected axes, each with its largest correction on the lines.
 fn outputs(map: &Map) -> Vec<Output> {
     let header = map.header();
     let count = header.outputs.count();

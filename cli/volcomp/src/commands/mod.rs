@@ -1,4 +1,4 @@
-//! One module for each command: its arguments, its answer as a document and as text for people.
+//! One module per command: its arguments, and its result as a JSON document and as text.
 
 pub(crate) mod age;
 pub(crate) mod axes;
@@ -60,13 +60,13 @@ pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
 pub(crate) struct Answer {
     /// The document of `--json`.
     pub(crate) json: Value,
-    /// The same for people.
+    /// The result as text.
     pub(crate) text: String,
-    /// Notes that a person should read besides the text.
+    /// Notes to show in addition to the text.
     pub(crate) notes: Vec<String>,
-    /// Why the program fails nevertheless, after it has said what it found.
+    /// A failure reported after the result.
     pub(crate) failed: Option<Failure>,
-    /// Whether every stated tolerance is met; otherwise the exit status is 3.
+    /// True if all stated tolerances are met; otherwise the exit status is 3.
     pub(crate) tolerances_met: bool,
 }
 
@@ -92,7 +92,7 @@ impl Answer {
         })
     }
 
-    /// The same with the decision over stated tolerances.
+    /// Adds the decision over the stated tolerances.
     pub(crate) fn decided(self, decision: Option<Decision>) -> Self {
         let met = decision.is_none_or(|decision| decision.pass);
         Self {
@@ -102,13 +102,13 @@ impl Answer {
     }
 }
 
-/// Writes a whole file; it appears by rename.
+/// Writes a whole file, atomically by rename.
 fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
     let file = OutputFile::open(path)?;
     file.write_whole(text)
 }
 
-/// The output must not take the place of what it is made from: a second run would start from its own result.
+/// Refuses an output that would replace one of its inputs: a second run would start from its own result.
 fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<(), Failure> {
     match same_file(files, output) {
         Some(path) => Err(Failure::Input(format!(
@@ -120,14 +120,14 @@ fn refuse_overwriting(files: &[PathBuf], output: &Path, what: &str) -> Result<()
     }
 }
 
-/// The one of `files` that is the file `output`, by whichever name; none where that does not exist yet.
+/// The entry of `files` that is the same file as `output`, under any name; `None` if `output` does not exist.
 fn same_file<'a>(files: &'a [PathBuf], output: &Path) -> Option<&'a PathBuf> {
     let there = output.canonicalize().ok()?;
     let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == there);
     files.iter().find(same)
 }
 
-/// The largest less the smallest of some values; infinite and negative of none.
+/// Maximum minus minimum; −∞ for no values.
 fn range(values: impl IntoIterator<Item = f64>) -> f64 {
     let ends = [f64::INFINITY, f64::NEG_INFINITY];
     let [low, high] = values
@@ -146,17 +146,17 @@ fn microradians(v: &Vector3<f64>) -> [f64; 3] {
     (v * 1e6).into()
 }
 
-/// mm or rad of an axis in µm or µrad.
+/// Converts mm or rad of an axis to µm or µrad.
 fn micro(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).um_or_urad()
 }
 
-/// mm or rad of an axis in mm or deg.
+/// Converts mm or rad of an axis to mm or deg.
 fn in_degrees(kind: AxisKind, value: f64) -> f64 {
     Displacement::new(kind, value).mm_or_deg()
 }
 
-/// What there is to say about a machine file, about temperatures and about thermal terms.
+/// Notes on a machine file, its temperatures and its thermal terms.
 fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> {
     let thermal = [
         thermal_note(machine, temperatures),
@@ -167,7 +167,7 @@ fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> 
     notes
 }
 
-/// Names what a figure over X, Y and Z with standing rotary axes does not cover.
+/// Notes what a figure over X, Y and Z with fixed rotary axes does not cover.
 fn rotary_note(machine: &Machine) -> Option<String> {
     let rotary = machine.axes().iter().filter(|axis| axis.name.is_rotary());
     let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();
@@ -179,7 +179,7 @@ fn rotary_note(machine: &Machine) -> Option<String> {
     })
 }
 
-/// Names the temperatures beyond what thermal terms have seen.
+/// Notes the temperatures beyond the tested ranges of thermal terms.
 fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let beyond = machine.thermal().beyond_seen(temperatures);
     let said = |seen: &&volcomp_model::Seen| {
@@ -196,7 +196,7 @@ fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     })
 }
 
-/// Names the sensors whose thermal terms count nothing.
+/// Notes the sensors without a temperature, whose thermal terms are left out.
 pub(crate) fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let mut missing = machine.thermal().sensors();
     missing.retain(|name| !temperatures.contains_key(*name));

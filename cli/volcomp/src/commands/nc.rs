@@ -1,4 +1,4 @@
-//! `volcomp nc`: an NC program in, the compensated one out.
+//! `volcomp nc`: compensate an NC program.
 
 use std::{
     fmt::Write as _,
@@ -187,7 +187,7 @@ struct NcFeature {
 }
 
 impl Arguments {
-    /// The files that are read, which no output may replace, with what the call names them by.
+    /// The input files, which no output may replace, with the option of each.
     fn inputs(&self) -> Vec<(&Path, &'static str)> {
         let mut inputs = vec![
             (self.program.as_path(), "PROGRAM"),
@@ -207,7 +207,7 @@ impl Arguments {
         inputs
     }
 
-    /// The language of the program: that of the call, that of the control, or that of the name of the file.
+    /// The language of the program: from the call, the control, or the file name.
     fn dialect(&self, setup: &SetUp) -> Dialect {
         match self.dialect {
             Some(Language::Rs274) => Dialect::Rs274,
@@ -229,7 +229,7 @@ enum Rounding {
     Floyd,
 }
 
-/// Programs whose mean correction is asked for are read twice, from memory.
+/// Maximum size of a program whose mean correction is requested, bytes: it is read twice, from memory.
 const MOST_IN_MEMORY: u64 = 256 << 20;
 
 /// `3,4,3`.
@@ -341,7 +341,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
 }
 
-/// Refuses a result in the place of a file that the program may call.
+/// Refuses an output that would replace a file that the program may call.
 fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
     let Ok(output) = arguments.output.canonicalize() else {
         return Ok(());
@@ -364,7 +364,7 @@ fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// The verification reads the program a second time, which a pipe does not give.
+/// Rejects a pipe as the program: the verification reads it a second time.
 fn refuse_read_once(arguments: &Arguments, program: &File) -> Result<(), Failure> {
     let is_file = program.metadata().is_ok_and(|about| about.is_file());
     if is_file || !arguments.verify {
@@ -376,7 +376,7 @@ fn refuse_read_once(arguments: &Arguments, program: &File) -> Result<(), Failure
     ))
 }
 
-/// The file of the picture, opened before the work starts; it appears when the result is kept.
+/// Opens the file of the picture before the work starts; it appears when the result is kept.
 fn picture_file(arguments: &Arguments) -> Result<Option<OutputFile>, Failure> {
     let Some(path) = &arguments.picture else {
         return Ok(None);
@@ -481,7 +481,7 @@ fn answer(
     Answer::new(&document, text, notes)
 }
 
-/// The mean corrections that are in the work offsets now.
+/// The mean corrections, now contained in the work offsets.
 fn averaged(
     output: &Path,
     found: Vec<Average>,
@@ -516,7 +516,7 @@ fn averaged(
     Answer::new(&document, text, notes)
 }
 
-/// A program that is judged on a virtual machine.
+/// Verification of a program on a virtual machine.
 struct OnTruth<'a> {
     arguments: &'a Arguments,
     model: (&'a Machine, &'a Temperatures),
@@ -525,7 +525,7 @@ struct OnTruth<'a> {
 }
 
 impl OnTruth<'_> {
-    /// The program and its result on the virtual machine; a result that is worse than the program is refused.
+    /// Compares the program and its result on the virtual machine; a result worse than the program is rejected.
     fn verified(
         &self,
         made: &Written,
@@ -591,10 +591,10 @@ impl OnTruth<'_> {
     }
 }
 
-/// A result that is worse than the program is not kept. Worse is one whose form is: after alignment of the part the tool is further off
-/// by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a whole, which
-/// is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance and two
-/// steps of the words does not count.
+/// Rejects a result that is worse than the program; returns a note if the part is shifted as a whole. A result is worse if the form is:
+/// after alignment of the part, the RMS deviation of the tool is larger, or its maximum is more than twice as large. A model with another
+/// zero shifts the whole part, which is not an error of the part; if the deviation before alignment is larger, the form must be better.
+/// Differences below the tolerance plus two increments of the words do not count.
 fn is_better(
     found: &Verification,
     arguments: &Arguments,
@@ -641,7 +641,7 @@ fn is_better(
     )))
 }
 
-/// What a result lacks where it was not known where an axis stands, which may be why it is worse.
+/// Notes the corrections left out because an axis position was unknown, which may explain a worse result.
 fn left_out(made: &Written) -> String {
     let Written::Compensated(summary) = made else {
         return String::new();
@@ -662,10 +662,10 @@ fn left_out(made: &Written) -> String {
     )
 }
 
-/// A form that is better by less does not make up for a part that lies elsewhere: one or two places have no form.
+/// Maximum ratio of the form deviations, after to before, that makes up for a shifted part: one or two points have no form.
 const MUCH_BETTER: f64 = 0.9;
 
-/// How far the tool is from where the program wants it, and the features of the part.
+/// The deviation of the tool from the programmed path, and the features of the part.
 fn verified_text(verified: &Verified) -> String {
     let found = &verified.found;
     let row = |name: &str, of: &Deviation| {
@@ -710,7 +710,7 @@ fn verified_text(verified: &Verified) -> String {
     text
 }
 
-/// What was found; of what could not be evaluated the reason names the key of the part file.
+/// The inspected features; for a feature that cannot be evaluated, the reason names the key of the part file.
 fn inspected(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
     let reason = |place: usize, error: &InspectError| {
         let key = match error {
@@ -735,10 +735,10 @@ fn inspected(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
     features.iter().enumerate().map(feature).collect()
 }
 
-/// What is read of one kind of number.
+/// Selects one quantity of a feature.
 type Take = fn(&Found) -> Option<f64>;
 
-/// Each number of each feature, before and after.
+/// Each quantity of each feature, before and after.
 fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     const NUMBERS: [(&str, Take, &str); 6] = [
         ("form", |f| f.form_um, "µm"),
@@ -781,11 +781,10 @@ fn part_text(features: &[NcFeature], best_fit: bool) -> String {
     format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
 }
 
-/// The readings of all ball rows of a file: how far the tip is from each ball, along each direction that was read.
+/// The readings of all ball rows of a file: the distance of the tip from each ball, along each measured direction.
 ///
 /// # Errors
-/// What reading the file says; a file without ball rows; a row whose place is not stated, since its readings do not say where the
-/// machine is.
+/// The file cannot be read; it has no ball rows; a row without a stated position, since its readings do not determine where the machine is.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
     let observations = Observations::read(path)?;
     let mut readings = Vec::new();

@@ -1,4 +1,4 @@
-//! What an uncertainty does not count: errors that the observations leave open, and what they move the tool by.
+//! Errors that an uncertainty does not include because the observations leave them open, and their effect on the tool.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -25,20 +25,20 @@ pub(crate) struct NotCounted {
     pub(crate) turns_urad: f64,
 }
 
-/// The size of an error whose effect is told, µm or µrad.
+/// Size of an undetermined error for which the effect is reported, µm or µrad.
 const EXAMPLE: f64 = 10.0;
-/// What moves the tool by less, µm, is not told to people.
+/// Minimum effect on the tool that is reported in text, µm.
 const NOTHING_UM: f64 = 5e-4;
 
-/// The errors that observations leave open, each with the machine in which it is [`EXAMPLE`] larger and the others have followed so
-/// that the observations would read the same.
+/// The errors that observations leave open, each with the machine in which it is [`EXAMPLE`] larger and the others are adjusted so that the
+/// observations stay the same.
 pub(crate) struct Open {
     found: Machine,
     others: Vec<(LeftOpen, Machine)>,
 }
 
 impl Open {
-    /// Nothing is left open.
+    /// No error is left open.
     pub(crate) fn nothing(found: Machine) -> Self {
         Self {
             found,
@@ -46,7 +46,7 @@ impl Open {
         }
     }
 
-    /// What was found of observations, with the tool of `machine`.
+    /// The errors left open by an identification, with the tool of `machine`.
     pub(crate) fn new(
         observations: &Observations,
         found: &Identification,
@@ -78,7 +78,7 @@ impl Open {
         })
     }
 
-    /// What each of them does to the tool at these states: the largest, the largest of all first.
+    /// The largest effect of each on the tool at these states, sorted from the largest.
     pub(crate) fn at(&self, states: &[State]) -> Vec<NotCounted> {
         let place = |machine: &Machine, state: &State| {
             let error = machine.error_at(state, Form::Exact, &Temperatures::default());
@@ -108,7 +108,7 @@ impl Open {
     }
 }
 
-/// States all over a grid: at most five nodes of each axis, the ends among them.
+/// States on a grid over all axes: at most five nodes per axis, including the ends.
 pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, Failure> {
     const MOST: usize = 5;
     let mut places = vec![grid.others.clone()];
@@ -131,7 +131,7 @@ pub(crate) fn all_over(machine: &Machine, grid: &MapGrid) -> Result<Vec<State>, 
     states.collect()
 }
 
-/// What is not counted, in words; empty where everything is.
+/// Describes what is not included; empty if everything is.
 pub(crate) fn words(not_counted: &[NotCounted], place: &str) -> String {
     const SHOWN: usize = 6;
     let moving: Vec<&NotCounted> = not_counted

@@ -1,4 +1,4 @@
-//! Positions that the model does not cover, and remarks on rows in words.
+//! Positions outside the range of the model, and remarks on rows as text.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -28,7 +28,7 @@ pub(super) fn outside(machine: &Machine, state: &State) -> Outside {
 }
 
 impl Outside {
-    /// `outside travel Z, range EZY EZZ`, empty where everything is covered.
+    /// `outside travel Z, range EZY EZZ`; empty if everything is within range.
     pub(super) fn words(&self) -> String {
         let parts = [
             ("travel", joined(&self.outside_travel)),
@@ -43,7 +43,7 @@ impl Outside {
     }
 }
 
-/// Says that there are positions which the model does not cover.
+/// Notes that some positions are outside the range of the model.
 pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Option<String> {
     let count = outside.filter(|o| !o.words().is_empty()).count();
     let positions = match count {
@@ -56,14 +56,14 @@ pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Op
     ))
 }
 
-/// Names with blanks between them.
+/// Joins names with blanks.
 pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
     let names: Vec<String> = names.iter().map(ToString::to_string).collect();
     names.join(" ")
 }
 
-/// The remarks on the rows of a table, to stand below it: rows with the same remark together, in the order in which
-/// the remarks come first. Empty where no row has one.
+/// The remarks on the rows of a table, printed below it: rows with the same remark are grouped, in the order of first occurrence. Empty
+/// without remarks.
 pub(super) fn remarks(rows: impl Iterator<Item = String>) -> String {
     let mut by_remark: Vec<(String, Vec<usize>)> = Vec::new();
     for (row, remark) in (1..).zip(rows).filter(|(_, remark)| !remark.is_empty()) {
@@ -83,7 +83,7 @@ pub(super) fn remarks(rows: impl Iterator<Item = String>) -> String {
     format!("\n{lines}")
 }
 
-/// Rising numbers with runs drawn together: `1, 3-7`.
+/// Ascending numbers with consecutive ones joined: `1, 3-7`.
 fn ranges(rows: &[usize]) -> String {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for &row in rows {

@@ -1,4 +1,4 @@
-//! `volcomp probe`: the values that a device reports now, and the interfaces of this computer.
+//! `volcomp probe`: current values of a device, and the interfaces of this computer.
 
 use std::{fmt::Write, time::Duration};
 
@@ -123,7 +123,7 @@ fn text(found: &Probe) -> String {
     }
     if !rows.is_empty() {
         let body = table_text(&rows);
-        // The table's head is empty.
+        // The table header is empty.
         text += body.trim_start_matches('\n');
     }
     if !found.inputs.is_empty() {
@@ -140,7 +140,7 @@ fn text(found: &Probe) -> String {
     text
 }
 
-/// The further properties of a device, one a line.
+/// Further properties of a device, one per line.
 fn told(facts: &Facts) -> String {
     match facts {
         Facts::Control(facts) => format!(
@@ -176,7 +176,7 @@ fn told(facts: &Facts) -> String {
     }
 }
 
-/// From which words the control takes the shifts of its axes, in lines.
+/// The parameter words from which the control reads its axis shifts, one per line.
 fn shift_parameters(facts: &ControlFacts) -> String {
     match (facts.shift_in_use, facts.shift_words, &facts.shift_untold) {
         (Some(in_use), Some(first), _) => format!(

@@ -180,7 +180,7 @@ impl From<&Check> for ReportCheck {
     }
 }
 
-/// What the report is made from, read.
+/// The parsed source of the report.
 enum Source {
     Calibration(Box<CalibrationFile>),
     Observations(Box<Observations>),
@@ -224,7 +224,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     answer(arguments, &report, &limits, notes)
 }
 
-/// The report is HTML; under the ending of another format a program that opens it would fail.
+/// Rejects file extensions other than those of HTML: a program that opens the report would fail.
 fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
     let ending = output.extension().unwrap_or_default();
     if ["html", "htm"]
@@ -240,7 +240,7 @@ fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
 }
 
 impl Source {
-    /// Reads a file as what its keys make it.
+    /// Reads a file; its keys determine its kind.
     fn read(path: &Path) -> Result<Self, Failure> {
         let is_machine =
             Toml::read(path)?.decode(|root| Ok::<_, Failure>(root.get("structure").is_some()))?;
@@ -253,7 +253,7 @@ impl Source {
         })
     }
 
-    /// The machine as its file has it.
+    /// The machine of the source file.
     fn machine(&self) -> &Machine {
         match self {
             Self::Calibration(file) => &file.machine,
@@ -262,7 +262,7 @@ impl Source {
         }
     }
 
-    /// The files that must not be written over.
+    /// The files that must not be overwritten.
     fn files(&self, path: &Path) -> Vec<PathBuf> {
         match self {
             Self::Calibration(file) => file.files.clone(),
@@ -271,7 +271,7 @@ impl Source {
         }
     }
 
-    /// The machine with what was found, and the report of it without its working space.
+    /// The machine with the identified errors, and its report without the working space.
     fn report(&self, arguments: &Arguments) -> Result<(Machine, Report), Failure> {
         let stated = Stated {
             machine: arguments.name.clone().or_else(|| name_of(self.machine())),
@@ -279,7 +279,7 @@ impl Source {
             date: arguments.date.clone(),
             operator: arguments.operator.clone(),
             instrument: arguments.instrument.clone(),
-            // The parser let no other year through.
+            // clap rejects other years.
             edition: (arguments.edition.and_then(Edition::of_year)).unwrap_or_default(),
         };
         let name = arguments.source.display().to_string();
@@ -303,13 +303,13 @@ impl Source {
     }
 }
 
-/// The name that a machine file gives; `None` where it gives none.
+/// The machine name in a machine file, if stated.
 fn name_of(machine: &Machine) -> Option<String> {
     let name = &machine.name;
     (!name.is_empty()).then(|| name.clone())
 }
 
-/// Diagonals and map, before and after where two states are known.
+/// Diagonals and map, before and after if two states are known.
 fn working_space(
     report: &mut Report,
     arguments: &Arguments,
@@ -327,7 +327,7 @@ fn working_space(
         None => None,
     };
     if let Some(path) = &arguments.truth {
-        // Before it is taken for the truth: the message names the file of this call.
+        // Checked before it is used as the truth, so that the message names the file of this call.
         refuse_other_geometry(
             path,
             &Machine::read(path)?,
@@ -341,7 +341,7 @@ fn working_space(
         resolution: None,
     };
     let truth = Compensation::new(&corrects, machine, &none)?;
-    // Of which machine the errors are, and whether the correction of FILE is on.
+    // The machine of the errors, and whether the correction of FILE is active.
     let found = (State::Found, machine);
     let corrected = (State::TruthCorrected, truth.actual());
     let (first, second) = match (&before, &arguments.truth) {
@@ -408,7 +408,7 @@ fn working_space(
     Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
 }
 
-/// A tool by name with the machine that has it, its correction on the truth, and the machine before.
+/// A tool by name with its machine, the correction of that machine on the truth, and the machine before.
 type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
 
 fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
@@ -428,7 +428,7 @@ fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
     .collect()
 }
 
-/// Adds the uncertainty of the position error from machines that the measurements allow.
+/// Adds the uncertainty of the position error from Monte Carlo samples.
 fn drawn(
     report: &mut Report,
     arguments: &Arguments,

@@ -1,18 +1,18 @@
-//! Whether measurements are those that a machine file was made from: the same name, and the same errors by value.
+//! Checks that measurements belong to a machine file: the same name, and the same errors by value.
 
 use std::{collections::BTreeSet, path::Path};
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 
-/// Differences that nobody measures, µm and µrad: what another version of the program rounds differently.
+/// Differences below this are ignored, µm and µrad: below measurement resolution, and caused by rounding in other program versions.
 const NO_MATTER: f64 = 0.05;
-/// Places along each axis at which curves are compared, besides those of the curves.
+/// Number of positions along each axis at which curves are compared, in addition to those of the curves.
 const PLACES: u32 = 41;
-/// The most errors that a note names.
+/// Maximum number of errors listed in a note.
 const MOST_NAMED: usize = 6;
 
-/// Notes on what `found`, the machine that the measurements in a file make, has otherwise than the machine in use.
+/// Notes on differences of `found`, the machine that the measurements in a file give, from the machine in use.
 pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<String> {
     let mut notes = Vec::new();
     if found.name != machine.name {
@@ -48,7 +48,7 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
     notes
 }
 
-/// A note where axes have their errors at another point, so that tilts have another lever, or another travel.
+/// A note if axes have their errors stated at another point, so that tilts have another lever, or another travel.
 fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let joints = found.chain().joints().iter().zip(machine.chain().joints());
     let points = joints.filter(|(a, b)| a.point_mm != b.point_mm);
@@ -66,7 +66,7 @@ fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<Strin
     })
 }
 
-/// A note where axes were assembled otherwise, with the largest difference.
+/// A note if the assembly errors differ, with the largest difference.
 fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let axes = machine.axes().iter().enumerate();
     let differences = axes.flat_map(|(index, axis)| {
@@ -84,7 +84,7 @@ fn other_assembly(file: &Path, found: &Machine, machine: &Machine) -> Option<Str
     ))
 }
 
-/// A note where the thermal terms are others: what they add is then not what the measurements hold.
+/// A note if the thermal terms differ: their effect is then not that included in the measurements.
 fn other_thermal(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
     let terms = |of: &Machine| {
         let thermal = of.thermal();
@@ -118,13 +118,13 @@ fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
         };
         (name, difference)
     };
-    // A difference that is no number counts as one.
+    // NaN counts as a difference.
     let matters = |(_, by): &(ErrorName, f64)| by.is_nan() || *by > NO_MATTER;
     names.into_iter().map(by).filter(matters).collect()
 }
 
-/// The largest difference of two curves over the travel, after motion in both directions; the other axes, on which a grid may depend, at
-/// their ends and in the middle. `places`: those of each machine ([`Machine::places`]).
+/// The largest difference of two curves over the travel, with approach from both directions and the other axes, on which a grid may depend,
+/// at their ends and in the middle. `places`: those of each machine ([`Machine::places`]).
 fn of_curves(name: ErrorName, machines: [&Machine; 2], places: &[Vec<Vec<f64>>; 2]) -> f64 {
     let [_, machine] = machines;
     let Ok(own) = machine.index_of(name.axis) else {

@@ -1,4 +1,4 @@
-//! The hidden command `schema`: the JSON Schemas of this program's documents.
+//! The hidden command `schema`: JSON Schemas of the documents of this program.
 
 use std::path::PathBuf;
 
@@ -62,7 +62,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 /// The name of a command and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals` for its parts 4 and 6: `volcomp-NAME.json` is the file of the schema.
+/// The documents by command name; the file of a schema is `volcomp-NAME.json`. Variants of a command have separate names: `probe-list`
+/// for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals`
+/// for parts 4 and 6.
 const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<compile::Compile>),

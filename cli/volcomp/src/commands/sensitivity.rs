@@ -1,4 +1,4 @@
-//! `volcomp sensitivity`: what each error does, which errors are one motion, and which cannot be told apart.
+//! `volcomp sensitivity`: the effect of each error, errors that cause the same motion, and errors that cannot be separated.
 
 use std::{fmt::Write, path::PathBuf};
 
@@ -59,7 +59,7 @@ pub(crate) struct Effects {
     tolerance: f64,
 }
 
-/// The errors of a machine that `--assembly` or its absence means.
+/// The errors of a machine selected by `--assembly` or its absence.
 pub(super) fn errors_of(machine: &Machine, assembly: bool) -> Vec<ErrorTerm> {
     let stated: Vec<_> = machine.locations().keys().copied().collect();
     terms(machine.chain(), assembly, &stated)
@@ -102,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, notes)
 }
 
-/// What the values of the machine's errors do, the largest displacement first.
+/// The effects of the machine's error values, sorted from the largest displacement.
 fn by_values(
     machine: &Machine,
     errors: &[ErrorTerm],
@@ -124,12 +124,12 @@ fn is_zero(effect: &Effect) -> bool {
     effect.position_max_um == 0.0 && effect.orientation_max_urad == 0.0
 }
 
-/// Evenly spaced nodes over all poses of each axis, as `Axis::nodes` has them: both ends of a turn are the same place.
+/// Evenly spaced nodes over all poses of each axis, as in `Axis::nodes`: both ends of a turn are the same pose.
 fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.all_poses().map(end);
-        // One node is the middle.
+        // A single node is the middle.
         let step = if axis.turns_round() && count > 1 {
             (high - low) / count as f64
         } else {
@@ -140,7 +140,7 @@ fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
 }
 
-/// A note where an axis that turns all the way round has so few nodes that a run-out, one wave in a turn, may be missed.
+/// A note if an axis with a full turn has too few nodes to resolve a run-out, one wave per turn.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
     let mut turning = machine.axes().iter().filter(|axis| axis.turns_round());
@@ -151,15 +151,15 @@ fn too_few(machine: &Machine, count: usize) -> Option<String> {
     ))
 }
 
-/// The errors of a machine that are zero by definition where X is the first and Y the second reference axis: of the six tilts
-/// of X, Y and Z only three differences matter.
+/// The errors of a machine that are zero by definition with X as the first and Y as the second reference axis: of the six tilts of X, Y and
+/// Z only three differences matter.
 fn zero_by_definition(machine: &Machine, found: &Sensitivity) -> Vec<String> {
     let pairs = [
         ("EB0X", AxisName::Z),
         ("EC0X", AxisName::Y),
         ("EA0Y", AxisName::Z),
     ];
-    // Those that the machine file has all the same are not zero.
+    // Errors that the machine file states nevertheless are not zero.
     let stated: Vec<String> = machine
         .locations()
         .iter()

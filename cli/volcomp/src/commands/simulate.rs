@@ -1,4 +1,4 @@
-//! `volcomp simulate`: the virtual shop.
+//! `volcomp simulate`: measurement files of a virtual shop.
 
 use std::{
     collections::BTreeMap,
@@ -78,8 +78,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, text, Vec::new())
 }
 
-/// The commands that make a machine file of the files in a folder, in their order. Where there are lines and observations,
-/// `observations.toml` starts from the machine that the lines give.
+/// The commands that produce a machine file from the files in a folder, in order. With lines and observations, `observations.toml` starts
+/// from the machine calibrated from the lines.
 fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
     let file = |name: &str| for_shell(&folder.join(name).display().to_string());
     let call = |command: &str, read: &str, output: &str| {
@@ -96,7 +96,7 @@ fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
     }
 }
 
-/// A path as one word of a command line, and no option of it.
+/// Quotes a path as one shell word that is not parsed as an option.
 fn for_shell(path: &str) -> String {
     if path.starts_with('-') {
         return for_shell(&format!("./{path}"));
@@ -105,13 +105,13 @@ fn for_shell(path: &str) -> String {
         let separates = cfg!(windows) && c == '\\';
         c.is_alphanumeric() || "/._-:~+,@".contains(c) || separates
     };
-    // A shell reads a `~` at the beginning as the home folder; in double quotes it does not.
+    // A shell expands a leading `~` to the home folder, but not in double quotes.
     if path.chars().all(is_plain) && !path.starts_with('~') {
         path.to_owned()
     } else if path.chars().all(|c| is_plain(c) || c == ' ') {
         format!("\"{path}\"")
     } else {
-        // In double quotes a shell would still read what follows a `$` or a backtick.
+        // In double quotes a shell would still expand `$` and backticks.
         format!("'{}'", path.replace('\'', r"'\''"))
     }
 }
@@ -127,11 +127,10 @@ impl From<ShopError> for Failure {
     }
 }
 
-/// What was written into a folder.
+/// Files written into a folder.
 pub(crate) struct Written {
-    /// The names of all files.
     names: Vec<String>,
-    /// Those of them that were there before.
+    /// Those that replaced existing files.
     replaced: Vec<String>,
 }
 
@@ -140,7 +139,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     refuse_inputs(shop, folder)?;
     make(folder)?;
     let mut list = WrittenFiles::read(folder)?;
-    // Whether the folder can be written in is known before work starts.
+    // Checks that the folder is writable before work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
     let bar = progress::bar(shop.count(), "lines and observations measured");
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
@@ -170,7 +169,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     Ok(written)
 }
 
-/// Makes a folder where there is none.
+/// Creates a folder if it does not exist.
 pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::Input(format!(
@@ -180,12 +179,12 @@ pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Refuses a folder in which a file would be written over one that the shop reads.
+/// Refuses a folder in which an output would overwrite an input of the shop.
 fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     let mut names = shop.file_names();
     let writes = |wanted: &str| names.iter().any(|name| name == wanted);
     if writes("calibration.toml") && writes("observations.toml") {
-        // The next command writes it.
+        // Written by the next command.
         names.push(CALIBRATED.to_owned());
     }
     for name in names {
@@ -200,16 +199,16 @@ fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// No file of a shop has this name: those of measurements and observations have other endings.
+/// Name of the file list; measurements and observations have other extensions, so no file of a shop has this name.
 const LIST: &str = "simulated-files.sha256";
-/// The first line tells that the list itself was not written by somebody else.
+/// The first line, which identifies a list written by this program.
 const FIRST_LINE: &str = "# Written by volcomp simulate, which writes over these files while they are as listed here: SHA-256 and name";
 
-/// The files of earlier runs with the SHA-256 of what was written into them, as `sha256sum` lists them.
+/// The files of earlier runs with the SHA-256 of their written content, in the format of `sha256sum`.
 struct WrittenFiles(BTreeMap<String, String>);
 
 impl WrittenFiles {
-    /// Reads the list in a folder; it is empty where there is none.
+    /// Reads the list in a folder; empty if it does not exist.
     fn read(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(LIST);
         let Some(bytes) = content(&path)? else {
@@ -227,7 +226,7 @@ impl WrittenFiles {
         Ok(Self(lines.filter_map(entry).collect()))
     }
 
-    /// Refuses to write a text over a file that is there, unless it is as it was written by an earlier run, or nothing is lost.
+    /// Refuses to overwrite an existing file, unless it is unchanged since an earlier run or its text is the same.
     fn refuse_others(&self, folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
         let path = folder.join(name);
         let Some(found) = content(&path)? else {
@@ -240,7 +239,7 @@ impl WrittenFiles {
         Err(not_mine(&path))
     }
 
-    /// Adds a file that was written.
+    /// Adds a written file.
     fn add(&mut self, name: &str, text: &str) {
         self.0
             .insert(name.to_owned(), hexadecimal(&Sha256::digest(text)));
@@ -255,7 +254,7 @@ impl WrittenFiles {
     }
 }
 
-/// Writes files into a folder that is there and into its list, unless one of them is somebody else's.
+/// Writes files into an existing folder and into its list, unless one of them would overwrite a foreign file.
 pub(super) fn write_listed(folder: &Path, files: &[(&str, &str)]) -> Result<(), Failure> {
     let mut list = WrittenFiles::read(folder)?;
     for (name, text) in files {
@@ -275,7 +274,7 @@ fn not_mine(path: &Path) -> Failure {
     )
 }
 
-/// The bytes of a file, if it is there.
+/// The bytes of a file; `None` if it does not exist.
 fn content(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
     if !path.exists() {
         return Ok(None);

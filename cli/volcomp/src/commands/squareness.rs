@@ -98,7 +98,7 @@ struct SquarenessPart {
 const SYMBOL: &str = "squareness";
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    /// No optical square is that wrong, µrad.
+    /// Maximum plausible error of an optical square, µrad.
     const LARGEST_ANGLE_URAD: f64 = 1e5;
     let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
     let angle = arguments.reference_angle_urad;
@@ -148,7 +148,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Ok(Answer::new(&document, text, judgement.notes)?.decided(judgement.decision))
 }
 
-/// A straightness line as the squareness needs it.
+/// The data of a straightness line that the squareness needs.
 struct Line {
     part: SquarenessPart,
     slope: Urad,
@@ -192,7 +192,7 @@ fn line(
     })
 }
 
-/// What is not in the uncertainty, and a squareness that no machine tool has.
+/// Notes on contributions missing in the uncertainty, and on an implausible squareness.
 fn notes_on(
     arguments: &Arguments,
     value: f64,
@@ -228,7 +228,7 @@ impl Arguments {
     }
 }
 
-/// The uncertainty where that of both slopes is known: of lines of least squares with three targets at least.
+/// The uncertainty, if that of both slopes is known: for least-squares lines with at least three targets.
 fn uncertainty(
     arguments: &Arguments,
     kind: ReferenceKind,

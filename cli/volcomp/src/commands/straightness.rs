@@ -121,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     })
 }
 
-/// A straightness file with its deviations in µm; other kinds of files are refused.
+/// Reads a straightness file with its deviations in µm; rejects other kinds of files.
 pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Failure> {
     let mut measurement = read_file(path)?;
     if unit::apply(path, &mut measurement, asked)? == DeviationUnit::Urad {
@@ -133,14 +133,14 @@ pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Fail
     Ok(measurement)
 }
 
-/// Straightness is of a motion along a linear axis: its targets are mm.
+/// Rejects a rotary axis: straightness is of a linear axis, with targets in mm.
 fn linear_axis(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     if let Some(axis) = stated.filter(|axis| axis.kind() == AxisKind::Rotary) {
         let what = format!("found rotary axis {axis}, expected the straightness of a linear axis");
         return Err(Failure::in_file(path, what));
     }
-    // One that is named counts; of any other linear axis the same is expected.
+    // A stated axis is checked; the same is expected of any linear axis.
     measurement.check_targets(stated.unwrap_or(AxisName::X))?;
     Ok(())
 }
@@ -198,9 +198,9 @@ fn one(
     Ok(document(path, arguments, tolerances, &found, method, notes))
 }
 
-/// That a straightness is none of a machine tool. The line along which the optics were set up is not in it, as it may be steep.
+/// A note if a straightness is implausible for a machine tool. The slope of the optics' alignment is excluded, as it may be steep.
 pub(crate) fn odd(found: &Straightness) -> Option<String> {
-    // Two targets leave nothing.
+    // Two targets leave no residual.
     let error_um = found.of(ReferenceKind::LeastSquares).error_um;
     (found.profile.len() > 2)
         .then(|| odd_size(error_um, Some(DeviationUnit::Um)))
@@ -208,7 +208,7 @@ pub(crate) fn odd(found: &Straightness) -> Option<String> {
         .map(|text| format!("about the line of least squares {text}"))
 }
 
-/// A straightness error by which slopes are slopes; any one does.
+/// A straightness error for which slopes keep their sign; any such error will do.
 fn rising() -> ErrorName {
     use volcomp_vocabulary::Component;
     ErrorName::motion(Component::EZ, AxisName::X)

@@ -1,4 +1,4 @@
-//! `volcomp studio`: the local web application over a folder of measurement files.
+//! `volcomp studio`: local web application for a folder of measurement files.
 
 use std::{
     net::SocketAddr,
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&(), String::new(), Vec::new())
 }
 
-/// Opens the browser; where that fails the address stands on standard output.
+/// Opens the browser; on failure the user opens the address on standard output.
 fn open(url: &str) {
     let program = if cfg!(target_os = "macos") {
         "open"

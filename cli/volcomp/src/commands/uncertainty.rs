@@ -1,4 +1,4 @@
-//! The option `--uncertainty`: machines that the measurements allow, from a calibration or from observations.
+//! The option `--uncertainty`: Monte Carlo samples from a calibration or from observations.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
 use super::{not_counted::Open, same_machine};
 use crate::{compensation::refuse_other_geometry, failure::Failure, progress};
 
-/// How far a curve of a drawn machine may be from its source, nm and nrad.
+/// Maximum deviation of a compiled curve of a sample from its source, nm and nrad.
 const TOLERANCE_NM: f64 = 10.0;
 
 /// Where an uncertainty comes from.
@@ -29,14 +29,14 @@ pub(crate) struct UncertaintyArguments {
     pub(crate) seed: u64,
 }
 
-/// The measurements that an uncertainty comes from, read.
+/// The parsed measurements from which an uncertainty is computed.
 pub(crate) enum Measured {
     Calibration(Box<CalibrationFile>),
     Observations(Box<Observations>),
 }
 
 impl UncertaintyArguments {
-    /// Reads the file that is named, which must have the structure of the machine.
+    /// Reads the file; it must have the structure of the machine.
     pub(crate) fn read(
         &self,
         machine: &Machine,
@@ -70,7 +70,7 @@ impl UncertaintyArguments {
         Ok(Some(measured))
     }
 
-    /// Machines that the measurements allow, with the tool of this machine, and what the measurements leave open.
+    /// The Monte Carlo samples, with the tool of this machine, and the errors that the measurements leave open.
     pub(crate) fn ensemble(
         &self,
         measured: &Measured,
@@ -78,7 +78,7 @@ impl UncertaintyArguments {
         notes: &mut Vec<String>,
     ) -> Result<(Ensemble, Open), Failure> {
         let shifted: usize = match measured {
-            // One for each run, and the machine that was found.
+            // One step for each sample, and one for the identified machine.
             Measured::Calibration(file) => {
                 file.scatters().map(|of| of.runs.len()).sum::<usize>() + 1
             }
@@ -110,7 +110,7 @@ impl UncertaintyArguments {
             }
             Measured::Observations(observations) => {
                 let mut observations = Observations::clone(observations);
-                // Nobody reads how well the rows left out are predicted.
+                // The cross-validation is not used here.
                 observations.folds = 0;
                 let found = identify(&observations, |_, _| {})?;
                 self.is_of(&found.machine, machine, notes);
@@ -122,12 +122,12 @@ impl UncertaintyArguments {
             }
         };
         bar.finish_and_clear();
-        // At least two trials, all of one structure: clap and `read` see to it.
+        // Cannot fail: clap ensures at least two trials, and `read` checks the structure.
         let differ = || Failure::Work("the drawn machines differ in structure".to_owned());
         Ok((ensemble.ok_or_else(differ)?, open))
     }
 
-    /// Notes where the machine that the measurements make is not the one in use.
+    /// Adds notes if the machine that the measurements give differs from the one in use.
     fn is_of(&self, found: &Machine, machine: &Machine, notes: &mut Vec<String>) {
         if let Some(file) = &self.uncertainty {
             notes.extend(same_machine::notes(file, found, machine));
@@ -166,7 +166,7 @@ impl UncertaintyArguments {
 }
 
 impl Measured {
-    /// A file that has nothing but observations is read as `volcomp identify` reads it.
+    /// A file with observations only is read like that of `volcomp identify`.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let document = Document::read(path)?;
         let is_calibration = document.decode(|root| {
@@ -190,14 +190,14 @@ impl Measured {
     }
 }
 
-/// The notes on errors that nothing measured, after a word on what they mean for an uncertainty.
+/// The notes on unmeasured errors, introduced by their meaning for an uncertainty.
 fn as_if_known(not_measured: Vec<String>) -> Vec<String> {
     let what = "errors that were not measured are in the uncertainty as if they were known";
     let heading = (!not_measured.is_empty()).then(|| what.to_owned());
     heading.into_iter().chain(not_measured).collect()
 }
 
-/// A note that names the errors which are the same in every drawn machine.
+/// A note on the errors that are the same in every sample.
 fn not_determined(found: &Identification) -> Option<String> {
     let names: Vec<&str> = found
         .parameters

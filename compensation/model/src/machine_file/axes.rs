@@ -1,4 +1,4 @@
-//! The structure, the axes, and which of them correct.
+//! The structure, the axes, and the key `correct`.
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_kinematics::{MotionFrame, Structure};
@@ -14,7 +14,7 @@ pub(super) fn decode_structure(root: &Section<'_>) -> Result<Structure, InputErr
             .map_err(|e: volcomp_kinematics::StructureError| value.error(e.to_string())),
         (None, Some(section)) => {
             section.allow(&["translational", "rotary", "rotary_axes"])?;
-            // Numbers above 3 are refused by the structure.
+            // `Structure` rejects numbers above 3.
             let number = |key: &str| section.whole_or(key, 0..=u8::MAX, 0);
             section.require("translational")?;
             let rotary_axes = section
@@ -108,7 +108,7 @@ fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError
     })
 }
 
-/// A direction of any length but zero.
+/// A direction of any non-zero length.
 pub(super) fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError> {
     let direction = value.vector()?;
     if direction == [0.0; 3] {
@@ -117,7 +117,7 @@ pub(super) fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError
     Ok(direction)
 }
 
-/// The key `correct`: each name is refused at its own place.
+/// The key `correct`; errors point at the single names.
 pub(super) fn decode_correct(root: &Section<'_>, machine: &mut Machine) -> Result<(), InputError> {
     let Some(value) = root.get("correct") else {
         return Ok(());

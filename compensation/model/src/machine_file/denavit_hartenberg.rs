@@ -1,4 +1,4 @@
-//! The table `[dh]` of a machine file: the axes placed by a Denavit–Hartenberg table.
+//! The table `[dh]` of a machine file: axis positions by a Denavit–Hartenberg table.
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_kinematics::{
@@ -9,14 +9,14 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::axis::Axis;
 
-/// A component of a unit direction below this is what sines and cosines of right angles leave.
+/// Direction components below this are rounding errors of sines and cosines of right angles.
 const DIRECTION_ROUNDING: f64 = 1e-14;
-/// The same of a coordinate, mm.
+/// Coordinates below this are rounding errors, mm.
 const POINT_ROUNDING_MM: f64 = 1e-10;
-/// A stated point this far from the line of its axis, mm, is on it.
+/// Maximum distance of a stated point from the line of its axis, mm.
 const ON_THE_LINE_MM: f64 = 1e-6;
 
-/// Gives the axes the directions and points of `[dh]`, where the file has it.
+/// Sets the directions and points of the axes from `[dh]`, if the file has it.
 pub(super) fn place_by_table(
     root: &Section<'_>,
     structure: &Structure,
@@ -53,7 +53,7 @@ pub(super) fn place_by_table(
             )));
         }
         axis.direction = Some(rounded(&joint.direction, DIRECTION_ROUNDING));
-        // The line of a slide runs anywhere; its `point` says where its errors are stated.
+        // A linear axis has no fixed line; its `point` is where its errors are stated.
         if axis.name.kind() == AxisKind::Linear {
             continue;
         }
@@ -62,7 +62,7 @@ pub(super) fn place_by_table(
                 let off_mm = (Vector3::from(point) - joint.point_mm)
                     .cross(&joint.direction)
                     .norm();
-                // A distance that is no number is refused, too.
+                // NaN is rejected, too.
                 if off_mm > ON_THE_LINE_MM || off_mm.is_nan() {
                     return Err(value.error(format!(
                         "found a point {off_mm:.6} mm off the line that [dh] gives axis {}, expected one on it",
@@ -93,7 +93,7 @@ fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
         vector("x", [1.0, 0.0, 0.0])?,
         vector("z", [0.0, 0.0, 1.0])?,
     );
-    // Scaled first, so that no square under- or overflows.
+    // Scaled first, so that squares neither underflow nor overflow.
     let unit = |v: Vector3<f64>| (v.amax() > 0.0).then(|| (v / v.amax()).normalize());
     let frame = unit(z).zip(unit(x)).and_then(|(z, x)| {
         let y = z.cross(&x).try_normalize(1e-6)?;

@@ -48,7 +48,7 @@ pub(super) fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result
             machine.set_error(name, curve)
         };
         set.map_err(|e| match e {
-            // The key of the value names the error already.
+            // The key of the value already names the error.
             ModelError::Refused { reason, .. } => value.error(reason.to_string()),
             other => value.error(other.to_string()),
         })?;

@@ -1,4 +1,4 @@
-//! The machine file: decoded with precise errors, written back with its checksum.
+//! Reads machine files with precise error messages, and writes them with a checksum.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -49,23 +49,23 @@ impl Machine {
     /// Reads a machine file; [`parse`](Self::parse) takes its text.
     ///
     /// # Errors
-    /// A file that cannot be read, is not UTF-8 or no valid machine: with file, line and key.
+    /// A file that cannot be read, is not UTF-8 or not a valid machine: with file, line and key.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         Self::decode(&Document::read(path.as_ref())?)
     }
 
-    /// Decodes the text of a machine file; `file` names it in messages.
+    /// Decodes the text of a machine file; `file` is its name in messages.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// Invalid input, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, ModelError> {
         Self::decode(&Document::new(file, text))
     }
 
-    /// Decodes a document that is a machine file.
+    /// Decodes a parsed document as a machine file.
     ///
     /// # Errors
-    /// What is wrong, with file, line and key.
+    /// Invalid input, with file, line and key.
     pub fn decode(document: &Document) -> Result<Self, ModelError> {
         document.decode(|root| decode_machine(&root))
     }
@@ -77,8 +77,7 @@ impl Machine {
         format!("{head}\nchecksum = \"{}\"\n{rest}", checksum_of(&text))
     }
 
-    /// `sha256:` and 64 hexadecimal digits over everything that the machine file states: comments,
-    /// blanks and the order of keys do not count.
+    /// `sha256:` and 64 hexadecimal digits over all content of the machine file; comments, blanks and the order of keys do not matter.
     pub fn checksum(&self) -> String {
         checksum_of(&canonical(self))
     }
@@ -139,11 +138,11 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
     Ok(machine)
 }
 
-/// In TOML a key below the head of a table is part of that table, also where an empty line stands between.
+/// In TOML a key below the header of a table belongs to that table, even after an empty line.
 fn refuse_keys_below_a_table(root: &Section<'_>) -> Result<(), InputError> {
     const ABOVE_TABLES: [&str; 3] = ["structure", "correct", "checksum"];
     for (table, value) in root.values() {
-        // The keys of `tools` are names that people choose.
+        // The keys of `tools` are user-defined names.
         let Some(section) = value.section().ok().filter(|_| table != "tools") else {
             continue;
         };

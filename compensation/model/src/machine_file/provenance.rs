@@ -1,4 +1,4 @@
-//! The table `[provenance]` of a machine file, read and written.
+//! Reads and writes the table `[provenance]` of a machine file.
 
 use core::fmt::Write;
 
@@ -11,7 +11,7 @@ use crate::{
     provenance::{Origin, Provenance, Source},
 };
 
-/// More runs or targets than any file has.
+/// Maximum number of runs or targets.
 const MOST: usize = 100_000_000;
 
 pub(super) fn decode_provenance(
@@ -83,7 +83,7 @@ fn decode_source(section: &Section<'_>) -> Result<Source, InputError> {
     })
 }
 
-/// The table as text; nothing where nothing is known, so that the text and the checksum of such files stay what they were.
+/// The table as text; empty if nothing is known, so that the text and the checksum of such files do not change.
 pub(super) fn write_provenance(provenance: &Provenance) -> String {
     if provenance.is_empty() {
         return String::new();

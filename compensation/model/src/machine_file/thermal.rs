@@ -27,7 +27,7 @@ pub(super) fn decode_thermal(
     let mut all = Vec::new();
     section.tables("seen", |seen| {
         all.push(decode_seen(seen, structure)?);
-        // Held against the terms and against those before it.
+        // Checked against the terms and against the ranges before it.
         thermal.seen.clone_from(&all);
         let last = all.last().map_or(Ok(()), |last| last.check(&thermal));
         last.map_err(|refusal| seen.error(refusal.to_string()))
@@ -48,7 +48,7 @@ fn decode_seen(seen: &Section<'_>, structure: &Structure) -> Result<Seen, InputE
 /// The range of any finite number.
 const NUMBERS: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 
-/// The error motion that a thermal term is added to.
+/// The error motion to which a thermal term is added.
 fn decode_motion(term: &Section<'_>, structure: &Structure) -> Result<ErrorName, InputError> {
     let value = term.require("error")?;
     let found = value.text()?;

@@ -22,7 +22,7 @@ pub(super) fn decode_tool(section: &Section<'_>) -> Result<Tool, InputError> {
     })
 }
 
-/// `length` and `offset` mean something only from a gauge point.
+/// `length` and `offset` require a gauge point.
 pub(super) fn check_gauge_keys(
     root: &Section<'_>,
     tool: &Tool,

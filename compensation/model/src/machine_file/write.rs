@@ -1,4 +1,4 @@
-//! A machine written as a machine file, in a fixed order and spelling.
+//! Writes a machine file in a fixed order and spelling.
 
 use core::fmt::Write;
 
@@ -8,7 +8,7 @@ use volcomp_kinematics::MotionFrame;
 use super::provenance::write_provenance;
 use crate::{curve_file::write_error_curve, machine::Machine, thermal::Thermal, tool::Tool};
 
-/// The machine file without its checksum: fixed order, fixed spelling.
+/// The machine file without its checksum, in a fixed order and spelling.
 pub(super) fn canonical(machine: &Machine) -> String {
     let mut text = format!("name = {}\n", toml_string(&machine.name));
     let mut line = |content: String| {
@@ -93,7 +93,7 @@ fn write_tool(tool: &Tool) -> String {
 
 fn write_thermal(thermal: &Thermal) -> String {
     let mut text = format!("\n[thermal]\nreference = {:?}\n", thermal.reference_degc);
-    // The text of files without it stays what it was, and so does their checksum.
+    // Written only if present, so that other files keep their text and checksum.
     if !thermal.seen.is_empty() || thermal.margin_k != Thermal::default().margin_k {
         let _ = writeln!(text, "margin_k = {:?}", thermal.margin_k); // writing to a String cannot fail
     }

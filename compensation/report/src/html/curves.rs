@@ -1,4 +1,4 @@
-//! Each error: readings, curve and band, the residuals below, and numbers.
+//! The section of each error: readings, curve and band, the residuals below, and figures.
 
 use volcomp_fit::BandSource;
 use volcomp_vocabulary::Direction;
@@ -128,7 +128,7 @@ pub(super) fn direction_word(direction: Option<Direction>) -> &'static str {
     }
 }
 
-/// The look of a direction and its sign: readings, means and curves of it look alike everywhere.
+/// The look and marker of a direction, the same for its readings, means and curves.
 pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     match direction {
         Some(Direction::Positive) => (Look::Forward, Mark::Up),
@@ -137,7 +137,7 @@ pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
     }
 }
 
-/// The runs of a line, thin.
+/// The runs of a line, drawn thin.
 pub(super) fn run_series(runs: &[crate::report::Run], line: bool) -> Vec<Series> {
     let series = runs.iter().map(|run| Series {
         name: format!(
@@ -161,7 +161,7 @@ fn main_plot(curve: &Curve) -> XyPlot {
     for line in &curve.lines {
         series.extend(run_series(&line.runs, false));
     }
-    // Where there is one run only its reading is the mean.
+    // With a single run, the reading is the mean.
     let has_runs = curve.lines.iter().any(|line| line.runs.len() > 2);
     for line in &curve.lines {
         for direction in Direction::BOTH {
@@ -210,7 +210,7 @@ fn main_plot(curve: &Curve) -> XyPlot {
     XyPlot {
         words: format!("{}: {}", curve.error, described(&curve.error)),
         x_label: coordinate(curve),
-        // The plot of the residuals below says it.
+        // The coordinate is labelled on the residual plot below.
         x_named: curve
             .branches
             .iter()
@@ -227,12 +227,12 @@ fn main_plot(curve: &Curve) -> XyPlot {
     }
 }
 
-/// The name of the coordinate with its unit.
+/// The label of the coordinate with its unit.
 fn coordinate(curve: &Curve) -> String {
     format!("{}, {}", curve.axis, curve.x_unit)
 }
 
-/// One entry for each direction: its readings and, where it has one of its own, its curve.
+/// One legend entry per direction: its readings and, if the direction has its own, its curve.
 fn legend(curve: &Curve) -> Vec<(Look, Mark, String)> {
     let mut entries = Vec::new();
     for direction in Direction::BOTH {

@@ -1,4 +1,4 @@
-//! Head, verdict, warnings, and the list of files at the end.
+//! Header, verdict, warnings, and the list of files at the end.
 
 use volcomp_metrology::Verdict;
 
@@ -60,7 +60,7 @@ pub(super) fn head(page: &mut Page, report: &Report) {
     page.put("</dl>");
 }
 
-/// A coordinate without zeros at its end.
+/// A coordinate without trailing zeros.
 fn plain(value: f64) -> String {
     let text = short(value, 3);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -94,7 +94,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
     }
     let columns = [
         "figure",
-        // Where a small screen shows it, too.
+        // Visible on a small screen, too.
         "Verdict",
         "of",
         ">value",

@@ -1,4 +1,4 @@
-//! The report as one HTML file that needs nothing else: styles, script and pictures are in it.
+//! The report as one self-contained HTML file with styles, script and pictures.
 
 mod curves;
 mod first_page;
@@ -19,7 +19,7 @@ use crate::{
 const PAGE_STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// The report as an HTML file. The same report gives the same bytes.
+/// Renders the report as an HTML file. The same report gives the same bytes.
 pub fn html(report: &Report) -> String {
     let style = format!("{PAGE_STYLE}{STYLE}");
     let title = match &report.head.machine {
@@ -87,7 +87,7 @@ pub fn html(report: &Report) -> String {
 
 type Section = fn(&mut Page, &Report);
 
-/// How a content security policy names a script or a style that may run.
+/// The hash source of a script or a style in a content security policy.
 fn hash(text: &str) -> String {
     format!(
         "sha256-{}",

@@ -1,4 +1,4 @@
-//! Positioning tests by ISO 230-2: the usual plot, the figures, the table of the targets.
+//! Positioning tests to ISO 230-2: the usual plot, the figures, the table of the targets.
 
 use volcomp_metrology::{Approach, Iso230Part2, TargetRow};
 use volcomp_vocabulary::Direction;
@@ -13,7 +13,7 @@ use crate::{
     report::{Positioning, Report},
 };
 
-/// So many targets are written in a table.
+/// Maximum number of targets in a table.
 const MOST_ROWS: usize = 48;
 
 pub(super) fn positioning(page: &mut Page, report: &Report) {
@@ -137,7 +137,7 @@ fn targets(page: &mut Page, test: &Positioning) {
     page.table(&columns, rows);
 }
 
-/// All targets of a usual test; of many some evenly spaced ones and those at which the figures arise.
+/// All targets if they fit; otherwise evenly spaced ones and those that determine the figures.
 fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
     if all.len() <= MOST_ROWS {
         return all.iter().collect();
@@ -238,7 +238,7 @@ fn plot(test: &Positioning) -> XyPlot {
     }
 }
 
-/// A, E and M beside the plot, R and B at the targets where they arise.
+/// Brackets for A, E and M next to the plot, and for R and B at the targets that determine them.
 fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     let rows = &result.targets;
     let approaches = || {
@@ -274,7 +274,7 @@ fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     });
     let b = most(|row| row.reversal.map(f64::abs)).and_then(|row| {
         Some(Bracket {
-            // B is the size of the largest, as in the figures.
+            // B is the absolute value of the largest reversal, as in the figures.
             label: format!("B {}", short(row.reversal?.abs(), 1)),
             span: [row.forward?.mean, row.backward?.mean],
             at: Some(row.target),

@@ -11,7 +11,7 @@ use crate::{
     report::{Diagonal, Report, Slice, Standing, State, Volume},
 };
 
-/// The largest squareness is drawn as this angle.
+/// Drawn angle of the largest squareness error, rad.
 const DRAWN_RAD: f64 = 0.2;
 
 pub(super) fn squareness(page: &mut Page, report: &Report) {
@@ -88,7 +88,7 @@ pub(super) fn squareness(page: &mut Page, report: &Report) {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, not above the value.
+/// Rounds down to 1, 2 or 5 times a power of ten.
 fn round(value: f64) -> f64 {
     let power = 10.0_f64.powf(value.log10().floor());
     [5.0, 2.0, 1.0]
@@ -115,7 +115,7 @@ fn state_words(state: State, has_before: bool) -> &'static str {
     }
 }
 
-/// What before and after mean.
+/// Explains the states before and after.
 fn states(page: &mut Page, before: State, after: Option<State>) {
     let line = |name: &str, words: &str| format!("<b>{}</b>: {}", escaped(name), escaped(words));
     let mut all = Vec::new();
@@ -253,7 +253,7 @@ pub(super) fn volume(page: &mut Page, report: &Report) {
     vectors(page, volume);
 }
 
-/// The axes that stand still, and what is not seen for it.
+/// The axes that are not moved, and what the maps therefore do not show.
 fn standing(page: &mut Page, volume: &Volume) {
     if volume.standing.is_empty() {
         return;
@@ -272,7 +272,7 @@ fn standing(page: &mut Page, volume: &Volume) {
     );
 }
 
-/// Every slice before, then every one after, in one scale of colours.
+/// All slices before, then all after, with a common colour scale.
 fn maps(page: &mut Page, volume: &Volume) {
     let all = volume.slices.iter().flat_map(|slice| {
         slice
@@ -320,7 +320,7 @@ fn maps(page: &mut Page, volume: &Volume) {
     page.put(&format!("<div class=\"colours\">{}</div>", colours(most)));
 }
 
-/// The scale of the colours.
+/// The colour scale.
 fn colours(most: f64) -> String {
     let (left, width) = (4.0, 400.0);
     let mut svg = Svg::new("plot", (420.0, 54.0), "length of the error, µm", "");

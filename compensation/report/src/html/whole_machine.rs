@@ -1,4 +1,4 @@
-//! Uncertainty, what was not measured, and what observations of the whole machine determine.
+//! Uncertainty, unmeasured errors, and what observations of the whole machine determine.
 
 use super::write::{Cell, Page};
 use crate::{
@@ -6,9 +6,9 @@ use crate::{
     report::{Report, Weighted, place},
 };
 
-/// So many combinations of the null space are written out.
+/// Maximum number of listed combinations of the null space.
 const MOST_COMBINATIONS: usize = 40;
-/// Parts of a combination that are smaller than this share of its largest are left out.
+/// Smallest listed weight of a combination, relative to its largest.
 const LEAST_WEIGHT: f64 = 0.02;
 
 fn list(page: &mut Page, texts: &[String]) {
@@ -213,7 +213,7 @@ fn combined(parts: &[Weighted]) -> String {
     text
 }
 
-/// 0.0013 as 1.3 · 10⁻³ would be read as it is: three digits.
+/// Formats a value of magnitude 0.001 to 1000 with three decimals, others in scientific notation.
 fn power(value: f64) -> String {
     if value == 0.0 || (1e-3..1e3).contains(&value.abs()) {
         short(value, 3)

@@ -1,25 +1,25 @@
-//! Small pieces of HTML: every text of a file goes through [`escaped`].
+//! HTML building blocks; all text from files goes through [`escaped`].
 
 use std::fmt::Write as _;
 
 use crate::plot::{escaped, short};
 
-/// A page while it is written.
+/// A page under construction.
 pub(crate) struct Page {
     pub(crate) text: String,
 }
 
 /// A cell of a table.
 pub(crate) enum Cell {
-    /// A text, left.
+    /// Text, left-aligned.
     Text(String),
-    /// A number, right; a dash where there is none.
+    /// A number, right-aligned, with its decimals; a dash for `None`.
     Number(Option<f64>, usize),
-    /// A text that may be broken anywhere: the name of a file.
+    /// Text that may be broken anywhere: a file name.
     Path(String),
-    /// A text that stays on one line.
+    /// Text that stays on one line.
     Fixed(String),
-    /// Markup of this crate.
+    /// Markup produced by this crate.
     Markup(String),
 }
 
@@ -54,7 +54,7 @@ impl Page {
         let _ = write!(self.text, "<h{level}>{}{small}</h{level}>", escaped(text));
     }
 
-    /// A table that scrolls inside its frame where it is too wide. Columns whose name begins with `>` hold numbers.
+    /// A table that scrolls inside its frame if it is too wide. Columns whose name begins with `>` hold numbers.
     pub(crate) fn table(&mut self, columns: &[&str], rows: impl IntoIterator<Item = Vec<Cell>>) {
         self.text += "<div class=\"wide\"><table><thead><tr>";
         for column in columns {
@@ -91,7 +91,7 @@ impl Page {
         self.text += "</tbody></table></div>";
     }
 
-    /// A picture in a frame that scrolls on narrow screens, with what it shows below.
+    /// A picture in a frame that scrolls on narrow screens, with a caption.
     pub(crate) fn figure(&mut self, svg: &str, caption: &str) {
         self.text += "<figure>";
         if !caption.is_empty() {

@@ -1,10 +1,9 @@
-//! A colour scale that people see alike whatever colours they tell apart: from dark blue to yellow, ever lighter, so that it
-//! also holds on a grey print. Its supports are those of the published map `cividis` (Nuñez, Anderton, Renslow 2018),
-//! rounded.
+//! A colour scale that works with colour-vision deficiency: from dark blue to yellow with increasing lightness, so that it can be printed
+//! in grey. Its supports are those of the published map `cividis` (Nuñez, Anderton, Renslow 2018), rounded.
 
 use super::svg::finite;
 
-/// The colours at equal distances, red, green, blue.
+/// Equidistant support colours: red, green, blue.
 const SUPPORTS: [[f64; 3]; 9] = [
     [0.0, 34.0, 78.0],
     [18.0, 53.0, 112.0],
@@ -17,7 +16,7 @@ const SUPPORTS: [[f64; 3]; 9] = [
     [254.0, 232.0, 56.0],
 ];
 
-/// The colour of a share from 0 to 1 as `#rrggbb`; what is no number is grey.
+/// The colour of a share from 0 to 1 as `#rrggbb`; NaN is grey.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -28,7 +27,7 @@ pub fn colour_at(share: f64) -> String {
         return "#808080".to_owned();
     }
     let at = share.clamp(0.0, 1.0) * (SUPPORTS.len() - 1) as f64;
-    // From 0 to 7: the last support is the end of the last part.
+    // From 0 to 7: the last support is the end of the last interval.
     let part = (at.floor() as usize).min(SUPPORTS.len() - 2);
     let within = at - part as f64;
     let channel = |index: usize| {
@@ -38,7 +37,7 @@ pub fn colour_at(share: f64) -> String {
     format!("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2))
 }
 
-/// Strips of a legend for the scale: the share at the lower end of each and its colour.
+/// Strips of a legend for the scale: the share at the lower end of each, and its colour.
 pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
     let count = strips.max(1) as f64;
     (0..strips).map(move |strip| {

@@ -1,4 +1,4 @@
-//! A field on a plane as a map of colours.
+//! Heat map of a field on a plane.
 
 use super::{
     colour::colour_at,
@@ -13,27 +13,27 @@ const TOP: f64 = 34.0;
 /// A field over two coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatMap {
-    /// What it shows, for a screen reader.
+    /// Text alternative for a screen reader.
     pub words: String,
-    /// The line above it.
+    /// The title above the map.
     pub title: String,
-    /// The name of the first coordinate with its unit.
+    /// Label of the first coordinate, with its unit.
     pub x_label: String,
-    /// The name of the second.
+    /// Label of the second coordinate, with its unit.
     pub y_label: String,
     /// The nodes of the first coordinate, ascending.
     pub x: Vec<f64>,
-    /// Those of the second.
+    /// The nodes of the second coordinate, ascending.
     pub y: Vec<f64>,
-    /// The values, the first coordinate fastest.
+    /// The values, the first coordinate varying fastest.
     pub values: Vec<f64>,
-    /// The value of the last colour; the first is 0.
+    /// The value of the last colour of the scale; the first is 0.
     pub most: f64,
     /// The unit of the values.
     pub unit: String,
 }
 
-/// The picture of a map: a cell around each node, in the shape of the plane where that is not too long.
+/// Draws a heat map: one cell per node, in the proportions of the plane unless it is too elongated.
 pub fn heat_map(map: &HeatMap) -> String {
     let right = WIDTH - 18.0;
     let range = |nodes: &[f64]| match (nodes.first(), nodes.last()) {
@@ -69,7 +69,7 @@ pub fn heat_map(map: &HeatMap) -> String {
             };
             let [left, right] = [x.at(from), x.at(to)].map(finite);
             let [upper, lower] = [y.at(high), y.at(low)].map(finite);
-            // A little over the next cell, so that no line of the paper shows between them.
+            // Cells overlap slightly so that the background does not show between them.
             let over = |is_last: bool| if is_last { 0.0 } else { 0.6 };
             let width = finite(right - left + over(column + 1 == map.x.len()));
             let height = finite(lower - upper + over(row == 0));
@@ -110,7 +110,7 @@ pub fn heat_map(map: &HeatMap) -> String {
     svg.finish()
 }
 
-/// The edges of cells around nodes: halfway between them, the outer ones as far out as in.
+/// The edges of cells around nodes: midpoints, and the outermost at the same distance as the inner ones.
 fn edges(nodes: &[f64]) -> Vec<f64> {
     match nodes {
         [] => Vec::new(),

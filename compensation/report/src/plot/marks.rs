@@ -1,23 +1,23 @@
-//! Signs at points, which tell directions apart without colour.
+//! Point markers, which distinguish directions without colour.
 
 use super::svg::finite;
 
-/// The sign at each point of a series.
+/// The marker at each point of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// No sign.
+    /// No marker.
     None,
     /// A filled dot.
     Dot,
     /// A triangle that points up: forward.
     Up,
-    /// A triangle that points down: backward.
+    /// An upward triangle: forward.
     Down,
-    /// A cross.
+    /// A downward triangle: backward.
     Cross,
 }
 
-/// Adds the outline of a sign at a place to the data of a path.
+/// Appends the outline of a marker at a position to SVG path data.
 pub(crate) fn outline(path: &mut String, mark: Mark, [x, y]: [f64; 2], size: f64) {
     use std::fmt::Write as _;
     if !(x.is_finite() && y.is_finite()) {

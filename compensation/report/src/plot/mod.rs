@@ -1,7 +1,7 @@
-//! Plots as SVG: functions of plain data to text, without a command line, a file or a clock. Each takes what it draws and the
-//! words in it, and gives one `<svg>` element whose colours come from [`STYLE`], so that a page may be light or dark.
+//! Plots as SVG: pure functions from data to text. Each takes its data and labels and returns one `<svg>` element, whose colours come from
+//! [`STYLE`], so that a page may be light or dark.
 //!
-//! What is not a finite number is not drawn. Texts are escaped.
+//! Values that are not finite are not drawn. Texts are escaped.
 
 mod colour;
 mod heat_map;
@@ -23,6 +23,6 @@ pub use svg::{Svg, escaped, finite};
 pub use thin::{MOST_POINTS, thinned};
 pub use xy::{Band, Bracket, Look, Series, WIDTH, XyPlot, xy};
 
-/// The rules for the classes that the plots use. The colours are variables: `--ink`, `--faint`, `--grid`, `--forward`,
-/// `--backward`, `--band`, `--paper`, `--mark`.
+/// CSS rules for the classes of the plots. The colours are variables: `--ink`, `--faint`, `--grid`, `--forward`, `--backward`, `--band`,
+/// `--paper`, `--mark`.
 pub const STYLE: &str = include_str!("style.css");

@@ -1,5 +1,4 @@
-//! Error vectors in space: drawn once from one side, so that a print has them, and with their coordinates beside, so that a
-//! script can turn them.
+//! Error vectors in space: drawn from one side for printing, and accompanied by their coordinates so that a script can rotate them.
 
 use super::{
     scale::short,
@@ -7,37 +6,37 @@ use super::{
 };
 
 const SIZE: [f64; 2] = [680.0, 460.0];
-/// The longest arrow is this part of the largest travel.
+/// Length of the longest arrow, relative to the largest travel.
 const LONGEST: f64 = 0.22;
 
 /// One error vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrow {
-    /// Where it is, mm.
+    /// Position, mm.
     pub at_mm: [f64; 3],
-    /// The error there, µm.
+    /// Error at the position, µm.
     pub error_um: [f64; 3],
-    /// Whether it belongs to the second state, after a compensation.
+    /// True for the state after compensation.
     pub after: bool,
 }
 
 /// Error vectors over a working space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quiver {
-    /// What it shows, for a screen reader.
+    /// Text alternative for a screen reader.
     pub words: String,
     /// The ends of the travels, mm.
     pub travels_mm: [[f64; 2]; 3],
     /// The vectors.
     pub arrows: Vec<Arrow>,
-    /// The word for the arrow that tells the scale.
+    /// Label of the scale arrow.
     pub scale_word: String,
 }
 
-/// Turn about the vertical and tilt of the view in which it is drawn, rad.
+/// Rotation about the vertical and tilt of the static view, rad.
 const VIEW: [f64; 2] = [-0.62, 0.42];
 
-/// The picture of a quiver.
+/// Draws a quiver plot.
 pub fn quiver(quiver: &Quiver) -> String {
     let [width, height] = SIZE;
     let range = |[low, high]: [f64; 2]| {
@@ -52,7 +51,7 @@ pub fn quiver(quiver: &Quiver) -> String {
         let middle = f64::midpoint(low, high);
         if middle.is_finite() { middle } else { 0.0 }
     });
-    // To a box whose largest side is 1.
+    // To a box whose longest side is 1.
     let to_box = |at: [f64; 3]| [0, 1, 2].map(|axis| (at[axis] - middle[axis]) / largest);
     let length = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let finite_arrows: Vec<&Arrow> = quiver
@@ -103,7 +102,7 @@ pub fn quiver(quiver: &Quiver) -> String {
         let to = [0, 1, 2].map(|axis| from[axis] + arrow.error_um[axis] * per_um);
         let class = if arrow.after { "vector f" } else { "vector b" };
         put(&mut svg, class, [from, to]);
-        // A dot where it begins.
+        // A dot at the start of the arrow.
         put(
             &mut svg,
             if arrow.after { "root f" } else { "root b" },
@@ -136,9 +135,9 @@ pub fn quiver(quiver: &Quiver) -> String {
     svg.finish()
 }
 
-/// Pixels of the side 1 of the box, so that its corners fill the picture from the side from which it is drawn.
+/// Pixels per unit of the box, such that its corners fill the static view.
 fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
-    /// The part of the picture that the box may fill: arrows reach beyond it.
+    /// Share of the picture that the box fills; arrows extend beyond it.
     const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);
@@ -151,7 +150,7 @@ fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
     finite(across.min(up).min(1e4))
 }
 
-/// A place in the box on the picture; the script turns by the same formula.
+/// Projects a point of the box onto the picture; the script uses the same formula.
 fn projected([x, y, z]: [f64; 3], [turn, tilt]: [f64; 2], scale_px: f64) -> [f64; 2] {
     let (sin, cos) = turn.sin_cos();
     let (across, away) = (x * cos - y * sin, x * sin + y * cos);
@@ -176,7 +175,7 @@ fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
     edges
 }
 
-/// The largest of 1, 2, 5 times a power of ten that is not above `value`.
+/// Rounds `value` down to 1, 2 or 5 times a power of ten.
 fn round_below(value: f64) -> f64 {
     let power = 10.0_f64.powf(value.log10().floor());
     [5.0, 2.0, 1.0]

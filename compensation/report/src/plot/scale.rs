@@ -1,19 +1,18 @@
-//! From values to places on a picture, and the round values that are written beside it.
+//! Linear scales of plots, and round values for their labels.
 
-/// A linear scale: values onto places.
+/// A linear scale from values to picture positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// The values at both ends.
     pub values: [f64; 2],
-    /// The places of both ends.
+    /// The positions of both ends.
     pub places: [f64; 2],
 }
 
 impl Scale {
-    /// A scale that shows all finite `values`, a little beyond them where `margin` (a part of their range) is above 0. Without
-    /// a range it is made wide enough to show something.
+    /// A scale over all finite `values`, extended by `margin` (relative to their range). An empty range is widened.
     pub fn over(values: impl IntoIterator<Item = f64>, places: [f64; 2], margin: f64) -> Self {
-        /// Far beyond anything that is measured, and safe to subtract.
+        /// Maximum absolute value that is drawn: far beyond measured values, and safe to subtract.
         const MOST: f64 = 1e12;
         let finite = values.into_iter().filter(|x| x.abs() <= MOST);
         let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
@@ -34,14 +33,14 @@ impl Scale {
         }
     }
 
-    /// The place of a value.
+    /// The position of a value.
     pub fn at(&self, value: f64) -> f64 {
         let ([low, high], [from, to]) = (self.values, self.places);
         from + (value - low) / (high - low) * (to - from)
     }
 }
 
-/// About `count` round values between two others, and the decimals that they need.
+/// About `count` round values in a range, and the decimals that they need.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -69,7 +68,7 @@ pub fn ticks([low, high]: [f64; 2], count: usize) -> (Vec<f64>, usize) {
     (values.map(|value| value + 0.0).collect(), decimals.min(9))
 }
 
-/// A number for a label: with so many decimals, a true minus sign, no −0.
+/// Formats a number for a label with `decimals` decimals, a true minus sign, and no −0.
 pub fn short(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();

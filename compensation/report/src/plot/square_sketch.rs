@@ -1,24 +1,24 @@
-//! The angle between two axes, drawn larger than it is.
+//! Sketch of the angle between two axes, exaggerated.
 
 use super::{
     scale::short,
     svg::{Anchor, Svg},
 };
 
-/// Two axes of a machine and what their angle differs from 90° by.
+/// Two axes of a machine and the deviation of their angle from 90°.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SquareSketch {
-    /// What it shows, for a screen reader.
+    /// Text alternative for a screen reader.
     pub words: String,
-    /// The axis that points right.
+    /// The axis drawn to the right.
     pub first: String,
-    /// The axis that points up.
+    /// The axis drawn upwards.
     pub second: String,
-    /// The angle from the first to the second, less 90°, µrad.
+    /// The angle from the first to the second, minus 90°, µrad.
     pub angle_urad: f64,
-    /// How many times larger it is drawn.
+    /// Factor by which the deviation is exaggerated.
     pub exaggeration: f64,
-    /// The line below, with the number.
+    /// The label below, with the number.
     pub label: String,
 }
 
@@ -26,19 +26,19 @@ const WIDTH: f64 = 210.0;
 const FOOT: [f64; 2] = [52.0, 168.0];
 const LONG: f64 = 128.0;
 
-/// The picture of a squareness.
+/// Draws the sketch of a squareness.
 pub fn square_sketch(sketch: &SquareSketch) -> String {
     let mut svg = Svg::new("plot square", (WIDTH, 226.0), &sketch.words, "");
     let drawn = (sketch.angle_urad * 1e-6 * sketch.exaggeration).clamp(-0.6, 0.6);
     let drawn = if drawn.is_finite() { drawn } else { 0.0 };
     let [x, y] = FOOT;
-    // An angle above 90° leans the second axis away from the first.
+    // An angle above 90° tilts the second axis away from the first.
     let (sin, cos) = drawn.sin_cos();
     let tip = [x - LONG * sin, y - LONG * cos];
     svg.line("ideal", FOOT, [x, y - LONG]);
     svg.line("axis", FOOT, [x + LONG, y]);
     svg.line("axis tilted", FOOT, tip);
-    // The arc between where the second axis should be and where it is.
+    // The arc between the ideal and the actual second axis.
     let arc = (0..=12).map(|step| {
         let angle = drawn * f64::from(step) / 12.0;
         [x - 0.72 * LONG * angle.sin(), y - 0.72 * LONG * angle.cos()]

@@ -1,13 +1,13 @@
-//! The text of one SVG element, written so that only finite numbers and escaped texts get into it.
+//! Writer of one SVG element that accepts only finite numbers and escaped text.
 
 use std::fmt::Write as _;
 
-/// One `<svg>` element while it is drawn.
+/// One `<svg>` element under construction.
 pub struct Svg {
     text: String,
 }
 
-/// Where a text stands against its point.
+/// Alignment of a text relative to its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -16,8 +16,8 @@ pub(crate) enum Anchor {
 }
 
 impl Svg {
-    /// An empty picture of a size in its own units, with the words that a screen reader says for it. `class` and `more` are
-    /// attributes of this crate, never texts of a file.
+    /// An empty picture with a size in its own units and a text alternative for screen readers. `class` and `more` are attributes set by
+    /// this crate, never text from a file.
     pub fn new(class: &str, (width, height): (f64, f64), words: &str, more: &str) -> Self {
         let (width, height) = (finite(width), finite(height));
         Self {
@@ -28,7 +28,7 @@ impl Svg {
         }
     }
 
-    /// Adds markup that is made of finite numbers and escaped texts.
+    /// Adds markup made of finite numbers and escaped text only.
     pub fn raw(&mut self, markup: &str) {
         self.text += markup;
     }
@@ -72,7 +72,7 @@ impl Svg {
         }
     }
 
-    /// The whole element.
+    /// Closes the element and returns its text.
     pub fn finish(mut self) -> String {
         self.text += "</svg>";
         self.text
@@ -95,7 +95,7 @@ impl Svg {
     }
 }
 
-/// A number in hundredths that is never −0, NaN or infinite: 0 where it is no finite number.
+/// A number rounded to hundredths that is never −0, NaN or infinite: 0 if it is not finite.
 pub fn finite(x: f64) -> f64 {
     let hundredths = (x * 100.0).round() / 100.0;
     if hundredths.is_finite() {
@@ -105,8 +105,7 @@ pub fn finite(x: f64) -> f64 {
     }
 }
 
-/// A text as it stands in HTML and in a quoted attribute: none of its signs is markup, and control characters that no
-/// document may hold are replaced.
+/// Escapes a text for HTML and quoted attributes; control characters that are not allowed in documents are replaced.
 pub fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for sign in text.chars() {

@@ -1,10 +1,10 @@
-//! Fewer points that look the same.
+//! Reduces the number of points without a visible difference.
 
-/// As many points of one plot are drawn at the most.
+/// Maximum number of drawn points of one plot.
 pub const MOST_POINTS: usize = 6000;
 
-/// Points in ascending x of which at most about `most` are left: in each of equal parts of the range the first, the smallest, the
-/// largest and the last value stay, so that no peak is lost. Points that are no finite numbers go.
+/// Reduces points in ascending x to at most about `most`: in each of equal parts of the range the first, the smallest, the largest and the
+/// last value are kept, so that no peak is lost. Points that are not finite are removed.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,4 +1,4 @@
-//! Values over a coordinate: runs, curves, bands, limits and brackets with letters.
+//! Plot of values over a coordinate: runs, curves, bands, limits and labelled brackets.
 
 use super::{
     marks::{Mark, outline},
@@ -7,18 +7,18 @@ use super::{
     thin::{MOST_POINTS, thinned},
 };
 
-/// The width of a plot that fills a page.
+/// Width of a plot that fills a page.
 pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 58.0;
-/// Between two brackets beside the plot.
+/// Distance between two brackets next to the plot.
 const SLOT: f64 = 44.0;
-/// The width of an average sign of the legend, whose words are larger on a narrow screen, where the picture is drawn smaller.
+/// Width of an average character of the legend, whose text is larger on a narrow screen, where the picture is drawn smaller.
 const SIGN: f64 = 8.6;
 const ROW: f64 = 17.0;
-/// Signs are drawn for so many points of a series at the most: more would cover each other.
+/// Maximum number of points of a series drawn with markers: more would overlap.
 const MOST_MARKS: usize = 250;
 
-/// How a series looks. Forward and backward differ in colour, in the line (whole, dashed) and in their signs.
+/// The look of a series. Forward and backward differ in colour, line (solid, dashed) and markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
     /// A single run forward.
@@ -29,7 +29,7 @@ pub enum Look {
     Forward,
     /// Mean readings or a curve backward.
     Backward,
-    /// A curve of both directions, or a mean of both.
+    /// A curve of both directions, or their mean.
     Both,
     /// A limit, forward.
     LimitForward,
@@ -55,18 +55,18 @@ impl Look {
     }
 }
 
-/// Points that belong together.
+/// Points of one series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// What the points are, for the value that is shown at the pointer.
+    /// The name of the points, shown with the value at the pointer.
     pub name: String,
     /// Coordinates and values, coordinates ascending.
     pub points: Vec<(f64, f64)>,
-    /// How they look.
+    /// Their look.
     pub look: Look,
-    /// The sign at each point.
+    /// The marker at each point.
     pub mark: Mark,
-    /// Whether a line connects them.
+    /// True if a line connects the points.
     pub line: bool,
 }
 
@@ -75,55 +75,55 @@ pub struct Series {
 pub struct Band {
     /// Coordinates, ascending.
     pub x: Vec<f64>,
-    /// The lower edge at each.
+    /// The lower limit at each coordinate.
     pub low: Vec<f64>,
-    /// The upper edge at each.
+    /// The upper limit at each coordinate.
     pub high: Vec<f64>,
-    /// How it looks: of [`Look::Backward`] it is hatched.
+    /// Its look; [`Look::Backward`] is hatched.
     pub look: Look,
 }
 
-/// A span of values with its letter: beside the plot, or at a coordinate within it.
+/// A span of values with its label: next to the plot, or at a coordinate within it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// The letter and the number.
+    /// The letter with the number.
     pub label: String,
     /// The values at both ends.
     pub span: [f64; 2],
-    /// The coordinate; `None`: beside the plot.
+    /// The coordinate; `None`: next to the plot.
     pub at: Option<f64>,
 }
 
 /// One plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct XyPlot {
-    /// What it shows, for a screen reader.
+    /// Text alternative for a screen reader.
     pub words: String,
-    /// The name of the coordinate with its unit.
+    /// The label of the coordinate, with its unit.
     pub x_label: String,
-    /// Whether it stands below the plot: not where another plot with the same coordinate follows.
+    /// True if the label is written below the plot; false if another plot with the same coordinate follows.
     pub x_named: bool,
-    /// The name of the value with its unit.
+    /// The label of the value, with its unit.
     pub y_label: String,
-    /// Both ends of the coordinate that are shown at least.
+    /// Minimum range of the coordinate axis.
     pub x_range: Option<[f64; 2]>,
-    /// The width of the picture, in its own units: [`WIDTH`] or less.
+    /// Width of the picture, in its own units: at most [`WIDTH`].
     pub width: f64,
-    /// The height of the area with the curves.
+    /// Height of the plot area.
     pub height: f64,
-    /// What is drawn: each a row of points.
+    /// The series.
     pub series: Vec<Series>,
-    /// The areas behind them.
+    /// The bands, drawn behind the series.
     pub bands: Vec<Band>,
-    /// Spans with letters.
+    /// Labelled spans.
     pub brackets: Vec<Bracket>,
-    /// Looks and words of the legend; no legend without.
+    /// Looks and texts of the legend; empty for no legend.
     pub legend: Vec<(Look, Mark, String)>,
-    /// The word in the legend for the areas; none without areas.
+    /// Legend text of the bands; empty without bands.
     pub band_label: String,
 }
 
-/// The picture of a plot.
+/// Draws the plot.
 pub fn xy(plot: &XyPlot) -> String {
     let beside = plot.brackets.iter().filter(|b| b.at.is_none()).count();
     let whole = if plot.width.is_finite() {
@@ -193,10 +193,10 @@ pub fn xy(plot: &XyPlot) -> String {
     svg.finish()
 }
 
-/// An entry of the legend: how it looks (`None`: an area), its words and its place.
+/// A legend entry: its look (`None`: a band), text and position.
 type Entry = (Option<Look>, Mark, String, [f64; 2]);
 
-/// Where the entries of the legend stand, and in how many rows.
+/// The positions of the legend entries, and the number of rows.
 fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
     let band = (!plot.bands.is_empty() && !plot.band_label.is_empty())
         .then(|| (None, Mark::None, plot.band_label.clone()));

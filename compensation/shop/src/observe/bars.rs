@@ -14,16 +14,16 @@ use crate::{
     observation::{Bar, Reads},
 };
 
-/// A bar as it really is.
+/// The actual geometry of a bar.
 struct TrueBar {
     origin: Vector3<f64>,
-    /// Nominal directions along it and to its sides, as columns.
+    /// Nominal directions along and across the bar, as columns.
     axes: Matrix3<f64>,
     along: Vector3<f64>,
     distances: Vec<f64>,
 }
 
-/// What is written at a mark of a bar in a pass.
+/// The record at a mark of a bar in a pass.
 struct AtMark {
     pass: usize,
     mark: usize,
@@ -32,7 +32,7 @@ struct AtMark {
 }
 
 impl Observer<'_> {
-    /// The bar as it was put on the table: tilted, its distances known within their calibration.
+    /// The bar as placed on the table: tilted, with distances that deviate within their calibration.
     fn true_bar(&mut self, bar: &Bar) -> Result<TrueBar, ObservationError> {
         let along = Vector3::from(bar.direction)
             .try_normalize(1e-12)
@@ -53,7 +53,7 @@ impl Observer<'_> {
         })
     }
 
-    /// Goes over the marks of a bar, forth and back if asked.
+    /// Visits the marks of a bar, forward and back if requested.
     fn along(
         &mut self,
         bar: &Bar,
@@ -85,8 +85,8 @@ impl Observer<'_> {
         Ok(found)
     }
 
-    /// The faces of a step gauge are balls that are read along the row alone, where the machine touched them: so lengths of one
-    /// run have their first face in common, and all runs the calibration.
+    /// The faces of a step gauge are balls measured along the row only, where the machine touched them: lengths of one run share their
+    /// first face, and all runs share the calibration.
     pub(super) fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
         let real = self.true_bar(bar)?;
         let rows = self.along(bar, &real, Reads::Coordinates)?;
@@ -103,7 +103,7 @@ impl Observer<'_> {
         Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
     }
 
-    /// The files of a row: `letter` names its balls or faces, and the column of a reading that is always the same comes with it.
+    /// The files of a row: `letter` names its balls or faces; a reading that is constant comes with its column.
     fn row_of(
         &self,
         bar: &Bar,

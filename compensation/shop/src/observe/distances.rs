@@ -1,4 +1,4 @@
-//! A tracer or a ballbar from a point on the table.
+//! A laser tracer or a ballbar at a point on the table.
 
 use volcomp_kinematics::nalgebra::Vector3;
 

@@ -13,7 +13,7 @@ use crate::{
     poses::actual_tip,
 };
 
-/// A plan whose tip stands further from a sphere is another one: an R-test reads a millimetre or two.
+/// Maximum distance of the planned tip from a sphere, mm: the range of an R-test is one or two millimetres.
 const NEAR_MM: f64 = 2.0;
 
 impl Observer<'_> {
@@ -71,7 +71,7 @@ impl Observer<'_> {
         })
     }
 
-    /// Poses that are drawn around a sphere.
+    /// Random poses around a sphere.
     fn around(
         &mut self,
         sphere: usize,
@@ -94,8 +94,8 @@ impl Observer<'_> {
             })
     }
 
-    /// A planned pose with the ideal tip at the sphere: the linear axes follow where the plan commands none of them, and
-    /// must be near it where it does.
+    /// A planned pose with the ideal tip at the sphere: the linear axes are solved for if the plan commands none of them; otherwise the
+    /// commanded tip must be near it.
     fn to_sphere(
         &self,
         pose: usize,
@@ -142,8 +142,7 @@ impl Observer<'_> {
         Ok(row)
     }
 
-    /// Goes to a centre from the pose at which it is nominally: the coordinates that are written, and the offset along
-    /// `axes`, mm.
+    /// Moves to a centre from its nominal pose; returns the recorded coordinates, and the offset along `axes`, mm.
     pub(super) fn at_centre(
         &mut self,
         pose: usize,
@@ -167,7 +166,7 @@ impl Observer<'_> {
                         at: (*centre).into(),
                     })
                 };
-                // From which side an axis comes is told by where it really goes, as the coordinates that are written tell it.
+                // The approach direction follows from the actual motion, as it can be derived from the recorded coordinates.
                 let mut state = found(state)?;
                 self.approach.to(&mut state, self.truth);
                 let mut state = found(state)?;

@@ -1,5 +1,4 @@
-//! Checks that stop wrong terms: temperatures that no machine has, sensors that do not measure, files of the opposite sign, rows
-//! that are too far apart.
+//! Checks against wrong thermal terms: implausible temperatures, disconnected sensors, files of the opposite sign, rows too far apart.
 
 use std::{
     ops::RangeInclusive,
@@ -11,18 +10,18 @@ use volcomp_fit::{ThermalGap, ThermalRecord, ThermalRun, ThermalSearch, search_t
 use super::{Channel, columns::Columns, is_angular};
 use crate::commands::{fixed, range};
 
-/// The temperatures of a machine, °C. Kelvin, and the values by which loggers report a fault, are outside.
+/// Plausible temperatures of a machine, °C. Kelvin values and the fault codes of loggers are outside.
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
-/// No shop is as warm, °C.
+/// Maximum temperature of a workshop, °C.
 const WARMEST_SHOP: f64 = 60.0;
-/// The smallest step between rows that can be an outlier, K.
+/// Minimum step between rows that counts as an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
-/// An outlier is this many times the 95 % quantile of the steps between rows.
+/// Factor over the 95 % quantile of the steps between rows that makes an outlier.
 const TIMES_USUAL: f64 = 8.0;
-/// Outliers are at most one row in this many: what lasts longer is a change.
+/// Outliers span at most one in this many rows: anything longer is a real change.
 const ROWS_PER_OUTLIER: usize = 10;
 
-/// The first row, counted from 0, whose temperature cannot be one of a machine, and why.
+/// The index of the first implausible row, and the reason.
 pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {
     if let Some(row) = degc.iter().position(|value| !PLAUSIBLE.contains(value)) {
         let why = format!(
@@ -49,7 +48,7 @@ pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {
     Some((from, why))
 }
 
-/// A note on a sensor whose lowest temperature is that of no shop.
+/// A note on a sensor whose lowest temperature is too high for any workshop.
 pub(super) fn never_cold(sensor: &str, degc: &[f64]) -> Option<String> {
     let coldest = degc.iter().copied().reduce(f64::min)?;
     (coldest > WARMEST_SHOP).then(|| {
@@ -67,7 +66,7 @@ fn usual_step(degc: &[f64]) -> f64 {
     steps.get(steps.len() * 95 / 100).copied().unwrap_or(0.0)
 }
 
-/// The first rows between a jump and a jump back; at an end of the record there is one jump only.
+/// The rows from a jump to the jump back; at an end of the record a single jump suffices.
 fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
     let most = (degc.len() / ROWS_PER_OUTLIER).max(1);
     let is_jump = |row: usize| (degc[row] - degc[row - 1]).abs() > jump_k;
@@ -84,7 +83,7 @@ fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
         {
             return Some((out, back));
         }
-        // A sensor that has not measured yet, or that is taken off at the end.
+        // A sensor not yet measuring, or removed at the end.
         if place == 0 && out <= most.min(3) {
             return Some((0, out));
         }
@@ -95,16 +94,16 @@ fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
     None
 }
 
-/// A change of temperature, K, that moves a machine by more than [`LEAST_MOTION`] and takes longer than [`SHORTEST_S`].
+/// Temperature change, K, that moves a machine by more than [`LEAST_MOTION`] and takes longer than [`SHORTEST_S`].
 const CHANGE_K: f64 = 5.0;
-/// µm or µrad.
+/// Minimum motion for that change, µm or µrad.
 const LEAST_MOTION: f64 = 0.5;
 const SHORTEST_S: f64 = 1800.0;
 
-/// Notes on times and displacements that are too small for the change of temperature.
+/// Notes on times and displacements that are too small for the temperature change.
 pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
     let largest = |of: &dyn Fn(&Columns) -> f64| files.iter().map(of).fold(0.0, f64::max);
-    // clap asks for at least one file.
+    // clap requires at least one file.
     let Some(first) = files.first() else {
         return Vec::new();
     };
@@ -135,21 +134,21 @@ pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
     notes
 }
 
-/// The largest less the smallest of some values; 0 of none.
+/// Maximum minus minimum; 0 for no values.
 fn spread(values: &[f64]) -> f64 {
     range(values.iter().copied()).max(0.0)
 }
 
-/// The columns of sensors whose temperature is the same in all rows of all files.
+/// The sensors whose temperature is constant in all rows of all files.
 pub(super) fn still_sensors(files: &[Columns]) -> Vec<String> {
-    // clap asks for at least one file.
+    // clap requires at least one file.
     let sensors = files.first().map_or(&[][..], |file| &file.sensors[..]);
     let still = (sensors.iter().enumerate())
         .filter(|(sensor, _)| is_still(files.iter().flat_map(|file| &file.degc[*sensor])));
     still.map(|(_, name)| format!("{name}_degc")).collect()
 }
 
-/// A note on sensors that show one value in the whole of one file, and others in others.
+/// A note on sensors that are constant throughout one file but not in others.
 pub(super) fn still_in(path: &Path, file: &Columns, files: &[Columns]) -> Option<String> {
     let still = file.sensors.iter().enumerate().filter(|(sensor, _)| {
         let all = files.iter().flat_map(|file| &file.degc[*sensor]);
@@ -176,12 +175,12 @@ fn is_still<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.all(|value| Some(value) == first)
 }
 
-/// A file is checked from this share of its displacement on that the terms of the others do not predict.
+/// Minimum unpredicted share of a file's displacement for the file to be checked.
 const NOT_PREDICTED: f64 = 0.5;
-/// A file looks inverted where the opposite sign leaves no more than this share of that.
+/// A file looks inverted if the opposite sign leaves no more than this share of the prediction error.
 const EXPLAINED: f64 = 0.3;
 
-/// A note for each file that terms from the others predict with the opposite sign only.
+/// A note for each file that is predicted by terms from the others only with the opposite sign.
 pub(super) fn inverted(
     channel: &Channel,
     runs: &[ThermalRun],
@@ -225,7 +224,7 @@ pub(super) fn inverted(
     notes
 }
 
-/// A note on the gaps of a file, for terms with some of these time constants, s.
+/// A note on gaps in a file, for terms with these time constants, s.
 pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<String> {
     let record = ThermalRecord {
         time_s: columns.time_s.clone(),
@@ -252,8 +251,7 @@ pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<Str
     ))
 }
 
-/// A note where the rows are so far apart that what the temperatures may have done between them can be seen in the error of the
-/// prediction.
+/// A note if the rows are so far apart that temperature changes between them could affect the prediction error.
 pub(super) fn too_coarse(
     channel: &Channel,
     runs: &[ThermalRun],

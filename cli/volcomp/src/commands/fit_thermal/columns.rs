@@ -1,4 +1,4 @@
-//! The columns of a file with temperatures and displacements over time, and which error of the machine each displacement is.
+//! Columns of a file with temperatures and displacements over time, and the error that each displacement measures.
 
 use std::path::Path;
 
@@ -12,29 +12,29 @@ use super::{
 };
 use crate::failure::Failure;
 
-/// A time, temperatures and displacements, as many of each as there are rows.
+/// Time, temperatures and displacements; all columns have one entry per row.
 pub(super) struct Columns {
     pub(super) time_s: Vec<f64>,
     /// Names of the temperature columns, without `_degc`.
     pub(super) sensors: Vec<String>,
-    /// One column for each sensor, °C.
+    /// One column per sensor, °C.
     pub(super) degc: Vec<Vec<f64>>,
     /// Name of the column with its unit, and its values.
     pub(super) displacements: Vec<(String, Vec<f64>)>,
-    /// The axis that was moved during the test, where the column names one, and its position in each row, mm.
+    /// The axis moved during the test, if named by the column, and its position in each row, mm.
     pub(super) position: Option<(Option<AxisName>, Vec<f64>)>,
-    /// Notes for a person on how the file was read.
+    /// Notes on how the file was interpreted.
     pub(super) notes: Vec<String>,
 }
 
-/// What stands in a column, by its head.
+/// The content of a column, from its header.
 enum Head {
     Time,
-    /// The temperatures of a sensor of this name.
+    /// Temperatures of the named sensor.
     Sensor(String),
-    /// A displacement, by its name in answers and in the call.
+    /// A displacement, under its name in results and options.
     Displacement(String),
-    /// Positions of an axis, where the head names one.
+    /// Positions of an axis, if the header names one.
     Position(Option<AxisName>),
     NotRead,
 }
@@ -53,12 +53,12 @@ impl Head {
     }
 }
 
-/// The name of a displacement however its head is written: `dz_um` for `dz µm` and `dz [µm]`.
+/// The canonical name of a displacement: `dz_um` for `dz µm` and `dz [µm]`.
 pub(super) fn displacement(head: &str) -> String {
     split_unit(head).map_or_else(|| head.to_owned(), |(name, unit)| format!("{name}_{unit}"))
 }
 
-/// Reads the column `time_s`, those in °C, those in µm or µrad, and the position of an axis.
+/// Reads the column `time_s`, the columns in °C, those in µm or µrad, and the axis position.
 pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
     let numbers = |column: Column| {
@@ -146,7 +146,7 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
 }
 
 impl Columns {
-    /// The sensors and displacements of another file, in its order; those that it does not have are passed over.
+    /// Reorders sensors and displacements like those of another file; further ones are dropped.
     pub(super) fn in_order_of(mut self, first: &Self, path: &Path) -> Result<Self, Failure> {
         let missing = |name: &str| {
             let message = format!("found no column {name}, which the first file has");
@@ -174,8 +174,8 @@ impl Columns {
     }
 }
 
-/// Rows with one time are spread evenly up to the next: some loggers write too few digits. How many there were;
-/// or the row at which time goes back.
+/// Spreads rows with equal times evenly up to the next time: some loggers write too few digits. Returns the number of such rows, or the row
+/// at which time decreases.
 fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     if let Some(row) = (1..time_s.len()).find(|&row| time_s[row] < time_s[row - 1]) {
         return Err(row);
@@ -198,17 +198,16 @@ fn spread_repeated(time_s: &mut [f64]) -> Result<usize, usize> {
     Ok(repeated)
 }
 
-/// The error of a lone displacement of which nothing is said: most thermal tests are of a spindle along Z.
+/// Default error of a single displacement: most thermal tests are of a spindle along Z.
 const OF_ONE: &str = "EZZ";
 
-/// What `--error` says: `EZZ` for every displacement, or `dz_um=EZZ` for one.
+/// The option `--error`: `EZZ` for every displacement, or `dz_um=EZZ` for one.
 pub(super) struct Errors {
     of_all: Option<ErrorName>,
     of_one: Vec<(String, ErrorName)>,
 }
 
 impl Errors {
-    /// Reads what the call says.
     pub(super) fn read(stated: &[String]) -> Result<Self, Failure> {
         let mut errors = Self {
             of_all: None,
@@ -245,7 +244,7 @@ impl Errors {
         Ok(errors)
     }
 
-    /// The error of each displacement that is fitted; `None` where the call does not say it.
+    /// The error of each fitted displacement; `None` if the call does not state it.
     pub(super) fn of(&self, names: &[&str]) -> Result<Vec<Option<ErrorName>>, Failure> {
         let unknown = |(column, _): &&(String, ErrorName)| !names.contains(&column.as_str());
         if let Some((column, error)) = self.of_one.iter().find(unknown) {
@@ -283,7 +282,7 @@ impl Errors {
         Ok(of_one.filter(|_| names.len() == 1))
     }
 
-    /// A note where one error is stated for several displacements.
+    /// A note if one error is stated for several displacements.
     pub(super) fn note(&self, of: &[Option<ErrorName>], names: &[&str]) -> Option<String> {
         let error = self.of_all?;
         let alike = of.iter().filter(|found| **found == Some(error)).count();
@@ -296,7 +295,7 @@ impl Errors {
     }
 }
 
-/// Whether an error grows with the position of its axis, so that expansion may be looked for.
+/// The error if it can depend on the position of its axis, so that an expansion may be fitted.
 pub(super) fn may_expand(error: Option<ErrorName>) -> Option<ErrorName> {
     error.filter(|e| e.axis.kind() == AxisKind::Linear && !e.component.is_angular())
 }

@@ -1,4 +1,4 @@
-//! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of the machine file.
+//! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of a machine file.
 
 mod checks;
 mod columns;
@@ -66,32 +66,32 @@ pub(crate) struct Arguments {
     most_lags: usize,
 }
 
-/// A displacement and the terms that were found for it.
+/// A displacement and its fitted terms.
 struct Channel {
     name: String,
-    /// The error that it is; `None` where the call does not say it.
+    /// The measured error; `None` if the call does not state it.
     error: Option<ErrorName>,
     judged: JudgedThermal,
 }
 
 impl Channel {
-    /// Whether the displacement is a rotation in µrad and not a translation in µm.
+    /// True for a rotation in µrad, false for a translation in µm.
     fn is_angular(&self) -> bool {
         is_angular(&self.name)
     }
 
-    /// The unit as people read it.
+    /// The unit symbol.
     fn symbol(&self) -> &'static str {
         if self.is_angular() { "µrad" } else { "µm" }
     }
 }
 
-/// Whether a column holds a rotation in µrad and not a translation in µm.
+/// True if a column is a rotation in µrad, false for a translation in µm.
 fn is_angular(column: &str) -> bool {
     column.ends_with("_urad")
 }
 
-/// A test that is there twice would be predicted from itself.
+/// Rejects duplicate files: a test must not be predicted from itself.
 fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
     let twice = files.iter().enumerate().find(|(place, file)| {
         let before = &files[..*place];
@@ -103,7 +103,7 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
             file.display()
         )));
     }
-    // What cannot be read is refused where it is read.
+    // Unreadable files are reported when they are read later.
     let texts: Vec<_> = files.iter().map(|file| std::fs::read(file).ok()).collect();
     for (place, (file, text)) in files.iter().zip(&texts).enumerate() {
         let mut before = files.iter().zip(&texts[..place]);
@@ -196,7 +196,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 }
 
 impl Arguments {
-    /// What to choose from.
+    /// The candidates of the search.
     fn search(&self, expansions: bool) -> ThermalSearch {
         ThermalSearch {
             lags_s: if self.lags.is_empty() {
@@ -211,7 +211,7 @@ impl Arguments {
         }
     }
 
-    /// The errors that are named, when the rest of the call makes sense as well.
+    /// The named errors, after validation of the other options.
     fn checked_errors(&self) -> Result<Errors, Failure> {
         if !(0.05..=0.95).contains(&self.train) {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
@@ -229,7 +229,7 @@ impl Arguments {
     }
 }
 
-/// Every file, with the sensors and the displacements of the first in its order.
+/// Reads all files, with sensors and displacements in the order of the first.
 fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
     let mut files: Vec<Columns> = Vec::new();
     for path in &arguments.data {
@@ -239,7 +239,7 @@ fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
             None => columns,
         });
     }
-    // clap asks for at least one file.
+    // clap requires at least one file.
     let known = files
         .first()
         .map_or(&[][..], |file| &file.displacements[..]);
@@ -257,7 +257,7 @@ fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
     Ok(files)
 }
 
-/// The test of a file, with this displacement.
+/// The test of a file for one displacement.
 fn run_of(columns: &Columns, name: &str) -> ThermalRun {
     let mut displacements = columns.displacements.iter();
     let displacement = displacements.find(|(known, _)| known == name);
@@ -284,7 +284,7 @@ fn channel(
     let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
     let sensors = &files[0].sensors;
     let failed = |e: FitError| {
-        // Of several files the first one that cannot be fitted by itself.
+        // The first file that cannot be fitted alone.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
         let still = checks::still_sensors(files);
@@ -326,7 +326,7 @@ fn channel(
     })
 }
 
-/// What stands in place of an error that the call does not name.
+/// Placeholder for an error that the call does not name.
 const GAP: &str = "???";
 
 /// Thermal terms of displacements.
@@ -527,7 +527,7 @@ fn displacement<'a>(
     }
 }
 
-/// Drift by time constant, and expansions: what a sensor without a lag adds says where its expansion has its fixed point.
+/// Drift terms by time constant, and expansions; the drift of the same sensor without a lag determines the fixed point of an expansion.
 fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expansion>) {
     let expansion_of = |sensor: usize| {
         let mut numbers = found.numbers.iter();
@@ -567,8 +567,8 @@ fn terms(found: &ThermalTerms, sensors: &[String]) -> (Vec<DriftTerm>, Vec<Expan
     (drift, expansions)
 }
 
-/// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, and the constant that belongs to them.
-/// Where nobody said which error they are of, a gap stands in its place, which no machine file takes.
+/// The terms as `[[thermal.drift]]`, `[[thermal.expansion]]` and `[[thermal.seen]]`, with their constant. An unnamed error is written as a
+/// placeholder, which a machine file rejects.
 fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
     let found = &channel.judged.terms;
     let (unit, symbol) = if channel.is_angular() {
@@ -617,7 +617,7 @@ fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
         let Some(sensor) = sensors.get(seen.sensor) else {
             continue;
         };
-        // Rounded outwards: what the tests had is not beyond them.
+        // Rounded outwards so that the tested values stay within the range.
         let [low, high] = outwards(seen.degc, 1e2);
         let [fall, rise] = outwards(seen.k_per_min, 1e4);
         let _ = write!(
@@ -629,13 +629,13 @@ fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -> String {
     text
 }
 
-/// A range whose ends lie on whole parts of 1, and which is not empty.
+/// Rounds a range outwards to multiples of 1/`parts`, to a non-empty range.
 fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
     let (low, high) = ((low * parts).floor(), (high * parts).ceil());
     [low / parts, high.max(low + 1.0) / parts]
 }
 
-/// The errors of the prediction, the numbers, and what belongs into the machine file.
+/// The prediction errors, the coefficients, and the text for the machine file.
 fn text(channels: &[Channel], document: &FitThermal<'_>, arguments: &Arguments) -> String {
     let mut text = comparison(channels, arguments);
     for (channel, of) in channels.iter().zip(&document.displacements) {
@@ -654,7 +654,7 @@ fn text(channels: &[Channel], document: &FitThermal<'_>, arguments: &Arguments) 
     text
 }
 
-/// Why there are no terms to paste.
+/// Why no terms are printed.
 fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
     let unit = channel.symbol();
     let judged = &channel.judged;
@@ -694,7 +694,7 @@ fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
     folded(&format!("No terms are printed: {why}"), "")
 }
 
-/// The root mean square errors of the prediction, without and with time constants.
+/// RMS prediction errors, without and with time constants.
 fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
     let mut lines = table(&[
         "RMS of prediction",
@@ -735,7 +735,7 @@ fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
     table_text(&lines) + "\n" + &folded(&of_what, "")
 }
 
-/// Every number with its uncertainty.
+/// All coefficients with their uncertainties.
 fn numbers(numbers: &[Number]) -> String {
     let mut lines = table(&["sensor", "lag s", "value", "+/-", "unit"]);
     for number in numbers {
@@ -757,7 +757,7 @@ fn numbers(numbers: &[Number]) -> String {
     table_text(&lines)
 }
 
-/// The error of validation against the number of numbers.
+/// The validation error as a function of the number of coefficients.
 fn sizes(channel: &Channel) -> String {
     let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
     let terms = &channel.judged.terms;

@@ -87,7 +87,7 @@ struct NamedSignature {
 }
 
 impl CircleOptions {
-    /// An option that is given.
+    /// The first of these options that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         match (self.plane, self.radius_mm, self.feed) {
             (Some(_), ..) => Some("--plane"),
@@ -205,12 +205,12 @@ fn one(
     })
 }
 
-/// The signatures, named by the axes of the plane.
+/// The signatures, named after the axes of the plane.
 fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<NamedSignature> {
     use SignatureKind as Kind;
     let [first, second] = plane.axes();
     let error = plane.squareness();
-    // Every plane has a squareness, which opens its angle or closes it.
+    // Every plane has a squareness error, which increases or decreases its angle.
     let sense = opening(error).unwrap_or(1.0);
     let one = |signature: &Signature| {
         let (of, sign) = match signature.kind {

@@ -38,7 +38,7 @@ pub(super) struct DiagonalOptions {
 }
 
 impl DiagonalOptions {
-    /// An option that is given.
+    /// The first of these options that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         match (&self.diagonals, &self.box_mm) {
             (Some(_), _) => Some("--diagonals"),
@@ -47,7 +47,7 @@ impl DiagonalOptions {
         }
     }
 
-    /// The diagonals of the call; empty where the files are to say them.
+    /// The diagonals named in the call; empty if they are taken from the files.
     fn named(&self, count: usize) -> Result<Vec<Diagonal>, Failure> {
         let Some(text) = &self.diagonals else {
             return Ok(Vec::new());
@@ -188,7 +188,7 @@ fn read(
     Ok((diagonal, measurement))
 }
 
-/// A row for each file: the values of its diagonal.
+/// One row per file: the values of its diagonal.
 fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
     let good = found.diagonals.iter().map(|m| {
         let values = [

@@ -1,4 +1,4 @@
-//! `volcomp iso230`: tests of the parts 2, 4 and 6 of ISO 230, and of the standards beside part 2.
+//! `volcomp iso230`: tests to parts 2, 4 and 6 of ISO 230, and to standards related to part 2.
 
 pub(crate) mod circle;
 pub(crate) mod diagonals;
@@ -92,13 +92,13 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Arguments {
-    /// The axis that the call states, by itself or by its error.
+    /// The axis stated in the call, directly or by its error.
     fn axis(&self) -> Option<AxisName> {
         self.axis.or(self.error.map(|error| error.axis))
     }
 
     fn edition(&self) -> Edition {
-        // The parser let no other year through.
+        // clap rejects other years.
         self.edition.and_then(Edition::of_year).unwrap_or_default()
     }
 }
@@ -106,7 +106,7 @@ impl Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let part = arguments.part;
     let uncertain = arguments.uncertainty.stated();
-    // Each option is of one part.
+    // Each option belongs to one part.
     for (option, of) in [
         (arguments.circle.given(), 4),
         (arguments.diagonals.given(), 6),
@@ -187,12 +187,12 @@ pub(crate) struct UncertaintyOptions {
 }
 
 impl UncertaintyOptions {
-    /// Whether any of them is given.
+    /// True if any of them is given.
     pub(crate) fn stated(&self) -> bool {
         *self != Self::default()
     }
 
-    /// The inputs, with what the file knows of its surroundings.
+    /// The inputs, with the environment recorded in the file.
     pub(crate) fn inputs(&self, environment: &Environment) -> UncertaintyInputs {
         let sensors = environment.material_temperature.iter().flatten();
         let farthest = sensors
@@ -205,7 +205,7 @@ impl UncertaintyOptions {
             device_um: self.device_um,
             misalignment_mm: self.misalignment_mm,
             temperature_range_k: self.temperature_range_k,
-            // A coefficient of 0 in a file says that nothing was compensated, not what the machine is made of.
+            // A coefficient of 0 in a file means no compensation; it is not that of the material.
             expansion_um_per_m_k: self.expansion.or(of_file.filter(|c| *c > 0.0)),
             expansion_range_um_per_m_k: self.expansion_range,
             from_20_degc_k: self.machine_degc.map(|t| t - REFERENCE_DEGC).or(farthest),

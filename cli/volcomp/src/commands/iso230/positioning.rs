@@ -1,4 +1,4 @@
-//! Part 2: the positioning test of an axis, by ISO 230-2 and the standards beside it.
+//! Part 2: the positioning test of an axis, to ISO 230-2 and related standards.
 
 use std::{borrow::Cow, path::Path};
 
@@ -54,7 +54,7 @@ pub(crate) struct PositioningTest {
     judgement: Judgement,
 }
 
-/// The values of ISO 230-2 by symbol. A key ends in the unit, so that no angle is under a key of lengths.
+/// The values of ISO 230-2 by symbol. Keys end in the unit, so that angles and lengths have different keys.
 #[derive(Debug)]
 struct Symbols(DeviationUnit, Vec<StandardQuantity>);
 
@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Standard::Vdi => Vdi3441::symbols().to_vec(),
         Standard::All => [&iso[..], &Vdi3441::symbols()].concat(),
         Standard::Iso => iso.to_vec(),
-        // It has no mean deviation.
+        // ASME has no mean deviation.
         Standard::Asme => (iso.into_iter()).filter(|symbol| *symbol != "M").collect(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
@@ -128,7 +128,7 @@ fn one(
     let mut notes = measurement.notes.clone();
     let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
     let largest = sizes.fold(0.0, f64::max);
-    // Without a unit small ones are noted already, with how to state it.
+    // Without a stated unit, small values already have a note on how to state it.
     if is_unit_stated || largest > ODD_ABOVE {
         notes.extend(odd_size(largest, Some(unit)));
     }
@@ -163,7 +163,7 @@ fn one(
         notes.push(note.to_owned());
     }
     let judgement = Judgement::new(quantities, notes);
-    // Angles do not grow with the material.
+    // Angles do not depend on thermal expansion.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
     let text = text(
@@ -199,8 +199,8 @@ fn one(
     })
 }
 
-/// A file of any kind whose title names one error that is none of positioning is refused as one of straightness optics is. Angles of
-/// a linear axis are evaluated with a note, where they are angles.
+/// Rejects a file whose title names an error other than positioning, as files of straightness optics are rejected. Angles of a linear axis
+/// are evaluated with a note.
 fn refuse_title(
     path: &Path,
     measurement: &Measurement,
@@ -216,7 +216,7 @@ fn refuse_title(
     let (what, how) = match MotionKind::of(error) {
         MotionKind::Positioning if !error.location => return Ok(()),
         _ if with_note => return Ok(()),
-        // That command refuses what the kind of the file calls positioning.
+        // The straightness command rejects files marked as positioning.
         MotionKind::Straightness if measurement.quantity == Some(Quantity::Positioning) => {
             ("a straightness", "")
         }
@@ -235,7 +235,7 @@ fn refuse_title(
     Err(Failure::in_file(path, what))
 }
 
-/// What the file calls its axis is not another one than the call.
+/// Checks that the axis of the file is that of the call.
 fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(), Failure> {
     let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
     match stated {
@@ -247,7 +247,7 @@ fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(
     }
 }
 
-/// The uncertainty, where any of its options is given.
+/// The uncertainty, if any of its options is given.
 fn uncertainty(
     path: &Path,
     arguments: &Arguments,
@@ -364,7 +364,7 @@ fn targets_text(result: &Iso230Part2) -> String {
     table_text(&targets)
 }
 
-/// The quantities of ISO 230-2 in short, in the words of the edition.
+/// A summary of the quantities of ISO 230-2, with the terms of the edition.
 fn summary(result: &Iso230Part2, edition: Edition) -> String {
     let [systematic, mean, reversal, mean_reversal] = if edition == Edition::Iso2014 {
         [

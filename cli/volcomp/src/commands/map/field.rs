@@ -1,4 +1,4 @@
-//! The field of a map in its file, nodes at a time: a map may be larger than memory.
+//! Writes the field of a map to its file in chunks of nodes: a map may be larger than memory.
 
 use std::{fmt::Write, path::Path};
 
@@ -7,13 +7,13 @@ use volcomp_model::MapGrid;
 use super::Node;
 use crate::{failure::Failure, output::OutputFile};
 
-/// The arrays of a node in a file besides its place, names with units: errors (µm, µrad) and their standard
-/// uncertainties, each six columns in two vectors.
+/// Arrays of a node in a file in addition to its position, names with units: errors (µm, µrad) and their standard uncertainties, each six
+/// columns in two vectors.
 const VECTORS: [[&str; 2]; 2] = [
     ["position_um", "rotation_urad"],
     ["u_position_um", "u_rotation_urad"],
 ];
-/// Names that differ from those of positions (`X_mm`) by more than case: databases take upper and lower case as one.
+/// Column names differ from those of positions (`X_mm`) by more than case: databases ignore case.
 const COLUMNS: [[&str; 6]; 2] = [
     [
         "error_x_um",
@@ -33,7 +33,7 @@ const COLUMNS: [[&str; 6]; 2] = [
     ],
 ];
 
-/// A field that is being written.
+/// A field being written.
 pub(super) enum Field {
     None,
     Text(TextField),
@@ -45,15 +45,15 @@ pub(super) enum Field {
 pub(super) struct TextField {
     file: OutputFile,
     format: TextFormat,
-    /// 1 where errors are written, 2 with their uncertainties.
+    /// 1 if errors are written, 2 with their uncertainties.
     groups: usize,
 }
 
-/// How nodes become text; chunks of them on many cores.
+/// Formats nodes as text; chunks of nodes are formatted in parallel.
 #[derive(Clone, Copy)]
 pub(super) enum TextFormat {
     Csv,
-    /// One array after the other, so the nodes are gone through several times.
+    /// One array after another, which needs several passes over the nodes.
     Vtk(&'static str),
 }
 
@@ -102,7 +102,7 @@ impl Field {
         }
     }
 
-    /// How often the nodes are gone through.
+    /// Number of passes over the nodes.
     pub(super) fn passes(&self) -> usize {
         match self.text_format() {
             Some((TextFormat::Vtk(_), groups)) => 2 * groups,
@@ -127,7 +127,7 @@ impl Field {
         Ok(())
     }
 
-    /// How nodes become text, where they do, and how many groups of columns.
+    /// The text format, if the field is text, and the number of column groups.
     pub(super) fn text_format(&self) -> Option<(TextFormat, usize)> {
         if let Self::Text(text) = self {
             Some((text.format, text.groups))
@@ -166,7 +166,7 @@ impl Field {
 }
 
 impl TextFormat {
-    /// The lines of some nodes.
+    /// The lines of a chunk of nodes.
     pub(super) fn lines(self, pass: usize, axes: usize, nodes: &[Node]) -> String {
         let mut text = String::new();
         for node in nodes {
@@ -201,7 +201,7 @@ fn csv_line(text: &mut String, axes: usize, node: &Node) -> std::fmt::Result {
     writeln!(text)
 }
 
-/// The nodes along X, Y or Z, by its place of these three: one at 0 for an axis that the machine lacks.
+/// The nodes along X, Y or Z, by its index 0 to 2: a single one at 0 for a missing axis.
 fn nodes_along(grid: &MapGrid, place: usize) -> &[f64] {
     let mut along = grid.axes.iter().zip(&grid.nodes_mm);
     let own = along.find(|(axis, _)| axis.mcs_index() == place);
@@ -225,7 +225,7 @@ fn vti_head(grid: &MapGrid) -> String {
     )
 }
 
-/// The nodes themselves before the data.
+/// The coordinates of the nodes, before the data.
 fn vtr_head(grid: &MapGrid) -> String {
     let (mut extent, mut coordinates) = (String::new(), String::new());
     for place in 0..3 {

@@ -124,7 +124,7 @@ struct Uncertainty {
 }
 
 impl Arguments {
-    /// The form of the model: a correction is applied in the exact form only.
+    /// The form of the model; a correction is available in the exact form only.
     fn model(&self) -> Result<Model, Failure> {
         let exact = Model::Form(Form::Exact);
         match self.model.or(self.exact.then_some(exact)) {
@@ -185,7 +185,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    // Exact where the map is compiled: the figure is that of the report, to the last digit.
+    // Exact even for a compiled map, so that the figure equals that of the report to the last digit.
     let exact = match model {
         Model::Compiled => Some(Model::Form(Form::Exact).errors(&machine, &temperatures)?),
         Model::Form(_) => None,
@@ -392,7 +392,7 @@ impl Model {
         }
     }
 
-    /// How far a compiled curve may be from its source, nm and nrad.
+    /// Maximum deviation of a compiled curve from its source, nm and nrad.
     fn tolerance_nm(self) -> Option<f64> {
         (self == Self::Compiled).then(|| Tolerance::default().linear_mm * 1e6)
     }
@@ -420,16 +420,16 @@ impl Model {
     }
 }
 
-/// One node of the map: where it is, and the error of the tool there in workpiece axes, mm and rad.
+/// One node of the map: its position, and the tool error in workpiece axes, mm and rad.
 #[derive(Clone, Copy)]
 struct Node {
     /// Coordinates along the axes of the grid, mm.
     at_mm: [f64; 3],
-    /// Where the tip is to be, in workpiece axes, mm.
+    /// The ideal tip in workpiece axes, mm.
     tip_mm: Vector3<f64>,
     /// Position (mm) and rotation (rad) error.
     error: [f64; 6],
-    /// Standard uncertainty of the six, where it was asked for.
+    /// Standard uncertainty of the six values, if requested.
     uncertainty: Option<[f64; 6]>,
 }
 
@@ -439,7 +439,7 @@ impl Node {
         in_file_units(&self.error)
     }
 
-    /// The standard uncertainty in the units of the files; zero where it was not asked for.
+    /// The standard uncertainty in the units of the files; zero if not requested.
     fn uncertainty_in_file_units(&self) -> [f64; 6] {
         in_file_units(&self.uncertainty.unwrap_or_default())
     }
@@ -451,13 +451,13 @@ fn in_file_units(six: &[f64; 6]) -> [f64; 6] {
     [x * 1e3, y * 1e3, z * 1e3, a * 1e6, b * 1e6, c * 1e6]
 }
 
-/// Nodes that one core takes at a time.
+/// Number of nodes that one core takes at a time.
 const CHUNK: usize = 4096;
 
 /// Computes position (mm) and rotation (rad) at a state.
 type ErrorAt<'a> = Box<dyn Fn(&State) -> [f64; 6] + Sync + 'a>;
 
-/// The inputs from which a node is computed.
+/// The inputs of the computation of a node.
 struct Work<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,
@@ -466,12 +466,12 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Every node once: in chunks on all cores, written in order.
+    /// One pass over all nodes: in chunks on all cores, written in order.
     fn go_through(&self, pass: usize, field: &mut Field, found: &mut Found) -> Result<(), Failure> {
         let bar = progress::bar(self.grid.len(), "nodes");
         let format = field.text_format().map(|(format, _)| format);
         let count = self.grid.len();
-        // With an uncertainty a node takes as long as hundreds without.
+        // With an uncertainty a node takes as long as hundreds without, so chunks are smaller.
         let size = if self.ensemble.is_some() {
             CHUNK / 64
         } else {
@@ -498,7 +498,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// What the nodes show after one alignment of them all: every node once more.
+    /// Statistics after a common alignment of all nodes; one further pass over the nodes.
     fn beside(&self, found: &Found) -> Beside {
         let motion = found.sums.motion();
         let count = self.grid.len();
@@ -570,16 +570,16 @@ struct Chunk {
     lengths: Lengths,
 }
 
-/// What all nodes show.
+/// Statistics over all nodes.
 #[derive(Default)]
 struct Found {
     largest: Largest,
-    /// Their position errors, for the alignment.
+    /// Sums over the position errors, for the alignment.
     sums: RigidSums,
     lengths: Lengths,
 }
 
-/// The nodes with the largest position error and its largest uncertainty; of equal ones the first.
+/// The nodes with the largest position error and with its largest uncertainty; of equals the first.
 #[derive(Clone, Copy, Default)]
 struct Largest {
     error: Option<(f64, Node)>,
@@ -666,14 +666,14 @@ pub(crate) struct AllAxesUncertainty {
     pub(crate) largest_urad: f64,
 }
 
-/// How large errors of position are as they are, and after alignment, mm.
+/// Position errors before and after alignment, mm.
 #[derive(Clone, Copy)]
 struct Beside {
     as_they_are: Lengths,
     left: Lengths,
 }
 
-/// How large rotations are: whole, across the tool axis, which they tilt, and about it, which no tool that turns shows.
+/// Rotations: total, across the tool axis (tilt), and about it, which a rotating tool does not show.
 #[derive(Clone, Copy, Default)]
 struct Turns {
     whole: Lengths,
@@ -748,7 +748,7 @@ fn all_axes(
     })
 }
 
-/// How uncertain the errors are over poses of all axes.
+/// The uncertainty of the errors over poses of all axes.
 fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
     let bar = progress::bar(poses.len(), "poses");
     let of = |pose: &State| {

@@ -1,4 +1,4 @@
-//! The field of a map as Apache Parquet: a row for each node, a row group for each piece of work.
+//! The field of a map as Apache Parquet: one row per node, one row group per chunk.
 
 use std::{path::Path, sync::Arc};
 
