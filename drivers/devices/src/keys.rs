@@ -115,9 +115,9 @@ pub(crate) const PLAIN_KEYS: &[&str] = &[
 /// The keys of a table in `[[controller]]` that mean nothing in the same table of `[[thermometer]]` and of a map sender.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
-/// Refuses a key whose unit none of the axes has.
+/// Rejects a key whose unit matches none of the axes.
 pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
-    // Without axes there is another mistake.
+    // Missing axes are reported elsewhere.
     if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
         let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
         found.add(
@@ -130,7 +130,7 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Refuses one of two keys without the other.
+/// Rejects one of two keys without the other.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -142,7 +142,7 @@ pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 
     }
 }
 
-/// Refuses a path that is empty.
+/// Rejects an empty path.
 pub fn path(key: &str, path: &Path, found: &mut Mistakes<'_>) {
     if path.as_os_str().is_empty() {
         found.add(key, "found an empty text, expected a path");
@@ -156,18 +156,18 @@ pub fn join<'a>(folder: &Path, paths: impl IntoIterator<Item = &'a mut PathBuf>)
     }
 }
 
-/// Milliseconds to the nanosecond, as they are written by hand.
+/// Milliseconds without floating-point noise, exact to the nanosecond.
 pub fn ms(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e9).round() / 1e6
 }
 
-/// A time that was checked to be positive.
+/// Converts milliseconds that were checked to be positive.
 pub fn of_ms(ms: f64) -> Duration {
     Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
 }
 
 impl BarrierConfig {
-    /// The time from one scan of the control's program to the next.
+    /// The scan period of the control's program.
     pub fn scan(&self) -> Duration {
         of_ms(self.scan_ms)
     }
@@ -186,7 +186,7 @@ impl ThermometerConfig {
 }
 
 impl ControllerConfig {
-    /// The states that are accepted as missing.
+    /// The states whose absence is accepted.
     pub fn unseen(&self) -> ShownStates {
         let has = |state| self.unseen.contains(&state);
         ShownStates {
@@ -196,7 +196,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The smallest step of a correction that the configuration states for this kind of axis.
+    /// The configured smallest step of a correction for this kind of axis.
     pub fn resolution(&self, kind: AxisKind) -> Option<Displacement> {
         let micro = match kind {
             AxisKind::Linear => self.resolution_um,
@@ -205,12 +205,12 @@ impl ControllerConfig {
         micro.map(|micro| Displacement::from_micro(kind, micro))
     }
 
-    /// The axes whose positions it shows.
+    /// The axes whose positions it reports.
     pub(crate) fn shown(&self) -> impl Iterator<Item = AxisName> {
         self.axes.iter().chain(&self.reads).copied()
     }
 
-    /// Refuses another channel than the only one of a control.
+    /// Rejects a channel other than the only one of a control.
     pub(crate) fn only_channel(
         &self,
         address: &Address,
@@ -226,7 +226,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The name of the channel, that of the driver where the configuration states none.
+    /// The channel name; that of the driver if the configuration states none.
     pub(crate) fn channel_or(&self, default: &str) -> String {
         self.channel.as_deref().unwrap_or(default).to_owned()
     }
@@ -326,7 +326,7 @@ pub enum Referenced {
 
 #[cfg(feature = "focas")]
 impl<'de> Deserialize<'de> for Referenced {
-    // What serde derives for `untagged` loses the place of a mistake in the byte.
+    // The derived `untagged` implementation loses the position of an error in the byte.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
         impl<'de> Visitor<'de> for Either {
