@@ -204,8 +204,8 @@ pub struct PathSettings {
     pub unwatched: bool,
     /// Whether it carries the correction of thermal terms alone, for slow controls: positions may then be held for up to 5 s.
     pub only_thermal: bool,
-    /// Age of positions from which the correction is held on this path; `None`: [`GuardSettings::hold`]. If it is longer than [`GuardSettings::zero_after`], the
-    /// correction then ramps to zero at once.
+    /// Age of positions from which the correction is held on this path; `None`: [`GuardSettings::hold`]. If it is longer than
+    /// [`GuardSettings::zero_after`], the correction then ramps to zero at once.
     pub hold: Option<Duration>,
     /// Whether the test shift is made at arming.
     pub proves: bool,
