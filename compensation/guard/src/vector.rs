@@ -54,7 +54,6 @@ enum Motion {
 /// machine moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
-    /// The written output.
     output: PerChannel<f64>,
     /// The correction before quantisation, and its rate per second.
     smooth: PerChannel<f64>,

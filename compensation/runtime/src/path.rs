@@ -360,7 +360,6 @@ impl ControlPath {
         sent.is_ok()
     }
 
-    /// The state of the path, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         let known = self.known();
         PathReport {

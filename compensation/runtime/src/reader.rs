@@ -148,7 +148,6 @@ impl PositionReader {
         self.said
     }
 
-    /// Its state, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),

@@ -107,7 +107,7 @@ impl DisarmSwitch {
     /// Disarms from the next cycle on because the program ends: a correction that was found, and never written by the program, is left alone.
     pub fn end(&self) {
         self.0.ends.store(true, Ordering::Relaxed);
-        // Release: whoever sees the count also sees `ends`.
+        // Release: a thread that sees the count also sees `ends`.
         self.0.disarms.fetch_add(1, Ordering::Release);
     }
 

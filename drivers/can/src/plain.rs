@@ -12,7 +12,6 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// The correction of one axis.
 struct OfAxis {
     /// Index of the message to send.
     sent: usize,

@@ -22,7 +22,7 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
 
 /// Temperatures in plain frames: signals that end in `_TEMP`, named by the part before it, in lower case. Raw 0 encodes a shorted sensor, the
 /// highest raw number a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps its
-/// value and time; while the interface is down there are none.
+/// value and time; all are missing while the interface is down.
 pub struct CanThermometer<P> {
     ears: Ears<P>,
     names: Vec<String>,

@@ -31,39 +31,39 @@ use crate::address::Address;
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
     pub url: String,
-    /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
+    /// Name of the channel through which its corrections reach the axes; `None`: the driver's default.
     pub channel: Option<String>,
     pub axes: Vec<AxisName>,
     pub reads: Vec<AxisName>,
     pub fixed: BTreeMap<AxisName, f64>,
     pub not_driven: Vec<AxisName>,
     pub includes_correction: bool,
-    /// The terms that it carries; `["thermal"]`, `None`: all.
+    /// The terms that it carries: `["thermal"]`; `None`: all.
     pub terms: Option<Vec<String>>,
-    /// Older positions are held on this path; `None`: `hold_ms` of `[guard]`.
+    /// Age of positions from which the correction is held on this path; `None`: `hold_ms` of `[guard]`.
     pub hold_ms: Option<f64>,
-    /// Whether the test shift at arming is made; `None`: where positions are fine enough.
+    /// Whether the test shift is made at arming; `None`: if positions are fine enough.
     pub test_shift: Option<bool>,
     pub unwatched: bool,
     pub unseen: Vec<StateKey>,
-    /// The smallest step of a correction of a linear axis; `None`: the driver's own.
+    /// Smallest step of a correction of a linear axis; `None`: the driver's default.
     pub resolution_um: Option<f64>,
-    /// The smallest step of a correction of a rotary axis; `None`: the driver's own.
+    /// Smallest step of a correction of a rotary axis; `None`: the driver's default.
     pub resolution_urad: Option<f64>,
-    /// The words of the shifts in the PMC; `None`: the driver's own place.
+    /// Location of the shift words in the PMC; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub area: Option<AreaConfig>,
     #[cfg(feature = "focas")]
     pub heartbeat: Option<PmcByte>,
-    /// The byte whose bits say which axes are referenced; `None`: the driver's own.
+    /// Location of the byte with the reference bits of the axes; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub referenced: Option<Referenced>,
     /// The barrier in the control that receives frames; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
-    /// The words on digital lines; `None`: another device.
+    /// The words on digital lines; `None` for other devices.
     #[cfg(any(feature = "gpio", feature = "modbus"))]
     pub digital: Option<DigitalConfig>,
-    /// How the server is reached, and its nodes; `None`: another device.
+    /// Connection settings of the server, and its nodes; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
     #[cfg(feature = "linuxcnc")]
@@ -78,12 +78,12 @@ pub struct ThermometerConfig {
     pub names: Vec<String>,
     #[cfg(feature = "sinumerik")]
     pub nodes: Vec<String>,
-    /// How the server is reached; `None`: another device.
+    /// Connection settings of the server; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
 }
 
-/// A state of the control, by its key.
+/// A state of the control, by its configuration key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StateKey {
@@ -92,7 +92,7 @@ pub enum StateKey {
     EmergencyStop,
 }
 
-/// The table `[controller.barrier]`: the barrier in the control, as its program is set.
+/// The table `[controller.barrier]`: the settings of the barrier in the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarrierConfig {
@@ -104,7 +104,7 @@ pub struct BarrierConfig {
     pub report: Option<PmcByte>,
 }
 
-/// The keys of controllers to which plain values are written in steps.
+/// The keys of controllers to which plain values in steps are written.
 pub(crate) const PLAIN_KEYS: &[&str] = &[
     "includes_correction",
     "unwatched",
@@ -112,7 +112,7 @@ pub(crate) const PLAIN_KEYS: &[&str] = &[
     "resolution_urad",
 ];
 
-/// The keys of a table in `[[controller]]` that mean nothing in the same table of `[[thermometer]]` and of a map sender.
+/// Keys of a table in `[[controller]]` that are meaningless in the same table of `[[thermometer]]` and of a map sender.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
 /// Rejects a key whose unit matches none of the axes.
@@ -277,7 +277,7 @@ impl MapKeys {
     }
 }
 
-/// The areas of the PMC that a configuration can name.
+/// The PMC areas that a configuration can name.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PmcLetter {
@@ -315,7 +315,7 @@ fn word() -> u16 {
     2
 }
 
-/// `false`, or the byte of the PMC whose bits say which axes are referenced.
+/// `false`, or the PMC byte with the reference bits of the axes.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
@@ -348,7 +348,7 @@ impl<'de> Deserialize<'de> for Referenced {
     }
 }
 
-/// The table `pmc` of a map sender's file: the places of its words.
+/// The table `pmc` of a map sender's file: the locations of its words.
 #[cfg(feature = "focas")]
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -388,9 +388,9 @@ pub struct DigitalConfig {
     pub position_code: PositionCode,
     pub correction_bits: u32,
     pub correction_code: CorrectionCode,
-    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
+    /// The line that toggles when the correction word has settled, from 0; `None` without a latch.
     pub latch: Option<u32>,
-    /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
+    /// Time without a latch edge after which the control ramps the correction to zero; `None`: never.
     pub time_out_ms: Option<f64>,
     #[serde(with = "CoherenceKey")]
     pub coherence: Coherence,
@@ -435,7 +435,7 @@ pub struct LinuxCncTable {
     pub ini: Option<PathBuf>,
 }
 
-/// The tables `sinumerik`: how the OPC UA server of a control is reached, and the nodes of a controller.
+/// The tables `sinumerik`: connection settings of a control's OPC UA server, and the nodes of a controller.
 #[cfg(feature = "sinumerik")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -104,7 +104,7 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: earlier write requests are discarded, and the modules are asked for the levels of their outputs.
+    /// Begins a connection: earlier write requests are discarded, and the output levels are read back from the modules.
     async fn begin(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let number = self.wanted.read().number;
         if number > self.image.taken {

@@ -196,7 +196,6 @@ pub(super) fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
     steps * step
 }
 
-/// The word of a linear axis.
 pub(super) fn linear_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
     inside(quantised(output, smooth, axis.resolution), smooth, axis)
 }

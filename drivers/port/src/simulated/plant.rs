@@ -85,7 +85,6 @@ struct Inner {
     control: Option<Control>,
 }
 
-/// The control and its program.
 struct Control {
     program: Box<dyn ControlProgram>,
     scan: Duration,
