@@ -248,7 +248,7 @@ pub struct Realtime {
     pub priority: u8,
     /// The processor on which the thread stays; `None`: any.
     pub cpu: Option<usize>,
-    /// Whether the thread makes the computation of [`reference_work`](crate::reference_work) after each cycle and reports how
-    /// long that took: a measure of the computer, to compare times that were taken on different ones.
+    /// Whether the thread times [`reference_work`](crate::reference_work) after each cycle: a measure of the computer, for comparing compute
+    /// times between computers.
     pub reference: bool,
 }
