@@ -1,5 +1,5 @@
-//! What was sent and may be on its way, and the correction of each axis that is expected where it is found: up to its limit,
-//! or more where that was lowered, or a path with a lower one writes, and what lies beyond it was sent here or was known before.
+//! Corrections that were sent and may still arrive, and the largest correction that is accepted when it is read back: the limit, or more if the
+//! limit was lowered or belongs to a path with a lower one, provided the excess was sent by this guard or known before.
 
 use core::time::Duration;
 
@@ -7,36 +7,35 @@ use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{Limits, step::one_step};
 
-/// How long after a word was sent a reading may still show it. The frames that are sent while a report is on its way answer
-/// the same one, so a barrier takes one of them in each delay of the path: it goes to one that was sent a delay before the last.
+/// How long after a word was sent a reading may still show it. All frames sent while a report is in transit answer the same report, so a barrier
+/// takes one of them per delay of the path: it moves towards one that was sent one delay before the last.
 fn longest_shown(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
 
-/// Words that were sent in some time.
+/// Words sent within an interval.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sent {
-    /// The largest one of each axis, without a sign, mm or rad.
+    /// Largest absolute word of each axis, mm or rad.
     largest: PerChannel<f64>,
-    /// The highest rate of each axis with which they were sent, mm/s or rad/s.
+    /// Highest slew limit of each axis while they were sent, mm/s or rad/s.
     slew_per_s: PerChannel<f64>,
 }
 
-/// State of the guard. In a cycle `narrow` or `accept` comes first, then `pass`, then `send`: what is forgotten in a cycle has
-/// counted in it.
+/// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words which expire in a cycle still count in it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Allowed {
-    /// The largest correction of each axis that is expected, without a sign, mm or rad.
+    /// Largest accepted absolute correction of each axis, mm or rad.
     largest: PerChannel<f64>,
-    /// What was sent of late, and in the time before that.
+    /// Words sent recently, and in the interval before that.
     lately: Sent,
     earlier: Sent,
-    /// A reading that held at this time, or later, shows nothing any more of what was sent earlier.
+    /// Readings valid at this time or later no longer show the `earlier` words.
     earlier_until: Duration,
 }
 
 impl Allowed {
-    /// Nothing was sent.
+    /// Accepts corrections up to the limits; nothing was sent yet.
     pub(crate) fn within(limits: &Limits) -> Self {
         Self {
             largest: limits.of_axes(|axis| axis.limit),
@@ -44,27 +43,27 @@ impl Allowed {
         }
     }
 
-    /// Whether one of these values is larger than what is expected.
+    /// Whether one of these values exceeds the accepted correction.
     pub(crate) fn is_exceeded_by(&self, values: &PerChannel<f64>, limits: &Limits) -> bool {
         let is_beyond =
             |i: usize| values[i].abs() > self.largest[i] + one_step(limits.axes[i].resolution);
         limits.places().any(is_beyond)
     }
 
-    /// The highest rate of an axis with which something was sent that may be on its way, mm/s or rad/s.
+    /// Highest slew of an axis among the words that may still arrive, mm/s or rad/s.
     pub(crate) fn slew_per_s(&self, axis: usize) -> f64 {
         self.lately.slew_per_s[axis].max(self.earlier.slew_per_s[axis])
     }
 
-    /// The largest correction that may be applied, without a sign: `stands`, where output and control stand, or what is on
-    /// its way there.
+    /// Largest absolute correction that may be applied, now or by words that are still in transit. `stands` is the absolute value of the output and
+    /// of the control.
     fn may_be_applied(&self, axis: usize, stands: &PerChannel<f64>) -> f64 {
         let sent = self.lately.largest[axis].max(self.earlier.largest[axis]);
         stands[axis].max(sent)
     }
 
-    /// These limits hold, and output and control stand no further than `stands` from zero. What was not expected before is not
-    /// expected now either.
+    /// Sets the accepted correction of each axis to its limit, or to the part of the previous one that may still be applied, if that is larger.
+    /// `stands` bounds the absolute values of output and control.
     pub(crate) fn narrow(&mut self, stands: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             let left = self.largest[i].min(self.may_be_applied(i, stands));
@@ -72,15 +71,14 @@ impl Allowed {
         }
     }
 
-    /// The operator has acknowledged: what is there is expected.
+    /// Accepts the present corrections after an acknowledgement by the operator.
     pub(crate) fn accept(&mut self, stands: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             self.largest[i] = axis.limit.max(self.may_be_applied(i, stands));
         }
     }
 
-    /// The control was seen to apply something at `confirmed`: what was sent long before that is on its way no
-    /// more.
+    /// Expires words by the time `confirmed` at which the applied correction was confirmed: those sent long before can no longer arrive.
     pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
         if confirmed >= self.earlier_until {
             (self.earlier, self.lately) = (self.lately, Sent::default());
@@ -88,7 +86,7 @@ impl Allowed {
         }
     }
 
-    /// These words (mm, rad) are sent.
+    /// Records words (mm, rad) as sent.
     pub(crate) fn send(&mut self, words: &PerChannel<f64>, limits: &Limits) {
         let Sent {
             largest,
@@ -100,8 +98,8 @@ impl Allowed {
         }
     }
 
-    /// Another path writes from `now` on. `places` says which place each of its axes had on the path before, of which these
-    /// were the limits, and on which output and control stood no further than `stood` from zero.
+    /// Switches to another path, which writes from `now` on. `places` is the index of each of its axes on the previous path, whose limits were
+    /// `before`; `stood` bounds the absolute values of output and control there.
     pub(crate) fn take_path(
         &mut self,
         now: Duration,
@@ -123,7 +121,7 @@ impl Allowed {
         };
         let most = limits.of_axes(|axis| axis.limit);
         self.largest = PerChannel::from_fn(|i| sent.largest[i].max(most[i]));
-        // What the path before has sent last may land as late as it does on that path.
+        // The last words of the previous path may arrive as late as on that path.
         (self.lately, self.earlier) = (sent, sent);
         self.earlier_until = now.saturating_add(longest_shown(before).max(longest_shown(limits)));
     }

@@ -1,9 +1,8 @@
-//! The barrier: the control's half of the protection, as a reference that a control's program can be held against.
+//! The barrier, the control's half of the protection: a reference implementation against which the program of a control can be tested.
 //!
-//! By the rules of the [protocol](crate::protocol) the control decides for itself which [`Frame`] it takes, moves what it
-//! applies at its own rate, and goes to zero when no frame comes any more. What it does is published in a [`Report`];
-//! a gateway believes a correction only when a report says that it is applied. Values are whole counts: one count is the
-//! smallest step of the axis.
+//! By the rules of the [protocol](crate::protocol) the control itself decides which [`Frame`] it accepts, moves the applied correction at its own
+//! rate, and ramps it to zero when no more frames arrive. It publishes the result in a [`Report`]; a gateway considers a correction applied only
+//! when a report says so. Values are integer counts: one count is the smallest step of the axis.
 
 #[cfg(feature = "simulate")]
 mod program;
@@ -16,25 +15,25 @@ use crate::protocol::{
 #[cfg(feature = "simulate")]
 pub use program::{Program, Protection};
 
-/// The largest number of a machine. The checksum counts modulo 65535, so a machine 65535 would be the machine 0.
+/// Largest machine number. The checksum is modulo 65535, so machine 65535 would be the same as machine 0.
 pub const LARGEST_MACHINE: u16 = 65_534;
 
-/// The settings of a barrier: they belong to the machine and are made by its builder, not by the gateway.
+/// The settings of a barrier. They belong to the machine and are made by its builder, not by the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Settings {
-    /// The axes that are corrected, in the order of the words.
+    /// Corrected axes, in the order of the words.
     pub axes: Layout,
-    /// A number that distinguishes this machine from others, at most [`LARGEST_MACHINE`]; it starts the checksum.
+    /// Number that identifies this machine, at most [`LARGEST_MACHINE`]; it seeds the checksum.
     pub machine: u16,
-    /// The largest correction of each axis in either direction, counts.
+    /// Largest correction of each axis in either direction, counts.
     pub limit: Counts,
-    /// The largest movement of each axis in one step, counts.
+    /// Largest movement of each axis per step, counts.
     pub rate: Counts,
-    /// The number of scans from one step to the next, for axes whose rate is below one count in a scan.
+    /// Scans per step, for axes whose rate is below one count per scan.
     pub step_scans: u16,
-    /// The largest age of the tick that a frame carries, scans.
+    /// Maximum age of the tick in a frame, scans.
     pub hold_scans: u16,
-    /// The number of scans without an accepted frame after which the correction goes to zero.
+    /// Scans without an accepted frame after which the correction ramps to zero.
     pub time_out_scans: u16,
 }
 
@@ -42,23 +41,23 @@ pub struct Settings {
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
-    /// The axes.
+    /// The axes are invalid.
     #[error(transparent)]
     Layout(#[from] LayoutError),
-    /// The number of the machine is beyond the largest.
+    /// The machine number exceeds [`LARGEST_MACHINE`].
     #[error("number of the machine: found {found}, expected 0 to {LARGEST_MACHINE}")]
     Machine { found: u16 },
-    /// The limit or the rate of one axis.
+    /// The limit or the rate of an axis is zero or negative.
     #[error("axis {axis} (counted from 0): found {found} counts, expected at least 1")]
     Counts {
-        /// The place of the axis in the channel, from 0.
+        /// Index of the axis in the channel.
         axis: usize,
         found: i16,
     },
-    /// The number of scans between two steps.
+    /// The number of scans per step is 0.
     #[error("scans from step to step: found 0, expected at least 1")]
     StepScans,
-    /// The age of a frame against the time-out.
+    /// The timeout is too short for the maximum age of a frame, or too long.
     #[error(
         "time-out: found {time_out} scans, expected at least twice the age of a frame, which is {hold} scans, and less than 32768"
     )]
@@ -92,7 +91,7 @@ impl Settings {
         Ok(())
     }
 
-    /// The same settings with zero for axes that there are not.
+    /// The same settings with zero for unused axes.
     fn of_axes(self) -> Self {
         Self {
             limit: self.present(&self.limit),
@@ -101,33 +100,33 @@ impl Settings {
         }
     }
 
-    /// The values of the axes that there are; the others are zero.
+    /// The values of the used axes; zero for the others.
     fn present(&self, values: &Counts) -> Counts {
         let count = self.axes.count();
         PerChannel::from_fn(|axis| if axis < count { values[axis] } else { 0 })
     }
 }
 
-/// The largest number of words of a frame: head, one value for each axis, checksum.
+/// Maximum number of words of a frame: head, one value per axis, checksum.
 pub const FRAME_WORDS: usize = HEAD_WORDS + MAX_AXES + 2;
 
-/// The frame of one cycle: the wanted correction and what shows that it is meant for now.
+/// The frame of one cycle: the requested correction and its head, which proves that it is current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Frame {
-    /// What shows that it is meant for now.
+    /// Identifies the report that it answers and its sender.
     pub head: Head,
-    /// The wanted correction of each axis, counts.
+    /// Requested correction of each axis, counts.
     pub values: [i16; MAX_AXES],
 }
 
 impl Frame {
-    /// The number of words that frames of these settings have.
+    /// Number of words of a frame with these settings.
     #[must_use]
     pub fn length(settings: &Settings) -> usize {
         HEAD_WORDS + settings.axes.count() + 2
     }
 
-    /// Writes the words of the frame, checksum included, and returns their number.
+    /// Encodes the frame with its checksum and returns the number of words.
     pub fn encode(&self, settings: &Settings, words: &mut [u16; FRAME_WORDS]) -> usize {
         let length = Self::length(settings);
         words[..HEAD_WORDS].copy_from_slice(&self.head.words());
@@ -138,7 +137,7 @@ impl Frame {
         length
     }
 
-    /// Reads a frame; `None` when there are too few words or the checksum does not fit.
+    /// Decodes a frame; `None` if it is too short or the checksum does not match.
     #[must_use]
     pub fn decode(settings: &Settings, words: &[u16]) -> Option<Self> {
         let length = Self::length(settings);
@@ -157,7 +156,7 @@ impl Frame {
         })
     }
 
-    /// The wanted correction of each axis, counts.
+    /// Requested correction of each axis, counts.
     #[must_use]
     pub fn counts(&self) -> Counts {
         PerChannel::from_fn(|axis| self.values[axis])
@@ -165,7 +164,7 @@ impl Frame {
 }
 
 impl Session {
-    /// The frame of these values that answers the last report; `None` when there is no report to answer.
+    /// The frame with these values that answers the last report; `None` without a report to answer.
     pub fn frame(&mut self, values: &Counts) -> Option<Frame> {
         let head = self.answer()?;
         let values = core::array::from_fn(|axis| values[axis]);
@@ -173,13 +172,13 @@ impl Session {
     }
 }
 
-/// The largest number of words of a report: head, three values for each axis, checksum.
+/// Maximum number of words of a report: head, three values per axis, checksum.
 pub const REPORT_WORDS: usize = REPORT_HEAD + 3 * MAX_AXES + 2;
 
-/// Epoch, tick, owner, sequence, refusal, scans from step to step, hold, time-out.
+/// Number of words before those of the axes: epoch, tick, owner, sequence, refusal, scans per step, hold, timeout.
 const REPORT_HEAD: usize = 8;
 
-/// The refusals of a barrier, by their numbers in its words.
+/// The refusals of a barrier; the index is the number in its words.
 const REFUSALS: [Refusal; 8] = [
     Refusal::None,
     Refusal::Checksum,
@@ -191,33 +190,33 @@ const REFUSALS: [Refusal; 8] = [
     Refusal::Lines,
 ];
 
-/// What a barrier publishes after each scan.
+/// The report that a barrier publishes after each scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Report {
-    /// Moves on when the control starts or the time-out ends the correction; kept over power-off.
+    /// Incremented when the control starts or times out; retained over power-off.
     pub epoch: u16,
-    /// The number of scans of the control.
+    /// Scan counter of the control; it wraps.
     pub tick: u16,
-    /// The sender whose frames are taken; 0: any.
+    /// The only sender whose frames are accepted; 0: any.
     pub owner: u16,
-    /// The sequence of the last frame that was taken.
+    /// Sequence of the last accepted frame.
     pub sequence: u16,
-    /// Why the last frame was not taken.
+    /// Why the last frame was rejected.
     pub refusal: Refusal,
-    /// The correction that is applied to each axis now, counts.
+    /// Correction applied to each axis now, counts.
     pub applied: Counts,
-    /// The limits, rates and times of the barrier. The machine's number is not in the words: it starts the checksum.
+    /// Limits, rates and times of the barrier. The machine number is not transmitted: it seeds the checksum.
     pub settings: Settings,
 }
 
 impl Report {
-    /// The number of words of a report of these axes.
+    /// Number of words of a report for these axes.
     #[must_use]
     pub fn length(axes: Layout) -> usize {
         REPORT_HEAD + 3 * axes.count() + 2
     }
 
-    /// The numbers that a frame answers.
+    /// The head that a frame answers.
     #[must_use]
     pub fn head(&self) -> Head {
         Head {
@@ -228,7 +227,7 @@ impl Report {
         }
     }
 
-    /// Writes the words of the report, checksum included, and returns their number.
+    /// Encodes the report with its checksum and returns the number of words.
     pub fn encode(&self, words: &mut [u16; REPORT_WORDS]) -> usize {
         let s = &self.settings;
         let length = Self::length(s.axes);
@@ -250,8 +249,8 @@ impl Report {
         length
     }
 
-    /// Reads the report of a barrier for this machine and these axes; `None` when there are too few words, the checksum
-    /// does not fit, or the barrier's settings make no sense.
+    /// Decodes the report of a barrier for this machine and these axes; `None` if it is too short, the checksum does not match, or the settings are
+    /// invalid.
     #[must_use]
     pub fn decode(machine: u16, axes: Layout, words: &[u16]) -> Option<Self> {
         let words = words.get(..Self::length(axes))?;
@@ -287,67 +286,66 @@ impl Report {
     }
 }
 
-/// The levels of plain lines in one scan. They carry no number that distinguishes an old or foreign word from one that is meant
-/// now, so a barrier trusts them less than frames: see [`Barrier::scan_with`].
+/// The levels of digital lines in one scan. They carry no number that distinguishes an old or foreign word from a current one, so a barrier
+/// restricts them more than frames: see [`Barrier::scan_with`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DigitalLines {
-    /// The level of the line that is turned once the others have settled.
+    /// Level of the latch line, which toggles once the others have settled.
     pub latch: bool,
-    /// The place of the axis that the word is for, in channel order.
+    /// Index of the axis in channel order.
     pub axis: usize,
-    /// The word: the wanted correction of that axis, counts.
+    /// Requested correction of that axis, counts.
     pub value: i16,
 }
 
-/// The maximum number of mailboxes of a barrier.
+/// Maximum number of mailboxes of a barrier.
 pub const MAILBOXES: usize = 4;
 
-/// The barrier of one machine. It is given what lies in its mailboxes at each scan, and it alone moves the correction
-/// that is applied: never by more than its rate, every axis on one line towards the last values that it took.
+/// The barrier of one machine. It reads its mailboxes at each scan, and it alone moves the applied correction: never by more than its rate, all
+/// axes on one straight line towards the last accepted values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Barrier {
     settings: Settings,
     state: Memory,
 }
 
-/// All that a barrier remembers from one scan to the next, for simulators that stop and go on, and for model checkers.
+/// Everything that a barrier stores between scans, for simulators that pause and resume, and for model checkers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
-    /// Whose frames are taken. A word on lines counts as a frame where it says since when none came.
+    /// The protocol state. A word on lines counts as a frame for its `silent` counter.
     pub link: Link,
-    /// Why the last frame was not taken.
+    /// Why the last frame was rejected.
     pub refusal: Refusal,
-    /// The correction that is applied, counts.
+    /// Applied correction, counts.
     pub applied: Counts,
-    /// Where the line began that the axes are on, counts.
+    /// Start of the present line, counts.
     pub from: Counts,
-    /// Where the line ends, counts.
+    /// End of the line, counts.
     pub goal: Counts,
-    /// The number of steps of the line.
+    /// Number of steps of the line.
     pub steps: u32,
-    /// The number of steps of the line that are done.
+    /// Number of completed steps of the line.
     pub done: u32,
-    /// The number of scans since the last step.
+    /// Scans since the last step.
     pub waited: u16,
-    /// Tick and sequence of the whole frame that was found last in each mailbox.
+    /// Tick and sequence of the last complete frame in each mailbox.
     pub found: [Option<(u16, u16)>; MAILBOXES],
-    /// The level of the line that shows that the others have settled; `None` before the first scan.
+    /// Level of the latch line; `None` before the first scan.
     pub latch: Option<bool>,
-    /// The number of scans since that level changed, up to the largest age of a frame.
+    /// Scans since the latch toggled, up to the maximum age of a frame.
     pub latched: u16,
-    /// The words on lines are what is applied: no frame was taken since the first of them.
+    /// The applied correction comes from lines: no frame was accepted since their first word.
     pub by_lines: bool,
 }
 
 impl Barrier {
     /// A barrier at its start, after power-up or a reset.
     ///
-    /// `epoch` is the one that was kept over power-off: it moves on here, so that no frame made before can be taken.
-    /// `applied` is what the words of the axes hold at this moment, counts: the axes are there, and go to zero from
-    /// there when no frame comes.
+    /// `epoch` is the retained one: it is incremented here, so that no earlier frame can be accepted. `applied` is the present content of the words
+    /// of the axes, counts: the axes are there, and ramp to zero from there if no frame arrives.
     ///
     /// # Errors
-    /// Settings that make no sense.
+    /// Invalid settings.
     pub fn start(
         settings: Settings,
         epoch: u16,
@@ -367,32 +365,32 @@ impl Barrier {
         Ok(Self { settings, state })
     }
 
-    /// A barrier that goes on from what another one remembered.
+    /// A barrier that resumes from the memory of another one.
     ///
     /// # Errors
-    /// Settings that make no sense.
+    /// Invalid settings.
     pub fn resume(settings: Settings, state: Memory) -> Result<Self, SettingsError> {
         settings.check()?;
         let settings = settings.of_axes();
         Ok(Self { settings, state })
     }
 
-    /// All that the barrier remembers.
+    /// Everything that the barrier stores.
     #[must_use]
     pub fn memory(&self) -> Memory {
         self.state
     }
 
-    /// One scan of the control. `mailboxes` are the words of each way that leads here, at most [`MAILBOXES`], copied
-    /// before this call, so that nothing changes while they are judged; all are judged alike. `holds`: emergency stop,
-    /// alarm or not referenced; the axes then stay where they are.
+    /// Runs one scan of the control. `mailboxes` are the words of each incoming path, at most [`MAILBOXES`], copied before this call, so that
+    /// nothing changes during the check; all are checked by the same rules. With `holds` (emergency stop, alarm or not referenced) the axes stay
+    /// where they are.
     pub fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Report {
         self.scan_with(mailboxes, None, holds)
     }
 
-    /// One scan of a control to which plain lines lead besides. A word on them is taken only at an edge of their last
-    /// line, only while no sender of frames holds the control, beginning with nothing applied, and only where it
-    /// changes by no more than the axis could follow since the edge before. A frame takes over at any time.
+    /// Runs one scan of a control that also has digital lines. A word on them is accepted only at an edge of the latch, only while no sender of
+    /// frames owns the control, starting with nothing applied, and only if it changes by no more than the axis could follow since the previous
+    /// edge. A frame takes over at any time.
     pub fn scan_with(
         &mut self,
         mailboxes: &[&[u16]],
@@ -419,7 +417,7 @@ impl Barrier {
         if goal.is_some() {
             self.state.link.silent = 0;
         } else if self.state.link.is_timed_out(self.settings.time_out_scans) {
-            // No frame comes: to zero.
+            // No frame arrives: ramp to zero.
             self.state.by_lines = false;
             goal = Some(Counts::default());
         }
@@ -436,7 +434,7 @@ impl Barrier {
         self.report()
     }
 
-    /// What is published after a scan.
+    /// The report to publish after a scan.
     #[must_use]
     pub fn report(&self) -> Report {
         Report {
@@ -450,7 +448,7 @@ impl Barrier {
         }
     }
 
-    /// The frame if it is to be taken, nothing if it was judged before or is the one that was taken last.
+    /// Checks a frame; `None` if it was checked before or is the last accepted one.
     fn judge(&mut self, mailbox: usize, words: &[u16]) -> Result<Option<Frame>, Refusal> {
         let frame = Frame::decode(&self.settings, words).ok_or(Refusal::Checksum)?;
         let found = &mut self.state.found[mailbox];
@@ -464,7 +462,7 @@ impl Barrier {
         Ok(Some(frame))
     }
 
-    /// The goal that a word on lines makes, where it is to be taken.
+    /// The goal from the word on lines, if it is accepted.
     fn latched(&mut self, lines: &DigitalLines) -> Option<Counts> {
         let before = self.state.latch.replace(lines.latch);
         self.state.latched = (self.state.latched + 1).min(self.settings.hold_scans);
@@ -505,8 +503,8 @@ impl Barrier {
         self.settings.limit[axis].unsigned_abs()
     }
 
-    /// Begins a line to other values. A line to the same values goes on: begun anew at each frame, an axis with a small
-    /// share of the way would never move.
+    /// Starts a line to other values. A line to the same values continues: if every frame restarted it, an axis with a small part of the movement
+    /// would never move.
     fn aim(&mut self, goal: &Counts) {
         if *goal == self.state.goal {
             return;
@@ -523,7 +521,7 @@ impl Barrier {
             .fold(0, u32::max);
     }
 
-    /// One step on the line: no axis moves by more than its rate, since it has at least as many steps as it needs.
+    /// Moves one step along the line. No axis moves by more than its rate, since the line has at least as many steps as each axis needs.
     fn step(&mut self) {
         if self.state.done >= self.state.steps {
             return;
@@ -532,10 +530,10 @@ impl Barrier {
         for axis in 0..self.settings.axes.count() {
             let from = i64::from(self.state.from[axis]);
             let way = i64::from(self.state.goal[axis]) - from;
-            // The count nearest to the line; the way from step to step is still a whole part of the way, or one more.
+            // The nearest count; the movement per step is then `way / steps`, rounded down or up.
             let (done, steps) = (i64::from(self.state.done), i64::from(self.state.steps));
             let at = from + way.signum() * ((way.abs() * done + steps / 2) / steps);
-            // Between two numbers of 16 bits, so it is one.
+            // Between two 16-bit numbers, so it fits.
             self.state.applied[axis] = i16::try_from(at).unwrap_or(self.state.applied[axis]);
         }
     }

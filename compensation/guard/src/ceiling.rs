@@ -1,29 +1,28 @@
-//! Hard ceilings: whatever a configuration states, no guard accepts limits beyond these numbers. A correction of a
-//! machine's geometry is some tenths of a millimetre; more is a mistake in a file, and would move the machine.
+//! Hard ceilings: no guard accepts limits beyond these, whatever the configuration. A geometric correction is some tenths of a millimetre; more is
+//! a configuration error, and would move the machine.
 
 use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, Mm, Rad, bounds};
 
-/// The largest limit of the correction of a linear axis.
+/// Maximum correction limit of a linear axis.
 pub const LIMIT: Mm = bounds::LARGEST_CORRECTION;
-/// The largest limit of the correction of a rotary axis.
+/// Maximum correction limit of a rotary axis.
 pub const LIMIT_ROTARY: Rad = bounds::LARGEST_CORRECTION_ROTARY;
-/// The largest rate of the correction of a linear axis, in a second.
+/// Maximum rate of the correction of a linear axis, per second.
 pub const SLEW_PER_S: Mm = Mm(5.0);
-/// The largest rate of the correction of a rotary axis, in a second.
+/// Maximum rate of the correction of a rotary axis, per second.
 pub const SLEW_PER_S_ROTARY: Rad = Rad(0.005);
-/// The shortest time of a cycle.
+/// Minimum cycle period.
 pub const SHORTEST_CYCLE: Duration = Duration::from_micros(250);
-/// The longest time of a cycle.
+/// Maximum cycle period.
 pub const LONGEST_CYCLE: Duration = Duration::from_millis(100);
-/// The longest time for which a correction may be held while positions are missing, and after which nothing is sent any more
-/// that was decided before.
+/// Maximum time for which a correction may be held without positions, and maximum age of a decision that is still sent.
 pub const HOLD: Duration = Duration::from_millis(200);
-/// The same for a correction of thermal terms alone, which change slowly wherever the machine goes.
+/// Maximum hold time of a correction of thermal terms alone, which change slowly at any position.
 pub const HOLD_THERMAL: Duration = Duration::from_secs(5);
 
-/// The largest limit (mm or rad) and the largest rate (mm/s or rad/s) of an axis of this kind.
+/// Maximum limit (mm or rad) and maximum rate (mm/s or rad/s) of an axis of this kind.
 pub(crate) fn of(kind: AxisKind) -> [f64; 2] {
     match kind {
         AxisKind::Linear => [LIMIT.0, SLEW_PER_S.0],

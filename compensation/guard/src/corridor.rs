@@ -1,21 +1,21 @@
-//! The rate of what is sent, in every window of time: whatever made the correction begin anew in between, a word is no
-//! further from each one before it than slew and one step allow.
+//! Bounds the rate of the sent correction over every time window: a word differs from each earlier one by at most the slew plus one step, whatever
+//! made the correction restart in between.
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::{Limits, step::ROUNDING_STEPS};
 
-/// Where the next word of each axis may be: state of the guard.
+/// Range of the next word of each axis; state of the guard.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,
     highest: PerChannel<f64>,
-    /// What was sent last.
+    /// The last words sent.
     sent: PerChannel<f64>,
 }
 
 impl Corridor {
-    /// About values (mm, rad) that are applied, and that nothing was sent before.
+    /// The range around applied values (mm, rad), without earlier words.
     pub(crate) fn about(values: &PerChannel<f64>, limits: &Limits) -> Self {
         let step = limits.of_axes(|axis| axis.resolution);
         Self {
@@ -25,7 +25,7 @@ impl Corridor {
         }
     }
 
-    /// The same on another path, each axis of which was at one of these places before; one that was not there is at zero.
+    /// Converts the range to another path, given the index of each of its axes on this one; an axis that was not on this path starts at zero.
     pub(crate) fn on_path(&self, places: &PerChannel<Option<usize>>, limits: &Limits) -> Self {
         let zero = Self::about(&PerChannel::ZERO, limits);
         let carried = |from: &PerChannel<f64>, zero: &PerChannel<f64>| {
@@ -38,8 +38,8 @@ impl Corridor {
         }
     }
 
-    /// These values (mm, rad) are applied. Where an axis may have been led there by the words before, these count on; where it
-    /// was moved by something else, it begins anew.
+    /// Restarts at applied values (mm, rad). If the earlier words may have led an axis there, they still bound its range; if something else moved
+    /// it, it starts anew.
     pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
         let before = *self;
         *self = Self::about(values, limits);
@@ -52,8 +52,8 @@ impl Corridor {
         }
     }
 
-    /// Nothing else was sent until now. What was sent last stood until now where it is among what may be applied, which
-    /// is `between` the lowest and the highest value of each axis.
+    /// Tightens the range because nothing else was sent until now: the last words were present until now, if they are within `between`, the lowest
+    /// and highest values that may be applied.
     pub(crate) fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
         let [lowest, highest] = between;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
@@ -65,7 +65,7 @@ impl Corridor {
         }
     }
 
-    /// Time passes.
+    /// Widens the range by the slew over `dt_s`.
     pub(crate) fn widen(&mut self, limits: &Limits, dt_s: f64) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             self.lowest[i] -= axis.slew_per_s * dt_s;
@@ -73,13 +73,13 @@ impl Corridor {
         }
     }
 
-    /// Whether the word of an axis is in it.
+    /// Whether a word of an axis is in its range.
     pub(crate) fn contains(&self, axis: usize, word: f64, limits: &Limits) -> bool {
         let rounding = ROUNDING_STEPS * limits.axes[axis].resolution;
         (self.lowest[axis] - rounding..=self.highest[axis] + rounding).contains(&word)
     }
 
-    /// These words (mm, rad) are sent.
+    /// Tightens the range around the words (mm, rad) being sent.
     pub(crate) fn narrow(&mut self, words: &PerChannel<f64>, limits: &Limits) {
         self.sent = *words;
         self.stay(&[*words; 2], limits);

@@ -1,4 +1,4 @@
-//! In which direction an axis came to where it is.
+//! Direction of approach of an axis.
 
 use core::time::Duration;
 
@@ -6,13 +6,13 @@ use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY}
 
 use crate::{AxisLimits, step::shortest_way};
 
-/// The travel (mm or rad) after which an axis counts as turned: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps
-/// of its position plus the lag of its position at standstill.
+/// Travel (mm or rad) after which an axis counts as reversed: the larger of 5 µm (rotary axes: 5e-4 deg) and two steps of its position, plus the
+/// lag of its position at standstill.
 ///
-/// `position_step` is the smallest step that the reported position shows, mm or rad: a count that flickers is no
-/// reversal. The lag concerns positions that contain the correction: it is taken out with the value that is read back, and
-/// when the position shows a change of the correction up to `delay` before or after the read-back does, an axis that stands
-/// seems to travel by what the correction moves in that time. A reversal that is fed back so would turn the axis for ever.
+/// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal. The lag applies to positions that
+/// contain the correction, which is subtracted with the value that is read back: if the position shows a change of the correction up to `delay`
+/// before or after the read-back does, an axis at standstill seems to travel by the movement of the correction in that time. A reversal derived
+/// from that would feed back and turn the axis for ever.
 #[must_use]
 pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
     let least = match limits.kind {
@@ -24,43 +24,42 @@ pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Durati
     } else {
         0.0
     };
-    // A step that is NaN counts as 0.
+    // A NaN step counts as 0.
     let steps = 2.0 * position_step.max(0.0);
     least.max(steps + lag)
 }
 
-/// The number of readings that are compared, and of those that must agree: so two wrong ones in any five show
-/// nothing, since one of three that agree is right.
+/// Number of readings compared, and number that must agree: two wrong ones in any five have no effect, since one of three that agree is right.
 const READINGS: usize = 5;
 const AGREE: u32 = 3;
-/// The number of turns in one direction after which positions are counted from a place nearby again.
+/// Number of whole turns in one direction after which they are subtracted from the positions.
 const MANY_TURNS: f64 = 1000.0;
-/// The bits of all these readings.
+/// Bit mask of all these readings.
 const ALL: u8 = (1 << READINGS) - 1;
 
-/// The direction of the last motion of an axis, kept while it stands: it changes only after travel over a
-/// threshold from the last extreme, so that neither noise nor a correction turns it. Three of the last five readings must show
-/// the travel, and the extreme is one that three of five reached: up to two wrong positions in any five turn nothing. State:
-/// the last readings, the extreme, what was seen since, and the direction.
+/// Direction of the last motion of an axis, kept at standstill. It changes only after travel over a threshold from the last extreme, so that
+/// neither noise nor a correction changes it. Three of the last five readings must show the travel, and three of five must have reached the
+/// extreme: up to two wrong positions in any five have no effect. State: the last readings, the extreme, the readings beyond the threshold, and the
+/// direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionMemory {
-    /// When the last reading held.
+    /// When the last reading was valid.
     taken: Option<Duration>,
-    /// The last positions, the newest first, as if none began anew: how many there are, and how many count for the extreme.
+    /// The last positions, newest first, unwrapped; the number of stored ones, and the number that counts for the extreme.
     positions: [f64; READINGS],
     seen: usize,
     count: usize,
     extreme: Option<f64>,
-    /// Which of the last readings since the extreme lay beyond the threshold from it, towards larger and towards smaller
-    /// positions: a bit for each, the newest in the lowest one.
+    /// Which of the last readings since the extreme were beyond the threshold, towards larger and towards smaller positions: one bit each, the
+    /// newest in the lowest bit.
     beyond: [u8; 2],
     direction: Option<Direction>,
 }
 
 impl DirectionMemory {
-    /// The axis was at `position` without correction, mm or rad, when a reading was `taken`; `None` until it went further
-    /// than the threshold. A reading repeated with the same time counts once. `turn`: the position begins anew after
-    /// so much travel (a rotary axis that rolls over: 2π), and in four readings the axis goes less than a quarter of that.
+    /// Updates with the `position` without correction, mm or rad, of a reading valid at `taken`, and returns the direction; `None` until the axis
+    /// has moved by more than the threshold. A repeated reading with the same time counts once. `turn` is the travel after which the position wraps
+    /// (a rotary axis: 2π); within four readings the axis must move by less than a quarter of it.
     pub fn at(
         &mut self,
         taken: Duration,
@@ -68,7 +67,7 @@ impl DirectionMemory {
         threshold: f64,
         turn: Option<f64>,
     ) -> Option<Direction> {
-        // Where the axis was last, and not the extreme, which may stay half a turn behind.
+        // Unwrap from the last position, not from the extreme, which may be half a turn behind.
         let last = if self.seen == READINGS {
             Some(self.amid(None))
         } else {
@@ -111,18 +110,18 @@ impl DirectionMemory {
         };
         let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
         if let Some((seen, direction)) = turned {
-            // From the one of these readings that is nearest to where it came from: the axis is there, or further on.
+            // The new extreme is the reading nearest to the old one: the axis has come at least that far.
             let away = |k: &usize| (self.positions[*k] - extreme).abs();
             let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
             let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));
             (self.extreme, self.direction) = (nearest.map(|k| self.positions[k]), Some(direction));
-            // What was read before does not count.
+            // Earlier readings no longer count.
             (self.count, self.beyond) = (0, [0; 2]);
         }
         self.direction
     }
 
-    /// The position that as many of the last readings reached in a direction as must agree.
+    /// The farthest position in a direction that enough of the last readings agree on.
     fn reached(&self, direction: Direction) -> f64 {
         let mut positions = self.positions;
         let counted = &mut positions[..self.count];
@@ -130,8 +129,8 @@ impl DirectionMemory {
         counted[AGREE as usize - 1]
     }
 
-    /// The position from which the others are least far away: where positions begin anew, the middle one is no other than
-    /// that seen from a place among them.
+    /// The position with the smallest sum of distances to the others. With wrapping positions the median is not defined without a reference among
+    /// them.
     fn amid(&self, turn: Option<f64>) -> f64 {
         let away = |from: &f64| -> f64 {
             let ways = self
@@ -149,7 +148,7 @@ impl DirectionMemory {
         nearest
     }
 
-    /// Leaves out whole turns where there are many, since large numbers are coarse.
+    /// Subtracts whole turns once there are many, since large floating-point numbers are less precise.
     fn rebase(&mut self, turn: Option<f64>) {
         let (Some(turn), Some(extreme)) = (turn, self.extreme) else {
             return;
@@ -161,8 +160,8 @@ impl DirectionMemory {
         }
     }
 
-    /// The axis is at `position`, and the control reports in which direction it is commanded: that counts at once,
-    /// without a threshold. What was read before does not count.
+    /// Updates with a `position` and the commanded direction reported by the control, which applies at once, without a threshold. Earlier readings
+    /// no longer count.
     pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
         if position.is_finite() {
             *self = Self {
@@ -176,7 +175,7 @@ impl DirectionMemory {
     }
 }
 
-/// A position as if none began anew after a `turn`: that one which is nearest to another.
+/// Unwraps a position that wraps after a `turn`: the equivalent position nearest to another one.
 fn unrolled(position: f64, to: f64, turn: Option<f64>) -> f64 {
     to + shortest_way(position - to, turn)
 }

@@ -6,34 +6,34 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Known, Reasons, Request, State, Wanted};
 
-/// The positions of this cycle, from the path that corrects.
+/// The positions of this cycle, from the active path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// When the oldest of them held, on the clock of [`Inputs::now`].
+    /// When the oldest of them was valid, on the clock of [`Inputs::now`].
     pub taken: Duration,
-    /// As reported, mm and rad.
+    /// Positions as reported, mm and rad.
     pub positions: PerChannel<f64>,
 }
 
 /// The inputs of a guard in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
-    /// When the cycle began, on a monotonic clock.
+    /// Begin of the cycle, on a monotonic clock.
     pub now: Duration,
-    /// The positions; `None` when the controller did not answer.
+    /// The positions; `None` if the controller did not answer.
     pub reading: Option<Reading>,
     /// What is known of the correction that the controller applies.
     pub known: Known,
-    /// The interlocks of the machine ([`Interlocks::reasons`](crate::Interlocks::reasons)); empty: none.
+    /// The interlocks of the machine ([`Interlocks::reasons`](crate::Interlocks::reasons)); empty for none.
     pub interlocks: Reasons,
-    /// The correction that the model wants; `None`: it has none.
+    /// The correction by the model; `None` if it has none.
     pub wanted: Option<Wanted>,
-    /// Positions are old and the machine moves: what is held would become worse than nothing, and is to go out as fast as
-    /// the slew allows. Counts while positions are stale.
+    /// Positions are old while the machine moves, so that a held correction would become worse than none: it ramps out as fast as the slew allows.
+    /// Used only while positions are stale.
     pub let_go: bool,
-    /// The request of a person or a program since the last cycle, if there was one.
+    /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,
-    /// Why arming is forbidden; empty where it is allowed.
+    /// Why arming is forbidden; empty if it is allowed.
     pub forbids: Reasons,
 }
 
@@ -42,12 +42,12 @@ pub struct Inputs {
 pub struct Output {
     /// The correction, multiples of the resolution, mm and rad.
     pub correction: PerChannel<f64>,
-    /// Whether it is to be sent, and the heartbeat with it.
+    /// Whether to send it, together with the heartbeat.
     pub write: bool,
     /// The state after this cycle.
     pub state: State,
-    /// Why the state is what it is.
+    /// Reasons for the state.
     pub reasons: Reasons,
-    /// Cycles so far in which slew or acceleration held the output back.
+    /// Number of cycles so far in which slew or acceleration limited the output.
     pub held_back: u64,
 }

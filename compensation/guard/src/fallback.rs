@@ -1,33 +1,33 @@
-//! Which of several controller paths corrects.
+//! Selection of the active controller path.
 
 use core::time::Duration;
 
-/// The largest number of paths to one machine.
+/// Maximum number of paths to one machine.
 pub const MAX_PATHS: usize = 4;
 
-/// The condition of one controller path in a cycle; paths are in the order of preference.
+/// State of one controller path in a cycle; paths are in order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathHealth {
-    /// Its positions are fresh, and every position that its correction depends on is to be had.
+    /// Its positions are fresh, and every position that its correction depends on is available.
     pub usable: bool,
-    /// What the axes get is known as soon as it writes: it reports it, or nothing is left of the path before.
+    /// The applied correction is known once it writes: it reports it, or nothing is left of the previous path.
     pub ready: bool,
 }
 
-/// Which path corrects, and why not another one.
+/// The selected path, and whether another one is blocked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// The place of the path that corrects.
+    /// Index of the active path.
     pub active: usize,
-    /// The place of the path that should correct.
+    /// Index of the path that should be active.
     pub wanted: usize,
-    /// Whether it is another one than in the cycle before.
+    /// Whether the active path changed in this cycle.
     pub switched: bool,
-    /// The next one may not take over, since it is unknown what the path before has left.
+    /// The path that should be active may not take over, since the correction left by the previous path is unknown.
     pub blocked: bool,
 }
 
-/// Chooses the path, with hysteresis: state are the active path and since when each is usable.
+/// Selects the path, with hysteresis. State: the active path and since when each is usable.
 #[derive(Clone, Copy, Debug)]
 pub struct Selector {
     active: usize,
@@ -36,7 +36,7 @@ pub struct Selector {
 }
 
 impl Selector {
-    /// The first path is active; a better one takes over again when it was usable for `hand_back`.
+    /// Starts with the first path; a preferred one takes over again after it was usable for `hand_back`.
     pub fn new(hand_back: Duration) -> Self {
         Self {
             active: 0,
@@ -45,12 +45,12 @@ impl Selector {
         }
     }
 
-    /// The place of the path that corrects.
+    /// Index of the active path.
     pub fn active(&self) -> usize {
         self.active
     }
 
-    /// One cycle: the first [`MAX_PATHS`] of `paths` count.
+    /// Runs one cycle; only the first [`MAX_PATHS`] of `paths` are used.
     pub fn choose(&mut self, now: Duration, paths: &[PathHealth]) -> Choice {
         for (since, path) in self.usable_since.iter_mut().zip(paths) {
             *since = path.usable.then(|| since.unwrap_or(now));

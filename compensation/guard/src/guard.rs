@@ -1,4 +1,4 @@
-//! The guard of a machine: inputs of a cycle in, the correction to send out.
+//! The guard of a machine: takes the inputs of a cycle and decides which correction is sent.
 
 use core::time::Duration;
 
@@ -16,70 +16,68 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
 };
 
-/// The maximum length of a cycle, in periods: longer ones count as this.
+/// Maximum duration of a cycle, in periods; longer ones count as this.
 const LONGEST_CYCLE_PERIODS: u32 = 5;
 
-/// The number of confirmed corrections of an axis in a row that were not sent, without one between that was, which is a fault.
+/// Number of consecutive confirmed corrections of an axis that differ from the sent ones, after which it is a fault.
 const MOST_ADOPTED: u32 = 3;
 
-/// The reasons for which what is applied is left alone, until it was written here.
+/// Reasons for which the applied correction is left alone until this guard has written.
 const FOREIGN: [Reasons; 3] = [
     Reasons::WATCHING,
     Reasons::OTHER_GATEWAY,
     Reasons::LEFT_UNKNOWN,
 ];
 
-/// Shares of a cycle's motion that are tried until the output is as near to what is confirmed as it must be.
+/// Fractions of a cycle's motion that are tried until the output is close enough to the confirmed correction.
 const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 
-/// The guard of a machine: it decides which correction may reach the axes (rules of the crate's front page). One path
-/// writes at a time.
+/// The guard of a machine: it decides which correction may reach the axes (rules: see the front page of the crate). One path writes at a time.
 ///
 /// Invariants between two cycles:
-/// - `vector` is what was decided last, and `before` what it was one motion earlier: [`not_sent`](Guard::not_sent) goes back
-///   there, so an output that was not sent never counts as moved.
-/// - Whatever may be sent next lies within `corridor`, which only time widens, at the slew, and each word that is sent narrows.
-/// - `allowed` is at least the limit of each axis. It is above it only by what was sent here, was known before, or was accepted
-///   by a person.
-/// - While `took_over`, nothing was confirmed on the path that writes: `confirmed` is another path's, and nothing is compared
-///   with it.
-/// - `held` is there only while an interlock lasts, and so is `stopped_since`.
-/// - `proof` counts only while the state is `Arming(Proving)`; `verdict` is that of the last one, and of this path.
+/// - `vector` is the last decision, and `before` the one before its last motion: [`not_sent`](Guard::not_sent) returns to it, so an output that was
+///   not sent never counts as moved.
+/// - Every word that may be sent next is within `corridor`, which only time widens, by the slew, and which each sent word narrows.
+/// - `allowed` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
+///   by the operator.
+/// - While `took_over`, nothing was confirmed on the active path: `confirmed` is that of another path, and nothing is compared with it.
+/// - `held` is set only during an interlock, and so is `stopped_since`.
+/// - `proof` is valid only in the state `Arming(Proving)`; `verdict` is that of the last proof on this path.
 /// - `good` is never later than the last cycle: no reading is from the future.
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
     state: State,
     vector: Vector,
-    /// The vector before the last motion, to come back to when its write fails.
+    /// The vector before the last motion, restored if its write fails.
     before: Vector,
-    /// The correction where the last ramp or line began.
+    /// The correction at the start of the last ramp or line.
     from: PerChannel<f64>,
-    /// Where the next output may be for the rate to hold in every window of time.
+    /// Range of the next output that keeps the rate within every time window.
     corridor: Corridor,
-    /// What was confirmed last.
+    /// The last confirmed correction.
     confirmed: PerChannel<f64>,
-    /// What was sent, and what is expected where it is found.
+    /// The sent corrections, and the corrections accepted when read back.
     allowed: Allowed,
-    /// When something was sent last, to a barrier.
+    /// When a frame was last sent to a barrier.
     sent_to_barrier: Option<Duration>,
-    /// The output stood at what is confirmed: a ramp or a line begins anew when it moves again.
+    /// The output was at the confirmed correction: a ramp or a line starts anew when it moves again.
     stood: bool,
-    /// Where the control holds on its own while an interlock lasts: what is sent on to its barrier goes there.
+    /// The correction that the control itself holds during an interlock; words to its barrier go there.
     held: Option<PerChannel<f64>>,
-    /// Since when an interlock lasts.
+    /// Begin of the present interlock.
     stopped_since: Option<Duration>,
-    /// Another path writes from now on: what it is known to apply is where it begins.
+    /// The active path has changed: the output starts from the correction known on the new one.
     took_over: bool,
-    /// It writes to the same axes in the same steps as the path before: what that one sent is on its way to the same barrier,
-    /// if there is one, and a reading that held until then does not show yet where it leads.
+    /// Set if the new path writes the same axes in the same steps as the previous one: the last words of that one may still be on the way to a
+    /// common barrier, and a reading valid before this time does not show their effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
     moves: Moves,
-    /// What the last proof showed.
+    /// Result of the last proof.
     verdict: Verdict,
     last_cycle: Option<Duration>,
-    /// When positions and correction were good last.
+    /// When positions and correction were last valid.
     good: Option<Duration>,
     /// When the control may act on its own.
     until: Option<Duration>,
@@ -88,10 +86,10 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard that is disarmed, its output zero.
+    /// A disarmed guard with zero output.
     ///
     /// # Errors
-    /// Limits that make no sense, or lie beyond a [`ceiling`](crate::ceiling).
+    /// Limits that are invalid, or beyond a [`ceiling`](crate::ceiling).
     pub fn new(limits: Limits) -> Result<Self, LimitsError> {
         limits.check()?;
         Ok(Self {
@@ -120,8 +118,8 @@ impl Guard {
         })
     }
 
-    /// Other limits from the next cycle on: what lies beyond them comes in at the old or the new rate, whichever is lower, and
-    /// by a ramp where [`Request::Switched`] follows.
+    /// Replaces the limits from the next cycle on. Corrections beyond them are reduced at the old or the new rate, whichever is lower, and by a
+    /// ramp if [`Request::Switched`] follows.
     ///
     /// # Errors
     /// Those of [`Limits::check_in_place_of`]: the old ones stay.
@@ -133,13 +131,13 @@ impl Guard {
         Ok(())
     }
 
-    /// Another path writes from the next cycle on, with these limits in its order of axes: the output begins with what is
-    /// known to be applied on it, or with what is on its way to a barrier to which both lead. `places` says which place each of
-    /// its axes had on the path before; `None`: that path did not write it. What lies beyond the new limits, and was sent by
-    /// the path before or known there, comes in by a ramp.
+    /// Switches to another path from the next cycle on, with these limits in its axis order. The output starts at the correction known to be
+    /// applied on it, or at the words on the way to a barrier common to both paths. `places` is the index of each of its axes on the previous path;
+    /// `None`: that path did not write it. Corrections beyond the new limits that were sent by the previous path, or known there, are reduced by a
+    /// ramp.
     ///
     /// # Errors
-    /// Limits that make no sense: the path before goes on.
+    /// Invalid limits: the previous path stays active.
     pub fn take_path(
         &mut self,
         limits: Limits,
@@ -147,12 +145,12 @@ impl Guard {
     ) -> Result<(), LimitsError> {
         limits.check()?;
         let places = &places.map(|place| place.filter(|place| *place < self.limits.count));
-        // What the path before has sent, or was known to apply, is expected on this path, too.
+        // Corrections sent by the previous path, or known there, are accepted on this path, too.
         let stands = self.stands().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
         self.allowed
             .take_path(now, places, &stands, &self.limits, &limits);
-        // What the path before sent is the output until it is known what is applied on this one.
+        // The last words of the previous path are the output until the correction on this one is known.
         let is_same = limits.check_in_place_of(&self.limits).is_ok()
             && limits.places().all(|i| places[i] == Some(i));
         let delay = self.limits.longest_delay().max(limits.longest_delay());
@@ -169,34 +167,33 @@ impl Guard {
         self.adopted = PerChannel::default();
         self.took_over = true;
         (self.held, self.stopped_since) = (None, None);
-        // The positions of the path before are no positions of this one: what is sent now has to wait for those.
+        // The positions of the previous path do not count for this one: sending waits for its own.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
         self.good = self.good.map(|good| good.min(stale));
-        // What was shown, was shown of the positions of the other path, and it was those that moved.
+        // The proof was made with the positions of the other path, including which axes moved.
         self.verdict = Verdict::default();
         self.proof = Proof::default();
         self.moves = Moves::default();
         Ok(())
     }
 
-    /// The output of the last cycle was not sent, or its sending failed: it does not count as moved.
+    /// Reports that the output of the last cycle was not sent, or its sending failed: it does not count as moved.
     pub fn not_sent(&mut self) {
         self.vector = self.before;
         self.vector.stop();
     }
 
-    /// For how long from `now` on the output of this cycle may still be sent, since positions and correction grow old, and
-    /// a control that receives nothing may act on its own; `None`: not any more. To be called immediately before a write.
+    /// Remaining time from `now` in which the output of this cycle may be sent, since positions and correction expire, and a control that receives
+    /// nothing may act on its own; `None`: it has expired. Call immediately before a write.
     #[must_use]
     pub fn time_to_send(&self, now: Duration) -> Option<Duration> {
-        // An output that is on its way out, or stands, depends on no position. But nothing is sent that was decided
-        // longer ago than positions may be held.
+        // An output that ramps out or is constant depends on no position, but no decision older than the maximum hold time is sent.
         let depends = matches!(self.state, State::Arming(_) | State::Compensating);
         let decided = now.saturating_sub(self.last_cycle.unwrap_or(now));
         let age = if depends { self.age(now) } else { decided };
         let young = self.limits.hold.checked_sub(age)?;
-        // Where positions may be older than that, a decision may not.
+        // If positions may be older than that, a decision may not.
         let young = young.min(ceiling::HOLD.checked_sub(decided)?);
         match self.until {
             Some(until) => until.checked_sub(now).map(|left| left.min(young)),
@@ -204,7 +201,7 @@ impl Guard {
         }
     }
 
-    /// The limits that hold now.
+    /// The active limits.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -219,18 +216,18 @@ impl Guard {
         self.vector.output()
     }
 
-    /// How long it takes to ramp the correction out once nothing new is available.
+    /// Time to ramp the correction out without new inputs.
     #[must_use]
     pub fn time_to_zero(&self) -> Duration {
         self.vector.time_to_zero(&self.limits)
     }
 
-    /// What the test shift of the last arming showed, axis by axis.
+    /// Result of the test shift at the last arming, by axis.
     pub fn verdict(&self) -> &Verdict {
         &self.verdict
     }
 
-    /// Decides one cycle: the correction to send, and the state.
+    /// Runs one cycle: decides the correction to send, and the state.
     pub fn cycle(&mut self, inputs: &Inputs) -> Output {
         let dt_s = self.elapsed(inputs.now);
         let reading = inputs.reading.filter(|reading| self.is_finite(reading));
@@ -253,12 +250,12 @@ impl Guard {
             self.verdict = Verdict::default();
         }
         if self.state.is_armed() && !before.is_armed() {
-            // What did not stick before does not count: it begins with what is confirmed now.
+            // Earlier corrections that did not stick no longer count: arming starts at the confirmed correction.
             self.adopted = PerChannel::default();
         }
         self.allow(&inputs, before);
         let resumes = self.stood && !facts.interlocked;
-        // What has been ramped to is followed without another ramp.
+        // The end of the ramp continues without another one.
         let arrived = (before, self.state) == (State::Arming(Phase::Ramping), State::Compensating);
         let enters = self.state != before && !arrived;
         if enters || changed || resumes || facts.begins_anew() {
@@ -287,12 +284,12 @@ impl Guard {
         self.limits.places().all(holds)
     }
 
-    /// A position that is no number makes a reading worthless.
+    /// A position that is not finite invalidates the whole reading.
     fn is_finite(&self, reading: &Reading) -> bool {
         self.all(|i| reading.positions[i].is_finite())
     }
 
-    /// Time since the last cycle, s, at most five periods of it.
+    /// Time since the last cycle, s, limited to five periods.
     fn elapsed(&mut self, now: Duration) -> f64 {
         let period = self.limits.period;
         let passed = self
@@ -302,17 +299,17 @@ impl Guard {
         passed.min(period * LONGEST_CYCLE_PERIODS).as_secs_f64()
     }
 
-    /// How old positions and correction are.
+    /// Age of positions and correction.
     fn age(&self, now: Duration) -> Duration {
         self.good
             .map_or(Duration::MAX, |good| now.saturating_sub(good))
     }
 
-    /// In an interlock the last word is sent on to a barrier, so that it does not time out: the axis is there already, or
-    /// what is on its way brings it there. What is confirmed lags that word, and led back to it an axis would go to and fro.
-    /// Only where the control took the word and stays elsewhere for long, since it holds on its own, the word goes there, so
-    /// that nothing moves when the control is free again. A control that stood before the stop may have been free since: it
-    /// holds where it is still seen to stand after it would have been seen to move.
+    /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis is there already, or the words in transit
+    /// move it there. The confirmed correction lags that word; returning to it would move the axis to and fro. Only if the control accepted the
+    /// word but stays elsewhere for long, because it holds on its own, the word goes to that place, so that nothing moves when the control is
+    /// released. A control that was stationary before the interlock may have been released since: it counts as holding only if it is still
+    /// stationary after the time in which a movement would have been seen.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
         let known = &inputs.known;
         if !facts.interlocked {
@@ -328,12 +325,12 @@ impl Guard {
         if is_seen && self.stands_elsewhere(inputs) {
             self.held = Some(values);
         }
-        // One that moves is held no more.
+        // A control that moves no longer holds.
         let stands = |held: &PerChannel<f64>| are_equal(held, &values, &self.limits);
         self.held = self.held.filter(stands);
     }
 
-    /// Takes what is confirmed as the output where that is not what was sent, and returns whether this is an event.
+    /// Takes the confirmed correction as the output if it differs from the sent one, and returns whether this is an event.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
         let known = &inputs.known;
         let Some(Confirmed { values, at }) = known.confirmed else {
@@ -346,7 +343,7 @@ impl Guard {
         let interlocked = !inputs.interlocks.is_empty();
         self.stood |= interlocked;
         let took_over = core::mem::take(&mut self.took_over);
-        // While nothing is sent the output is what is applied.
+        // While nothing is sent, the output is the applied correction.
         let idle = self.is_idle(inputs);
         if took_over && !idle && self.is_on_its_way(known.scheme, &values, at) {
             self.stood = true;
@@ -361,7 +358,7 @@ impl Guard {
             return false;
         }
         let output = self.output();
-        // What is confirmed anew and is what was sent goes on as it went.
+        // A correction that is confirmed anew and equals the sent one continues unchanged.
         let mut is_event = false;
         for i in self.limits.places() {
             if !is_same_step(values[i], output[i], self.limits.axes[i].resolution) {
@@ -375,15 +372,15 @@ impl Guard {
         is_event
     }
 
-    /// The output begins with these values (mm, rad).
+    /// Restarts the output at these values (mm, rad).
     fn begin_with(&mut self, values: &PerChannel<f64>) {
         self.vector = Vector::at(values);
         self.corridor.begin(values, &self.limits);
         self.stood = true;
     }
 
-    /// Whether the word that the path before has sent is on its way to the barrier to which this one leads, too, that applied
-    /// these `values` at the time `at`: it is no further from them than was slewed since.
+    /// Whether the last word of the previous path is on its way to the barrier common to both, which applied these `values` at `at`: it differs by
+    /// no more than the slew since then.
     fn is_on_its_way(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
         let (Some(until), output) = (self.shared_until, self.output()) else {
             return false;
@@ -397,7 +394,7 @@ impl Guard {
         scheme == Scheme::Barrier && at <= until && self.all(is_near)
     }
 
-    /// Nothing is sent in this state; in an interlock only to a barrier.
+    /// Whether nothing is sent in this state; during an interlock words are sent only to a barrier.
     fn is_idle(&self, inputs: &Inputs) -> bool {
         match self.state {
             State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
@@ -407,7 +404,7 @@ impl Guard {
         }
     }
 
-    /// An axis that went where it was sent, away from where the ramp began, takes what is sent.
+    /// Resets the fault counter of axes that reached the sent correction away from the start of the ramp, and so accept words.
     fn count_landed(&mut self, known: &Known, values: &PerChannel<f64>) {
         if known.unlanded_since.is_some() || !known.writable {
             return;
@@ -419,8 +416,7 @@ impl Guard {
         }
     }
 
-    /// Keeps the largest correction that is expected: more than the limit only on the way in, where it was lowered or
-    /// a person has looked.
+    /// Updates the accepted corrections: above the limit only on the way back, after the limit was lowered or the operator has acknowledged.
     fn allow(&mut self, inputs: &Inputs, before: State) {
         let Some(stands) = self.stands() else {
             return;
@@ -438,15 +434,14 @@ impl Guard {
         }
     }
 
-    /// How far from zero each axis stands, by the output or in the control; `None`: another path writes, and it is not known
-    /// yet on this one.
+    /// Absolute value of each axis, the larger of output and confirmed correction; `None` after a change of path until it is known.
     fn stands(&self) -> Option<PerChannel<f64>> {
         let (output, confirmed) = (self.output(), &self.confirmed);
         let furthest = |i: usize| output[i].abs().max(confirmed[i].abs());
         (!self.took_over).then(|| PerChannel::from_fn(furthest))
     }
 
-    /// A ramp or a line begins where the output stands.
+    /// Starts a ramp or a line at the present output.
     fn begin(&mut self) {
         self.from = self.vector.smooth();
         self.proof = Proof::default();
@@ -458,7 +453,7 @@ impl Guard {
         }
     }
 
-    /// Whether anything is sent: where it is, the output moves, or is sent on.
+    /// Whether anything is sent: the moving output, or the same one again.
     fn sends(&self, inputs: &Inputs) -> bool {
         !self.is_idle(inputs) && inputs.known.writable
     }
@@ -472,7 +467,7 @@ impl Guard {
     ) -> Facts {
         let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
         if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
-            // No reading is from the future, whatever a device says.
+            // No reading is from the future, whatever a device reports.
             self.good = self.good.max(Some(reading.taken.min(now)));
         }
         let age = self.age(now);
@@ -521,21 +516,20 @@ impl Guard {
         }
     }
 
-    /// The control takes what is sent, and stands elsewhere for longer than `hold`.
+    /// The control accepts words but stays elsewhere for longer than `hold`.
     fn stands_elsewhere(&self, inputs: &Inputs) -> bool {
         let since = inputs.known.stands_since;
         let hold = self.hold_unconfirmed(&inputs.known);
         since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
     }
 
-    /// For how long what was confirmed last counts: on a path that may hold positions for longer than others, not beyond the
-    /// time-out of its barrier.
+    /// Validity of the last confirmed correction: on a path with a longer hold than others, not beyond the timeout of its barrier.
     fn hold_unconfirmed(&self, known: &Known) -> Duration {
         let most = known.lets_go_after.map(|after| after.max(ceiling::HOLD));
         most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
     }
 
-    /// Goes on with the proof at arming; its result once there is one.
+    /// Continues the proof at arming; returns its result once it is complete.
     fn prove(
         &mut self,
         inputs: &Inputs,
@@ -575,7 +569,7 @@ impl Guard {
         reasons | Reasons::NOT_PROVEN.when(!facts.proves || after && !self.all(shown))
     }
 
-    /// Moves the output for `dt_s`, as far as it stays near to everything that may be applied. Whether it is to be sent.
+    /// Moves the output for `dt_s`, as far as it stays close to every correction that may be applied. Returns whether to send it.
     fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
         let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
             return false;
@@ -589,14 +583,14 @@ impl Guard {
             let moved = self.move_by(inputs, dt_s * share);
             let output = self.output();
             let is_near = |i: usize| {
-                // What is a whole number of steps but for a rounding goes to the next one.
+                // Tolerates rounding errors of whole steps.
                 let rounding = ROUNDING_STEPS * self.limits.axes[i].resolution;
                 let reach = reach[i] * ROUNDING + rounding;
                 let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
-                // What comes in from beyond a limit begins where it may stand.
+                // A correction that is reduced from beyond a limit starts where it may be now.
                 let mut stood = lowest[i].abs().max(highest[i].abs());
                 if is_barrier {
-                    // The word that was sent last is on its way, and may be sent again, however far it is from what is confirmed.
+                    // The last word is in transit and may be repeated, however far it is from the confirmed correction.
                     (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
                     stood = stood.max(sent[i].abs());
                 }
@@ -606,7 +600,7 @@ impl Guard {
                     && self.corridor.contains(i, output[i], &self.limits)
             };
             if self.all(is_near) {
-                // What is not confirmed yet holds the output back as its own slew does.
+                // A lack of confirmation limits the output like its own slew.
                 let moved = moved | Reasons::SLEWING.when(share < 1.0);
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
@@ -617,12 +611,11 @@ impl Guard {
             }
         }
         if is_barrier {
-            // A frame whose sending failed may still have landed: from there to the word before it the rate allows
-            // nothing yet.
+            // A frame whose sending failed may still have arrived: the rate does not yet allow returning to the word before it.
             self.vector = self.before;
             self.vector.stop();
         } else {
-            // What was sent last is too far from what is confirmed to be sent again: it goes on from there.
+            // The last word is too far from the confirmed correction to be sent again: restart from there.
             self.vector = Vector::at(&values);
             self.stood = true;
         }
@@ -631,8 +624,8 @@ impl Guard {
         false
     }
 
-    /// How far the output of each axis may be from what may be applied, mm and rad: what the guard slews in the delay of a
-    /// path with a barrier, or slewed while what is on its way was sent, else one slew or one step, whichever is larger.
+    /// Maximum distance of the output of each axis from the corrections that may be applied, mm and rad: with a barrier the slew during the delay
+    /// of the path (the highest slew among the words in transit), otherwise the slew per cycle or one step, whichever is larger.
     fn reach(&self, scheme: Scheme) -> PerChannel<f64> {
         let period_s = self.limits.period.as_secs_f64();
         let delay_s = self.limits.delay().as_secs_f64();
@@ -650,7 +643,7 @@ impl Guard {
         })
     }
 
-    /// Moves the vector as the state requires. Returns the reasons to report.
+    /// Moves the vector by the rules of the state. Returns the reasons to report.
     fn move_by(&mut self, inputs: &Inputs, dt_s: f64) -> Reasons {
         let limits = self.limits;
         if !inputs.interlocks.is_empty() {
@@ -689,8 +682,8 @@ impl Guard {
         }
     }
 
-    /// Moves the vector to where the control holds on its own, also beyond a limit that was lowered meanwhile: it is led in after
-    /// the stop, in which nothing moves.
+    /// Moves the vector to the correction that the control holds, even beyond a limit that was lowered meanwhile: nothing moves during the
+    /// interlock, and the correction is reduced after it.
     fn move_to_held(&mut self, held: &PerChannel<f64>, dt_s: f64) {
         let (stands, mut limits) = (self.vector.smooth(), self.limits);
         for (i, axis) in limits.axes.iter_mut().enumerate() {
@@ -700,8 +693,8 @@ impl Guard {
         self.move_on_line(held, &limits, dt_s);
     }
 
-    /// Moves the vector on a line to a goal that is some steps away: it takes the fewest cycles, not those of the ramp of a
-    /// correction. What a lowered limit left outside comes in by a ramp.
+    /// Moves the vector on a line to a goal some steps away, in as few cycles as possible, without the ramp time. Corrections beyond a lowered
+    /// limit are reduced by a ramp.
     fn move_to(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
         let (smooth, mut limits) = (self.vector.smooth(), *limits);
         let is_within = |i: usize| smooth[i].abs() <= limits.axes[i].reachable() * ROUNDING;
@@ -712,7 +705,7 @@ impl Guard {
     }
 
     fn move_on_line(&mut self, goal: &PerChannel<f64>, limits: &Limits, dt_s: f64) {
-        // Also anew where a write was not sent, and the vector is as it was before.
+        // Also restarts if a write was not sent and the vector was restored.
         if !self.vector.leads_to(goal) {
             self.vector.begin_line(goal);
         }

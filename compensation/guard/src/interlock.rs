@@ -1,36 +1,35 @@
-//! Interlocks: what forbids moving a correction, seen on any path.
+//! Interlocks: conditions, reported on any path, that forbid moving a correction.
 
 use core::time::Duration;
 
 use crate::{MAX_PATHS, Reasons};
 
-/// The flags of one path, each in the sense that forbids.
+/// The interlock flags of one path; true forbids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlock {
-    /// An axis was not sent to its reference.
+    /// An axis is not referenced.
     pub unreferenced: bool,
-    /// An alarm is on.
+    /// An alarm is active.
     pub alarm: bool,
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
 }
 
 impl Interlock {
-    /// The reasons of which each is one of these flags: why a correction stands until a control says otherwise.
+    /// The reasons that correspond to these flags, which hold a correction until the control clears them.
     pub const REASONS: [Reasons; 3] = [
         Reasons::NOT_REFERENCED,
         Reasons::CONTROLLER_ALARM,
         Reasons::EMERGENCY_STOP,
     ];
 
-    /// Whether something forbids.
+    /// Whether any flag is set.
     #[must_use]
     pub fn is_set(self) -> bool {
         self.unreferenced || self.alarm || self.emergency_stop
     }
 
-    /// What is known of the machine from flags of this age: those older than `hold` say nothing any more, so each one that
-    /// the control shows (`shown`) counts in the sense that forbids.
+    /// The flags at this age: flags older than `hold` are unknown, so each one that the control reports (`shown`) counts as set.
     #[must_use]
     pub fn at_age(self, age: Duration, hold: Duration, shown: Self) -> Self {
         let is_old = age > hold;
@@ -50,8 +49,8 @@ impl Interlock {
     }
 }
 
-/// The interlocks of a machine. State: what each path said last. An interlock that was seen on one path holds all of
-/// them; that it is no longer seen does not lift it: only the same path saying "clear" does, or a person.
+/// The interlocks of a machine. State: the last flags of each path. An interlock on one path applies to all; it is cleared only by the same path
+/// reporting it clear, or by the operator, not by silence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlocks {
     said: [Interlock; MAX_PATHS],
@@ -59,7 +58,7 @@ pub struct Interlocks {
 }
 
 impl Interlocks {
-    /// What the path at this place said in this cycle; `None`: it said nothing.
+    /// Records the flags of the path at this index in this cycle; `None`: it reported none.
     pub fn see(&mut self, path: usize, interlock: Option<Interlock>) {
         if let (Some(said), Some(silent)) = (self.said.get_mut(path), self.silent.get_mut(path)) {
             *silent = interlock.is_none();
@@ -67,7 +66,7 @@ impl Interlocks {
         }
     }
 
-    /// A person has made sure that what paths which are silent now said last is no longer so.
+    /// Clears the interlocks of paths that are silent now; the operator has checked that they no longer apply.
     pub fn acknowledge(&mut self) {
         for (said, silent) in self.said.iter_mut().zip(self.silent) {
             if silent {
@@ -76,13 +75,13 @@ impl Interlocks {
         }
     }
 
-    /// Why the correction must stand, empty where it may move.
+    /// Why the correction must be held; empty if it may move.
     #[must_use]
     pub fn reasons(&self) -> Reasons {
         (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.said_by(path))
     }
 
-    /// What the path at this place said last, and whether it has been silent since.
+    /// The last flags of the path at this index, and whether it has been silent since.
     #[must_use]
     pub fn said_by(&self, path: usize) -> Reasons {
         let (Some(said), Some(silent)) = (self.said.get(path), self.silent.get(path)) else {

@@ -1,4 +1,4 @@
-//! The limits of a controller and of its axes, and the check that they make sense.
+//! The limits of a controller and of its axes, and their validation.
 
 use core::time::Duration;
 
@@ -9,78 +9,75 @@ use crate::{ceiling, step::whole_below};
 /// The limits of one axis: lengths in mm for linear axes, angles in rad for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
-    /// Whether the axis slides (all numbers in mm) or turns (all numbers in rad).
+    /// Linear (all numbers in mm) or rotary (all numbers in rad).
     pub kind: AxisKind,
-    /// The largest correction, in either direction: at least one step, and at most [`ceiling::LIMIT`] or
-    /// [`ceiling::LIMIT_ROTARY`]; or 0 for an axis that is never corrected ([`AxisLimits::held_at_zero`]).
+    /// Largest correction, in either direction: at least one step, and at most [`ceiling::LIMIT`] or [`ceiling::LIMIT_ROTARY`]; or 0 for an axis
+    /// that is never corrected ([`AxisLimits::held_at_zero`]).
     pub limit: f64,
-    /// A correction that is larger than this, in either direction, is reported.
+    /// Larger corrections, in either direction, are reported.
     pub warn: f64,
-    /// The largest change of the correction in a second; at most [`ceiling::SLEW_PER_S`] or
-    /// [`ceiling::SLEW_PER_S_ROTARY`].
+    /// Largest change of the correction per second; at most [`ceiling::SLEW_PER_S`] or [`ceiling::SLEW_PER_S_ROTARY`].
     pub slew_per_s: f64,
-    /// The largest change of the slew in a second; infinite: not limited.
+    /// Largest change of the slew per second; infinite: unlimited.
     pub accel_per_s2: f64,
-    /// The smallest step of the controller.
+    /// Smallest step of the controller.
     pub resolution: f64,
     /// Whether its reported positions contain the correction.
     pub includes_correction: bool,
 }
 
-/// The limits of a controller: those of its axes, and the times that hold for all of them.
+/// The limits of a controller: those of its axes, and the common times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The limits of each axis (mm, rad), in channel order; places from `count` on are not used.
+    /// Limits of each axis (mm, rad), in channel order; entries from `count` on are unused.
     pub axes: [AxisLimits; MAX_AXES],
-    /// How many axes the controller has.
+    /// Number of axes of the controller.
     pub count: usize,
-    /// The nominal time of a cycle, from [`ceiling::SHORTEST_CYCLE`] to [`ceiling::LONGEST_CYCLE`].
+    /// Nominal cycle period, from [`ceiling::SHORTEST_CYCLE`] to [`ceiling::LONGEST_CYCLE`].
     pub period: Duration,
-    /// When positions are older than this, the correction is held; at most [`ceiling::HOLD`], or
-    /// [`ceiling::HOLD_THERMAL`] where `only_thermal` says so.
+    /// Age of positions from which the correction is held; at most [`ceiling::HOLD`], or [`ceiling::HOLD_THERMAL`] with `only_thermal`.
     pub hold: Duration,
     /// Whether the correction is that of thermal terms alone.
     pub only_thermal: bool,
-    /// When positions are older than this, the correction ramps to zero.
+    /// Age of positions from which the correction ramps to zero.
     pub zero_after: Duration,
-    /// The configured time of a ramp; it takes [`Limits::ramp_taken`].
+    /// Configured ramp time; the actual one is [`Limits::ramp_taken`].
     pub ramp: Duration,
-    /// Shift that proves at arming whether positions contain it, mm and rad; 0: not proven. At least four steps
-    /// of correction and position.
+    /// Test shift at arming that proves whether positions contain it, mm and rad; 0: none. At least four steps of correction and position.
     pub test_shift: PerChannel<f64>,
-    /// How many writes the read-back may be behind, 1 to [`MOST_READ_BACK_CYCLES`].
+    /// Maximum lag of the read-back in writes, 1 to [`MOST_READ_BACK_CYCLES`].
     pub read_back_cycles: usize,
 }
 
-/// The largest number of writes that a read-back may be behind.
+/// Maximum allowed lag of a read-back, in writes.
 pub const MOST_READ_BACK_CYCLES: usize = 32;
-/// The smallest number of cycles over which a ramp goes: a shorter one would be a step.
+/// Minimum number of cycles of a ramp: a shorter one would be a step.
 pub const FEWEST_RAMP_CYCLES: u32 = 20;
 
-/// One number of the limits.
+/// A number within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// The smallest step of an axis, mm or rad.
+    /// Smallest step of an axis, mm or rad.
     Resolution,
-    /// The largest correction of an axis, mm or rad.
+    /// Largest correction of an axis, mm or rad.
     Limit,
-    /// The correction of an axis above which it is reported, mm or rad.
+    /// Correction of an axis above which it is reported, mm or rad.
     Warn,
-    /// The largest change of the correction of an axis, mm/s or rad/s.
+    /// Largest change of the correction of an axis, mm/s or rad/s.
     Slew,
-    /// The largest change of the slew of an axis, mm/s² or rad/s².
+    /// Largest change of the slew of an axis, mm/s² or rad/s².
     Accel,
-    /// The shift of an axis that is made at arming, mm or rad.
+    /// Test shift of an axis at arming, mm or rad.
     TestShift,
     /// The number of axes.
     Axes,
-    /// The time of a cycle, s.
+    /// Cycle period, s.
     Period,
-    /// The age from which positions are held, s.
+    /// Age of positions from which the correction is held, s.
     Hold,
-    /// The age from which positions ramp the correction to zero, s.
+    /// Age of positions from which the correction ramps to zero, s.
     ZeroAfter,
-    /// How many writes the read-back may be behind.
+    /// Maximum lag of the read-back, in writes.
     ReadBack,
 }
 
@@ -102,22 +99,22 @@ impl core::fmt::Display for Quantity {
     }
 }
 
-/// A number of the limits that a guard refuses.
+/// A number of the limits that a guard rejects.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: found {}, expected {expected}", self.found())]
 pub struct LimitsError {
     /// Which number is wrong.
     pub what: Quantity,
-    /// The place of the axis and its kind, where the number is that of an axis.
+    /// Index and kind of the axis, if the number belongs to an axis.
     pub axis: Option<(usize, AxisKind)>,
-    /// The number that was found, in the unit of the [`Quantity`].
+    /// The number, in the unit of the [`Quantity`].
     pub found: f64,
-    /// The numbers that are allowed, in words.
+    /// The allowed numbers, in words.
     pub expected: &'static str,
 }
 
 impl LimitsError {
-    /// The number that was found, with its unit: µm or µrad for what belongs to an axis, ms for times.
+    /// The number with its unit: µm or µrad for axes, ms for times.
     pub fn found(&self) -> impl core::fmt::Display + use<> {
         Found(*self)
     }
@@ -145,7 +142,7 @@ impl core::fmt::Display for Found {
 }
 
 impl AxisLimits {
-    /// The limits of an axis that is not there: it does not move.
+    /// Limits of an unused axis: it does not move.
     pub const NONE: Self = Self {
         kind: AxisKind::Linear,
         limit: 0.0,
@@ -156,8 +153,8 @@ impl AxisLimits {
         includes_correction: false,
     };
 
-    /// The limits of an axis that is not corrected, and is written with zero: the step of one may be larger than any
-    /// correction may be. What is left over there, up to one step, goes back to zero at the slew.
+    /// Limits of an axis that is not corrected and always written as zero: one step of it may exceed the largest allowed correction. A remaining
+    /// correction of up to one step returns to zero at the slew.
     #[must_use]
     pub fn held_at_zero(self) -> Self {
         Self {
@@ -167,15 +164,14 @@ impl AxisLimits {
         }
     }
 
-    /// The largest correction that is really written, mm or rad: the largest multiple of the resolution within the
-    /// limit.
+    /// Largest writable correction, mm or rad: the largest multiple of the resolution within the limit.
     pub fn reachable(&self) -> f64 {
         whole_below(self.limit, self.resolution)
     }
 
     fn check(&self, axis: usize, test_shift: f64) -> Result<(), LimitsError> {
         use Quantity::{Accel, Limit, Resolution, Slew, TestShift, Warn};
-        // A ceiling that was converted from µm or µrad is not missed by a rounding.
+        // Tolerates the rounding of a ceiling converted from µm or µrad.
         let [most, fastest] = ceiling::of(self.kind).map(|ceiling| ceiling * (1.0 + 1e-12));
         let [expected_limit, expected_slew] = match self.kind {
             AxisKind::Linear => [
@@ -229,7 +225,7 @@ impl Limits {
     /// Checks every number of the limits.
     ///
     /// # Errors
-    /// The first number that is wrong.
+    /// The first invalid number.
     pub fn check(&self) -> Result<(), LimitsError> {
         let wrong = |what, found: f64, expected| LimitsError {
             what,
@@ -280,11 +276,10 @@ impl Limits {
         Ok(())
     }
 
-    /// Checks every number, and that these limits can take the place of others while the same controller corrects: they are
-    /// of the same axes in the same steps.
+    /// Checks every number, and that these limits can replace others of the same controller: they have the same axes in the same steps.
     ///
     /// # Errors
-    /// The first number that is wrong.
+    /// The first invalid number.
     pub fn check_in_place_of(&self, before: &Self) -> Result<(), LimitsError> {
         self.check()?;
         let refused = |expected| LimitsError {
@@ -313,31 +308,30 @@ impl Limits {
         Ok(())
     }
 
-    /// The places of the axes that there are.
+    /// The indices of the used axes.
     pub(crate) fn places(&self) -> core::ops::Range<usize> {
         0..self.count.min(MAX_AXES)
     }
 
-    /// The delay of the path: how long after a write its values may be read back.
+    /// Delay of the path: maximum time from a write to its read-back.
     #[must_use]
     pub fn delay(&self) -> Duration {
         let cycles = u32::try_from(self.read_back_cycles).unwrap_or(u32::MAX);
         self.period.saturating_mul(cycles)
     }
 
-    /// How long after a write what it replaced may still be read: a cycle more on each side, since a write comes after
+    /// Maximum time for which a reading may still show the value before a write: one more cycle on each side of the delay, since a write follows
     /// the reading of its cycle.
     pub(crate) fn longest_delay(&self) -> Duration {
         self.delay().saturating_add(self.period * 2)
     }
 
-    /// How long after a write no reading of a control without a barrier is from before it, however late: what is older
-    /// than `zero_after` would be lost as a position, too.
+    /// Maximum age of a reading from a control without a barrier: anything older than `zero_after` would be rejected as a position, too.
     pub(crate) fn oldest_reading(&self) -> Duration {
         self.zero_after.saturating_add(self.longest_delay())
     }
 
-    /// A number of each axis, 0 for places without one.
+    /// A number of each axis, 0 for unused ones.
     pub(crate) fn of_axes(&self, number: impl Fn(&AxisLimits) -> f64) -> PerChannel<f64> {
         PerChannel::from_fn(|i| {
             if i < self.count {
@@ -348,13 +342,13 @@ impl Limits {
         })
     }
 
-    /// The time that a ramp takes: the configured one, or 20 cycles if that is longer.
+    /// Actual ramp time: the configured one, but at least 20 cycles.
     pub fn ramp_taken(&self) -> Duration {
         let fewest = self.period.saturating_mul(FEWEST_RAMP_CYCLES);
         self.ramp.max(fewest)
     }
 
-    /// The share of a ramp that passes in `dt_s`.
+    /// Fraction of a ramp that passes in `dt_s`.
     pub(crate) fn ramp_share(&self, dt_s: f64) -> f64 {
         (dt_s / self.ramp_taken().as_secs_f64()).min(1.0 / f64::from(FEWEST_RAMP_CYCLES))
     }

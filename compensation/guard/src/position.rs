@@ -1,43 +1,43 @@
-//! Plausibility of reported positions: within travel, and within reach of the axis since the last accepted position.
+//! Plausibility of reported positions: within travel, and reachable since the last accepted position.
 
 use core::time::Duration;
 
 use crate::step::shortest_way;
 
-/// How much older or younger than its timestamp a reported position can be.
+/// Maximum error of a position's timestamp in either direction, s.
 const TIMESTAMP_UNCERTAINTY_S: f64 = 0.025;
 
 /// Range and speed of an axis, mm or rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionLimits {
-    /// The lowest and the highest position; `None`: a rotary axis without ends.
+    /// Lowest and highest position; `None`: a rotary axis without end stops.
     pub range: Option<[f64; 2]>,
-    /// The modulo of reported positions; `None`: they do not wrap.
+    /// Modulo of reported positions; `None`: they do not wrap.
     pub turn: Option<f64>,
     /// The maximum speed, mm/s or rad/s.
     pub speed: f64,
 }
 
-/// Why a position cannot be true.
+/// Why a position is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PositionFlaw {
     /// It is outside the range of the axis.
     OutsideTravel,
-    /// The axis cannot have moved there since the last accepted position.
+    /// The axis cannot have reached it since the last accepted position.
     Jumped,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Accepted {
-    /// mm or rad.
+    /// Position, mm or rad.
     position: f64,
     taken: Duration,
-    /// Smallest and largest offset of the true position from the reported one, by all readings accepted so far.
+    /// Range of the offset of the true position from the reported one, by all readings accepted so far.
     offset_range: [f64; 2],
 }
 
-/// The last accepted position of an axis. After a rejected one none is accepted, however much time passes, until one is within
-/// the reach that the axis had when the first of them was rejected.
+/// The last accepted position of an axis. After a rejection no position is accepted, however much time passes, until one is within the reach that
+/// the axis had at the first rejection.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
     accepted: Option<Accepted>,
@@ -46,10 +46,10 @@ pub struct PositionCheck {
 }
 
 impl PositionCheck {
-    /// Judges a position (mm, rad) that held at `taken`.
+    /// Checks a position (mm, rad) valid at `taken`.
     ///
     /// # Errors
-    /// Why it cannot be true.
+    /// Why it is rejected.
     pub fn judge(
         &mut self,
         limits: &PositionLimits,
@@ -80,13 +80,13 @@ impl PositionCheck {
         }
     }
 
-    /// Accepts the next position whatever it is.
+    /// Accepts the next position unconditionally.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. All readings since the
-    /// first accepted one count, so that a jump spread over many of them is found.
+    /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. It considers all readings since the
+    /// first accepted one, so that a jump spread over many of them is detected.
     fn offset_range(
         &self,
         limits: &PositionLimits,
@@ -97,7 +97,7 @@ impl PositionCheck {
         let Some(before) = self.accepted else {
             return Some([-unsure, unsure]);
         };
-        // Of two sources one may report the older position.
+        // With two sources, one may report an older position.
         let passed = self.rejected_since.unwrap_or(taken).abs_diff(before.taken);
         let goes = limits.speed * passed.as_secs_f64();
         let way = shortest_way(position - before.position, limits.turn);

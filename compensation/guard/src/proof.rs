@@ -1,4 +1,4 @@
-//! At arming: do reported positions contain the correction, as the configuration says?
+//! Test at arming whether reported positions contain the correction as configured.
 
 use core::{f64::consts::TAU, time::Duration};
 
@@ -9,51 +9,50 @@ use crate::{
     step::{ROUNDING, ROUNDING_STEPS, shortest_way},
 };
 
-/// New readings in a row, and time, for which the axes must stand before and after each shift. The time is longer than a
-/// control may take to show positions anew; where they come more slowly than that, the readings count.
+/// Number of new consecutive readings, and time, for which the axes must be at standstill before and after each shift. The time exceeds the maximum
+/// update interval of a control's positions; if they are updated more slowly, the readings decide.
 const STILL_READINGS: u32 = 5;
 const STILL_FOR: Duration = Duration::from_millis(250);
-/// The maximum number of attempts where a position neither follows a shift nor stays.
+/// Maximum number of attempts while a position neither follows a shift nor stays.
 const MOST_ATTEMPTS: u8 = 3;
-/// A position that stays within this share of a shift has not moved: a count that flickers, of which a shift has four at
-/// least, is no motion. So a position that follows by a tenth of the shift counts as one that stays.
+/// A position that stays within this fraction of a shift has not moved. A flickering count is not a motion, since a shift is at least four counts.
+/// A position that follows by a tenth of the shift therefore also counts as staying.
 const STAYED_SHARE: f64 = 0.25 + ROUNDING_STEPS;
-/// A position that neither follows nor stays, by more than this share of a shift: the machine moved the axis.
+/// Movement, as a multiple of the shift, beyond which the machine must have moved the axis.
 const MOVED_SHARE: f64 = 2.5;
-/// A machine that goes on: an axis still moves this many times longer after a shift than it has to stand still, or it went
-/// this many shifts within that time.
+/// The machine counts as moving if an axis still moves after `LATEST` times the required standstill, or after that standstill and farther than
+/// `FAR_SHIFTS` times the shift.
 const LATEST: u32 = 3;
 const FAR_SHIFTS: f64 = 20.0;
-/// Only motion that is so young when an axis is shifted shows that its position is alive.
+/// Maximum age of a motion that shows, when an axis is shifted, that its position is alive.
 const ALIVE_FOR: Duration = Duration::from_secs(10);
 
-/// What the test shift shows of one axis.
+/// Result of the test shift for one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Proven {
     /// The reported position followed the shift both ways: it contains the correction.
     Contained,
-    /// The reported position stayed both times, and it is alive: the machine moved the axis a short while ago.
+    /// The reported position stayed both times, and is alive: the machine moved the axis recently.
     NotContained,
-    /// Neither is shown: the axis was not shifted, its position may be frozen, or it did something between.
+    /// Unknown: the axis was not shifted, its position may be frozen, or it moved otherwise.
     #[default]
     NotProven,
 }
 
-/// The result of a proof: of each axis what is shown, and whether the configuration says otherwise.
+/// Result of a proof: for each axis the finding, and whether it contradicts the configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verdict {
-    /// What is shown, axis by axis.
+    /// The finding for each axis.
     pub axes: PerChannel<Proven>,
-    /// The axes of which the configuration says the opposite of what is shown, or another amount: a position that follows
-    /// both ways by 2.5 times the shift, or by half of it, shows that the words are in another unit. Where positions do not
-    /// contain the correction no unit shows.
+    /// The axes whose configuration contradicts the finding or the amount: a position that follows both ways by 2.5 times the shift, or by half of
+    /// it, shows that the words have another unit. If positions do not contain the correction, the unit cannot be tested.
     pub contradicts: PerChannel<bool>,
-    /// The axes of which anything is shown.
+    /// The axes with a finding.
     pub proven: PerChannel<bool>,
 }
 
 impl Verdict {
-    /// `scaled`: the axes that followed both ways, by another amount than they were shifted by.
+    /// `scaled`: the axes that followed both ways by another amount than the shift.
     fn of(axes: PerChannel<Proven>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,
@@ -66,25 +65,25 @@ impl Verdict {
         }
     }
 
-    /// Whether the configuration says the opposite of what is shown of any axis.
+    /// Whether any axis contradicts its configuration.
     #[must_use]
     pub fn is_contradiction(&self) -> bool {
         self.contradicts.iter().any(|contradicts| *contradicts)
     }
 }
 
-/// When the machine moved each axis last, not the correction: only then a position that stays where it is shows
-/// anything. To be fed in every cycle in which a reading came.
+/// When the machine, not the correction, last moved each axis: only then a constant position proves anything. Update it in every cycle with a
+/// reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moves {
-    /// The position as reported and the correction, when the axis moved last.
+    /// Reported position and correction when the axis last moved.
     last: PerChannel<Option<(f64, f64)>>,
     moved: PerChannel<Option<Duration>>,
 }
 
 impl Moves {
-    /// A reading: positions as reported (mm, rad) and the correction that is applied, as far as it is known. An axis
-    /// moved by itself when its position changed by more than its test shift, whether the correction is in it or not.
+    /// Updates with a reading: positions as reported (mm, rad) and the applied correction. The machine moved an axis if its position changed by
+    /// more than its test shift both with and without the correction.
     pub fn see(
         &mut self,
         now: Duration,
@@ -122,29 +121,29 @@ impl Moves {
     }
 }
 
-/// How far the proof is: where the correction is to stand.
+/// Stage of the proof, which determines the correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Leg {
-    /// Where the proof began.
+    /// At the initial correction.
     #[default]
     Begin,
-    /// Shifted one way: towards zero, or up.
+    /// Shifted in the first direction: towards zero, or up.
     First,
-    /// Shifted the other way; near the limit back to where it began.
+    /// Shifted in the other direction; near the limit back to the start.
     Second,
 }
 
-/// What the position of one axis did in one leg.
+/// Reaction of one axis's position in one leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Did {
     Followed,
     Stayed,
     Between,
-    /// It moved so far that the machine moved it.
+    /// It moved so far that the machine must have moved it.
     Moved,
 }
 
-/// New readings that came, and when the first one before them held.
+/// A span of new readings: their number, and when the one before them was valid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Span {
     from: Option<Duration>,
@@ -152,7 +151,7 @@ struct Span {
 }
 
 impl Span {
-    /// A reading more.
+    /// Adds a reading.
     fn goes_on(&mut self, taken: Duration) {
         match self.from {
             Some(_) => self.readings = self.readings.saturating_add(1),
@@ -160,64 +159,63 @@ impl Span {
         }
     }
 
-    /// Whether it is `times` as long as axes have to stand still.
+    /// Whether it is `times` as long as the required standstill.
     fn lasts(&self, times: u32, taken: Duration) -> bool {
         let long = |from| taken.saturating_sub(from) >= STILL_FOR * times;
         self.from.is_some_and(long) && self.readings >= STILL_READINGS * times
     }
 }
 
-/// What is shown of axes, and which of them follow by another amount than they were shifted by.
+/// Findings for axes, and which of them follow by another amount than the shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Shown {
     axes: PerChannel<Proven>,
     scaled: PerChannel<bool>,
 }
 
-/// The test shift: state of the guard. All rotary axes are shifted first, and the linear axes follow them, so that the tool
-/// tip stays where it is; then all linear axes. The correction goes one way by the shift, then the other
-/// way, and rests in between; creep or a slow position so does not look like an answer to it. Where the machine goes on
-/// meanwhile, the correction goes back to where the proof began, which it does anew at the next standstill: a shift that
-/// stays would be an error of the part.
+/// The test shift; state of the guard. First all rotary axes are shifted, followed by the linear axes so that the tool tip stays in place; then all
+/// linear axes. The correction is shifted in one direction and then in the other, with a rest in between, so that creep or a slow position cannot
+/// look like a response. If the machine starts to move, the correction returns to the start, and the proof restarts at the next standstill: a
+/// remaining shift would be an error of the part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
-    /// When the last reading held.
+    /// When the last reading was valid.
     taken: Option<Duration>,
-    /// Where the axes began to stand, and for how long they have.
+    /// Positions at the begin of the standstill, and its duration.
     positions: PerChannel<f64>,
     still: Span,
-    /// For how long the correction has been where the leg leads, and when it was found there.
+    /// How long the correction has been at the goal of the leg, and when it was found there.
     reached: Span,
     there: Option<Duration>,
     leg: Leg,
-    /// The axes that had moved by themselves a short while before the first shift.
+    /// The axes that the machine had moved recently before the first shift.
     alive: PerChannel<bool>,
     /// Positions before the leg, and after the first one.
     stood: [PerChannel<f64>; 2],
     attempts: u8,
-    /// How the linear axes follow each rotary axis, mm for each rad.
+    /// How the linear axes follow each rotary axis, mm/rad.
     follow: PerChannel<PerChannel<f64>>,
-    /// What was shown of the rotary axes; `None`: they are not shifted yet.
+    /// Findings for the rotary axes; `None`: not shifted yet.
     rotary: Option<Shown>,
 }
 
 impl Proof {
-    /// The correction (mm, rad) to move to during the proof, which began at `from`.
+    /// The goal of the correction (mm, rad) during the proof, which started at `from`.
     #[must_use]
     pub fn goal(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         self.at(self.leg, from, limits)
     }
 
-    /// How the linear axes follow each rotary axis where the axes are, so that the tool tip stays
-    /// ([`Wanted::follow`](crate::Wanted)). It counts as of when a shift begins.
+    /// Sets how the linear axes follow each rotary axis at the present position so that the tool tip stays in place
+    /// ([`Wanted::follow`](crate::Wanted)). It takes effect when a shift begins.
     pub fn follows(&mut self, follow: &PerChannel<PerChannel<f64>>) {
         if self.leg == Leg::Begin {
             self.follow = *follow;
         }
     }
 
-    /// A reading, as the cycle of `now` has it, the correction that is applied, and what it was when the proof began: the
-    /// verdict, once there is one. A reading that was there before, or that held before a shift had landed, says nothing.
+    /// Updates with a reading at `now`, the applied correction, and the correction at the start of the proof. Returns the verdict once it is
+    /// complete. A reading from before, or valid before a shift had arrived, is ignored.
     pub fn read(
         &mut self,
         now: Duration,
@@ -275,13 +273,13 @@ impl Proof {
         }
     }
 
-    /// The correction is on its way.
+    /// The correction is in motion.
     fn waits(&mut self) {
         self.there = None;
         (self.still, self.reached) = (Span::default(), Span::default());
     }
 
-    /// The verdict, or another attempt, or the linear axes after the rotary ones.
+    /// Completes an attempt: returns the verdict, tries again, or continues with the linear axes after the rotary ones.
     fn judge(
         &mut self,
         positions: &PerChannel<f64>,
@@ -294,7 +292,7 @@ impl Proof {
         let kind = self.kind(limits);
         let mut shown = self.rotary.unwrap_or_default();
         let (mut unclear, mut moved) = (false, false);
-        // An axis that could not be shifted shows nothing.
+        // An axis that could not be shifted has no finding.
         let is_shifted = |i: &usize| first[*i] != begin[*i] && second[*i] != first[*i];
         for i in of_kind(kind, limits).filter(is_shifted) {
             let shares = [
@@ -338,7 +336,7 @@ impl Proof {
         Some(verdict)
     }
 
-    /// The kind of the axes that are shifted now.
+    /// The kind of axes that are being shifted.
     fn kind(&self, limits: &Limits) -> AxisKind {
         if self.rotary.is_none() && of_kind(AxisKind::Rotary, limits).count() > 0 {
             AxisKind::Rotary
@@ -347,9 +345,8 @@ impl Proof {
         }
     }
 
-    /// The correction of a leg: the axes that are shifted within their limits, both ways from where they begin,
-    /// the first one towards zero; near the limit inwards and back. The linear axes follow the rotary ones; where their
-    /// limits leave no place for that, nothing is shifted.
+    /// The correction of a leg: shifts the axes within their limits, in both directions from their start, the first one towards zero; near the
+    /// limit inwards and back. The linear axes follow the rotary ones; if their limits leave no room for that, nothing is shifted.
     fn at(&self, leg: Leg, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let begin = self.begin(from, limits);
         let kind = self.kind(limits);
@@ -372,8 +369,8 @@ impl Proof {
         goal
     }
 
-    /// Where the correction stands before it is shifted: where the proof began, or where a limit that was lowered leaves all
-    /// of that by one factor, the rotary axes on whole steps and the linear axes after them.
+    /// The correction before the shift: the start of the proof, or, if a limit was lowered, all of it reduced by one factor, the rotary axes on
+    /// whole steps and the linear axes following.
     fn begin(&self, from: &PerChannel<f64>, limits: &Limits) -> PerChannel<f64> {
         let axes = || limits.axes.iter().enumerate().take(limits.count);
         let part = axes()
@@ -398,7 +395,7 @@ impl Proof {
         begin
     }
 
-    /// Whether the machine moves an axis that does not stand yet: no answer to a shift comes so late, or goes so far.
+    /// Whether the machine is moving an axis: no response to a shift takes that long, or goes that far.
     fn goes_on(&self, taken: Duration, positions: &PerChannel<f64>, limits: &Limits) -> bool {
         let before = match self.leg {
             // Nothing is shifted.
@@ -414,7 +411,7 @@ impl Proof {
         self.reached.lasts(LATEST, taken) || self.reached.lasts(1, taken) && is_far
     }
 
-    /// Back to where the proof began, and waiting for standstill there.
+    /// Returns to the start of the proof, and waits for standstill there.
     fn begin_anew(&mut self, attempts: u8, positions: &PerChannel<f64>) {
         *self = Self {
             attempts,
@@ -427,18 +424,18 @@ impl Proof {
     }
 }
 
-/// How far an axis went from one reported position to another, mm or rad: a rotary axis may have rolled over between them.
+/// Distance of an axis between two reported positions, mm or rad; a rotary axis may have wrapped in between.
 fn way(limits: &Limits, axis: usize, from: f64, to: f64) -> f64 {
     let rolls_over = limits.axes[axis].kind == AxisKind::Rotary;
     shortest_way(to - from, rolls_over.then_some(TAU))
 }
 
-/// Whether a position followed both ways by the same share of the shift: no machine moves an axis so.
+/// Whether a position followed both ways by the same fraction of the shift, as no machine motion does.
 fn is_one_factor([one, two]: [f64; 2]) -> bool {
     (one - two).abs() <= STAYED_SHARE * one.abs().max(two.abs())
 }
 
-/// What a position did that went this share of the way that its correction was shifted by.
+/// Reaction of a position that moved by this fraction of the shift.
 fn did(share: f64) -> Did {
     if share.abs() <= STAYED_SHARE {
         Did::Stayed
@@ -451,20 +448,20 @@ fn did(share: f64) -> Did {
     }
 }
 
-/// The shift of an axis in whole steps, as far as its limit allows one; 0: it is not shifted.
+/// The shift of an axis in whole steps, if its limit allows one; 0: it is not shifted.
 fn shift(limits: &Limits, axis: usize) -> f64 {
     let of_axis = &limits.axes[axis];
     let step = of_axis.resolution;
     (libm::round(limits.test_shift[axis] / step) * step).min(of_axis.reachable())
 }
 
-/// The axes of a kind that have a test shift.
+/// The axes of this kind with a test shift.
 fn of_kind(kind: AxisKind, limits: &Limits) -> impl Iterator<Item = usize> {
     let axes = 0..limits.count.min(MAX_AXES);
     axes.filter(move |&i| limits.axes[i].kind == kind && shift(limits, i) > 0.0)
 }
 
-/// The correction of a leg for an axis that began at `begin`.
+/// The correction of a leg for an axis that started at `begin`.
 fn at_leg(leg: Leg, axis: usize, begin: f64, limits: &Limits) -> f64 {
     let most = limits.axes[axis].reachable();
     let inwards = if begin > 0.0 { -1.0 } else { 1.0 } * shift(limits, axis);

@@ -1,31 +1,31 @@
-//! What every frame between a gateway and a control has in common, whether it brings values (the [barrier](crate::barrier)) or a
-//! map that the control looks up itself (map mode of `volcomp-tables`).
+//! The common part of all frames between a gateway and a control, whether they carry values (the [barrier](crate::barrier)) or a map that the
+//! control evaluates itself (map mode of `volcomp-tables`).
 //!
-//! The wire is taken as a black channel, as in IEC 61784-3: frames may be lost, late, doubled, reordered or torn. Each frame
-//! answers the last report of the control, which takes it only while that report is recent, and only from one sender at a time:
-//! [`Link`] is the control's half, [`Session`] the sender's.
+//! The wire is a black channel as in IEC 61784-3: frames may be lost, late, duplicated, reordered or torn. Each frame answers the last report of
+//! the control, which accepts it only while that report is recent, and only from one sender at a time: [`Link`] is the control's half, [`Session`]
+//! the sender's.
 //!
-//! Everything is 16-bit words, because that is what a controller's own program has. Nothing here allocates, waits or reads a
-//! clock: the time is the number of scans.
+//! Everything is in 16-bit words, the native type of a controller's own program. Nothing here allocates, waits or reads a clock: time is the number
+//! of scans.
 
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-/// One value for each axis of a channel, in counts of that axis.
+/// One value per axis of a channel, in counts of that axis.
 pub type Counts = volcomp_vocabulary::PerChannel<i16>;
 
-/// Words of a [`Head`].
+/// Number of words of a [`Head`].
 pub const HEAD_WORDS: usize = 4;
 
-/// How a frame begins: what shows that it is meant for now.
+/// The head of a frame, which proves that it is current.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Head {
-    /// The epoch that the control published last.
+    /// The last epoch published by the control.
     pub epoch: u16,
-    /// The tick that the control published last: how old the sender's knowledge is.
+    /// The last tick published by the control, which dates the sender's knowledge.
     pub tick: u16,
-    /// One more than the sequence that the control published last.
+    /// The last sequence published by the control, plus one.
     pub sequence: u16,
-    /// The number that the sender drew at its start, never 0.
+    /// Random number drawn by the sender at its start, never 0.
     pub owner: u16,
 }
 
@@ -36,7 +36,7 @@ impl Head {
         [self.epoch, self.tick, self.sequence, self.owner]
     }
 
-    /// The head of these words.
+    /// Decodes these words.
     #[must_use]
     pub fn of([epoch, tick, sequence, owner]: [u16; HEAD_WORDS]) -> Self {
         Self {
@@ -48,99 +48,99 @@ impl Head {
     }
 }
 
-/// Writes the checksum of the words before the last two into those.
+/// Writes the checksum of all words but the last two into the last two.
 pub fn seal(machine: u16, layout: Layout, words: &mut [u16]) {
     if let Some((body, check)) = words.split_last_chunk_mut() {
         *check = checksum(machine, layout, body).words();
     }
 }
 
-/// Whether the last two words are the checksum of those before.
+/// Whether the last two words are the checksum of the others.
 #[must_use]
 pub fn is_whole(machine: u16, layout: Layout, words: &[u16]) -> bool {
     (words.split_last_chunk())
         .is_some_and(|(body, check)| checksum(machine, layout, body).words() == *check)
 }
 
-/// Why a control did not take the last frame.
+/// Why a control rejected the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Refusal {
-    /// Every frame so far was taken.
+    /// Every frame so far was accepted.
     #[default]
     #[error("nothing was refused")]
     None,
-    /// The frame is torn, or meant for another machine or another set of axes.
+    /// The frame is torn, or for another machine or another set of axes.
     #[error("its checksum does not fit")]
     Checksum,
-    /// The frame was made before the control started anew or timed out.
+    /// The frame is from before a restart or a timeout of the control.
     #[error("it belongs to an earlier epoch of the control")]
     Epoch,
-    /// The frame was made from a report that is older than the control allows.
+    /// The frame answers a report that is older than the control allows.
     #[error("it was made from a report that is too old")]
     Tick,
-    /// Another sender holds the control, or the frame names none.
+    /// Another sender owns the control, or the frame names no sender.
     #[error("another sender holds the control")]
     Owner,
-    /// The frame was overtaken by a later one.
+    /// A later frame has arrived before.
     #[error("a later frame has overtaken it")]
     Sequence,
-    /// A value is beyond the limit that the control has for the axis. A map has to be begun again.
+    /// A value exceeds the limit of the control for its axis. A map must be started over.
     #[error("a value is beyond the limit of the control")]
     Value,
-    /// A word on plain lines came while a sender of frames holds the control or another correction is applied, or it
-    /// changes faster than the axis could follow.
+    /// A word on digital lines arrived while a sender of frames owns the control or another correction is applied, or it changes faster than the
+    /// axis could follow.
     #[error("a word on the lines came at the wrong time, or changes too fast")]
     Lines,
-    /// Words that are not the next ones of the map that is being loaded.
+    /// These are not the next words of the map being loaded.
     #[error("its words are not the next ones of the map")]
     Place,
-    /// The map does not fit the control: its axes, its steps, its size or its lines. It has to be begun again.
+    /// The map does not fit the control: its axes, steps, size or lines. It must be started over.
     #[error("the map does not fit this control")]
     Fit,
-    /// The checksum of the whole map does not fit, or the map that is to be kept is not the one in use.
+    /// The checksum of the whole map does not match, or the map to keep is not the active one.
     #[error("the map is not the one that is meant")]
     Map,
-    /// A kind of frame that this control does not know.
+    /// The control does not know this kind of frame.
     #[error("its kind is unknown")]
     Kind,
 }
 
 impl Refusal {
-    /// Its number in the reports of a control whose refusals are these, from 0.
+    /// Index of this refusal in the list `all` of a control, as sent in its reports.
     #[must_use]
     pub fn number_in(self, all: &[Self]) -> u16 {
         let place = all.iter().position(|one| *one == self).unwrap_or(0);
         u16::try_from(place).unwrap_or(0)
     }
 
-    /// The refusal of a number.
+    /// The refusal with this index.
     #[must_use]
     pub fn numbered(all: &[Self], number: u16) -> Option<Self> {
         all.get(usize::from(number)).copied()
     }
 }
 
-/// Whether `later` lies ahead of `earlier` on a counter of 16 bits that wraps around: by less than half of its range.
+/// Whether `later` is ahead of `earlier` on a wrapping 16-bit counter, by less than half of its range.
 fn is_ahead(later: u16, earlier: u16) -> bool {
     (1..1 << 15).contains(&later.wrapping_sub(earlier))
 }
 
-/// Why axes make no layout.
+/// Why axes are not a valid layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LayoutError {
     /// There is no axis.
     #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
     NoAxes,
-    /// An axis that is named more than once.
+    /// An axis is named more than once.
     #[error("axis {axis}: found twice, expected once")]
     Twice {
-        /// The axis that was found again.
+        /// The repeated axis.
         axis: AxisName,
     },
 }
 
-/// The corrected axes in the order of its words. Its number starts the checksum together with the machine's, so that
-/// frames and reports for other axes, or for the same axes in another order, do not fit.
+/// The corrected axes in the order of the words. Its number seeds the checksum together with the machine number, so frames and reports for other
+/// axes, or for the same axes in another order, do not match.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Layout {
     count: u8,
@@ -151,7 +151,7 @@ impl Layout {
     /// The layout of these axes in this order.
     ///
     /// # Errors
-    /// No axis, or one that is named twice.
+    /// No axis, or a repeated one.
     pub fn of(axes: impl IntoIterator<Item = AxisName>) -> Result<Self, LayoutError> {
         let mut layout = Self {
             count: 0,
@@ -171,14 +171,13 @@ impl Layout {
         Ok(layout)
     }
 
-    /// How many axes there are, 1 to [`MAX_AXES`].
+    /// Number of axes, 1 to [`MAX_AXES`].
     #[must_use]
     pub fn count(self) -> usize {
         self.count.into()
     }
 
-    /// One decimal digit for each axis, in their order: X 1, Y 2, Z 3, A 4, B 5, C 6, U 7, V 8, W 9. The number of
-    /// X Y Z is 123, that of X Y Z A C is 12346.
+    /// One decimal digit per axis, in order: X 1, Y 2, Z 3, A 4, B 5, C 6, U 7, V 8, W 9. The number of X Y Z is 123, that of X Y Z A C is 12346.
     #[must_use]
     pub fn number(self) -> u32 {
         self.number
@@ -204,21 +203,21 @@ fn digit(name: AxisName) -> u32 {
 pub struct Checksum {
     /// The sum of the words.
     pub sum: u16,
-    /// The sum of the sums, which detects words that changed places.
+    /// The sum of the sums, which detects swapped words.
     pub of_sums: u16,
 }
 
 impl Checksum {
-    /// The sum, and the sum of the sums.
+    /// The sum, then the sum of the sums.
     #[must_use]
     pub fn words(self) -> [u16; 2] {
         [self.sum, self.of_sums]
     }
 }
 
-/// Fletcher's checksum modulo 65535 of the words, started from the machine's number and the layout's, so that a frame for
-/// another machine, for other axes or for another order of them does not fit. The words 0 and 65535 weigh the same: -1 and 0 counts
-/// cannot be distinguished by it, which is at most one step of an axis.
+/// Fletcher checksum modulo 65535 of the words, seeded with the machine number and the layout number, so that a frame for another machine, for
+/// other axes or for another axis order does not match. The words 0 and 65535 are equivalent: it does not distinguish -1 and 0 counts, a difference
+/// of at most one step of an axis.
 #[must_use]
 pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
     let reduced = |sum: u32| u16::try_from(sum % 65535).unwrap_or(0);
@@ -233,24 +232,24 @@ pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
     check
 }
 
-/// The numbers that a control publishes and by which it takes frames.
+/// The numbers that a control publishes and by which it accepts frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Link {
-    /// Moves on at each start and at each time-out.
+    /// Incremented at each start and at each timeout.
     pub epoch: u16,
-    /// The number of scans, which wraps around.
+    /// Scan counter, which wraps.
     pub tick: u16,
-    /// The sender whose frames are taken; 0: any.
+    /// The only sender whose frames are accepted; 0: any.
     pub owner: u16,
-    /// The sequence of the last frame that was taken.
+    /// Sequence of the last accepted frame.
     pub sequence: u16,
-    /// The number of scans since a frame was taken; it stops at the time-out.
+    /// Scans since a frame was accepted; it stops at the timeout.
     pub silent: u16,
 }
 
 impl Link {
-    /// The link of a control after power-up or a reset. `epoch` is the one that was kept over power-off: it moves on here, so
-    /// that no frame made before can be taken.
+    /// The link of a control after power-up or a reset. `epoch` is the retained one: it is incremented here, so that no earlier frame can be
+    /// accepted.
     #[must_use]
     pub fn start(epoch: u16, tick: u16) -> Self {
         Self {
@@ -265,14 +264,13 @@ impl Link {
         self.tick = self.tick.wrapping_add(1);
     }
 
-    /// Whether a whole frame is to be taken, if its content can be; `false`: it was judged before, or is the one that was taken
-    /// last.
+    /// Whether a complete frame is to be accepted, if its content is valid; `false`: it was checked before, or is the last accepted one.
     ///
-    /// `found` are tick and sequence of the whole frame that was found last in the same mailbox. A frame that is not overwritten
-    /// lies there for ever: judged again it would be taken once tick and sequence have gone round.
+    /// `found` is the tick and sequence of the last complete frame in the same mailbox. A frame that is not overwritten stays there for ever:
+    /// without this check it would be accepted again once tick and sequence have wrapped.
     ///
     /// # Errors
-    /// Why it is refused.
+    /// Why it is rejected.
     pub fn judge(
         &self,
         head: Head,
@@ -302,14 +300,14 @@ impl Link {
         Ok(true)
     }
 
-    /// Takes a frame: from now on its sender holds the control.
+    /// Accepts a frame: from now on its sender owns the control.
     pub fn take(&mut self, head: Head) {
         self.owner = head.owner;
         self.sequence = head.sequence;
     }
 
-    /// Counts a scan in which no frame was taken. At the time-out, once, it sets the control free, begins a new epoch, so that no
-    /// frame that was made before can be taken any more, and says so.
+    /// Counts a scan without an accepted frame. Returns true once, at the timeout, when it releases the control and begins a new epoch, so that no
+    /// earlier frame can be accepted any more.
     pub fn is_timed_out(&mut self, time_out_scans: u16) -> bool {
         if self.silent >= time_out_scans {
             return false;
@@ -324,47 +322,45 @@ impl Link {
     }
 }
 
-/// What a report means for a sender.
+/// The meaning of a report for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
-    /// The control's scans did not move on since the last report, or this one is from before it: it says nothing new.
+    /// The control's scans have not advanced since the last report, or this one is from before it: nothing new.
     Old,
-    /// Another sender holds the control, or this one did before its restart: nothing may be sent until the control's
-    /// time-out has set it free. Also where the number is that of this sender, which has not sent that sequence in that epoch.
+    /// Another sender owns the control, or this one did before its restart: nothing may be sent until the control has released it at its timeout.
+    /// Also if the owner number equals that of this sender, which has not sent that sequence in that epoch.
     Held {
-        /// The number of the other sender.
+        /// Owner number of the other sender.
         owner: u16,
     },
-    /// A whole, new report: the correction in it is confirmed.
+    /// A complete, new report: its correction is confirmed.
     Confirmed {
-        /// The frame that was sent last has been taken.
+        /// The last sent frame was accepted.
         landed: bool,
-        /// The control has begun a new epoch: nothing that was sent before can be taken any more, and the correction
-        /// goes on from what is applied now.
+        /// The control has begun a new epoch: no earlier frame can be accepted any more, and the correction continues from the applied one.
         epoch_began: bool,
     },
 }
 
-/// The number of epochs whose frames a sender remembers: a report that was late is of one of these.
+/// Number of epochs whose frames a sender remembers: a late report belongs to one of these.
 const MOST_EPOCHS: usize = 4;
 
-/// What a sender knows of a control.
+/// A sender's knowledge of a control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
-    /// The number that this sender drew at its start.
+    /// Random number drawn by this sender at its start.
     pub owner: u16,
-    /// The numbers of the last whole report, when frames may be sent.
+    /// Head of the last complete report, if frames may be sent.
     pub last: Option<Head>,
-    /// Epoch and sequence of the last frame.
+    /// Epoch and sequence of the last sent frame.
     pub sent: Option<(u16, u16)>,
-    /// The newest sequence of this sender's frames in each of the last epochs in which it sent any, by whatever path. Each epoch is
-    /// there once.
+    /// Latest sequence of this sender's frames, on any path, in each of the last epochs in which it sent any. Each epoch occurs once.
     pub own: [Option<(u16, u16)>; MOST_EPOCHS],
 }
 
 impl Session {
-    /// A sender at its start. `owner` is drawn anew at each start, so that a sender does not take itself for the one
-    /// that it was before; 0 means none and is taken as 1.
+    /// A sender at its start. `owner` must be drawn anew at each start, so that a sender does not mistake its predecessor for itself; 0 means none
+    /// and is replaced by 1.
     #[must_use]
     pub fn new(owner: u16) -> Self {
         Self {
@@ -375,7 +371,7 @@ impl Session {
         }
     }
 
-    /// Takes the numbers of a whole report, and says what they mean.
+    /// Processes the head of a complete report and returns its meaning.
     pub fn read(&mut self, report: Head) -> Seen {
         let Head {
             epoch,
@@ -402,7 +398,7 @@ impl Session {
         }
     }
 
-    /// Records a frame of this sender, also one that went by another path.
+    /// Records a frame of this sender, on this or another path.
     pub fn sends(&mut self, epoch: u16, sequence: u16) {
         if let Some((_, newest)) = self.own.iter_mut().flatten().find(|own| own.0 == epoch) {
             if is_ahead(sequence, *newest) {
@@ -410,7 +406,7 @@ impl Session {
             }
             return;
         }
-        // The oldest epoch makes room, unless it is newer than this one.
+        // The oldest epoch is replaced, unless it is newer than this one.
         let mut oldest = 0;
         for place in 1..MOST_EPOCHS {
             oldest = match (self.own[place], self.own[oldest]) {
@@ -424,8 +420,8 @@ impl Session {
         }
     }
 
-    /// Whether this sender has sent this sequence in this epoch, as far as it remembers: frames that were lost count, and so does
-    /// what is older than all epochs that it remembers.
+    /// Whether this sender may have sent this sequence in this epoch: lost frames count as sent, and so does everything older than the remembered
+    /// epochs.
     fn has_sent(&self, epoch: u16, sequence: u16) -> bool {
         let mut own = self.own.iter().flatten();
         match own.clone().find(|own| own.0 == epoch) {
@@ -434,13 +430,12 @@ impl Session {
         }
     }
 
-    /// Nothing was read until the tick may have gone round: whatever report comes next is new.
+    /// Accepts any next report as new, because the tick may have wrapped since the last one.
     pub fn forget(&mut self) {
         self.last = None;
     }
 
-    /// The head of the frame that answers the last report; `None` when there is no report to answer. To be sent at once: its age
-    /// counts from the report.
+    /// The head of the frame that answers the last report; `None` without a report to answer. Send it at once: its age counts from the report.
     pub fn answer(&mut self) -> Option<Head> {
         let last = self.last?;
         let head = Head {

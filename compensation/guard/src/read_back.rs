@@ -1,8 +1,7 @@
-//! What is known of the correction that a control applies.
+//! Knowledge of the correction that a control applies.
 //!
-//! Nothing that comes over a wire is true until it has been confirmed, and nothing that was sent has landed until it has
-//! been seen. How a value is confirmed depends on what the control has: a [`barrier`](crate::barrier), words that can be
-//! read back, or neither.
+//! No value from a wire counts before it is confirmed, and no sent correction counts as applied before it is seen. The method depends on the
+//! control: a [`barrier`](crate::barrier), words that can be read back, or neither.
 
 mod barrier;
 mod echo;
@@ -24,7 +23,7 @@ use echo::Echo;
 use known::{Landed, Landing};
 use no_read_back::NoReadBack;
 
-/// The read-back of one path. State: what was sent, what was received, what follows from both.
+/// The read-back of one path. State: what was sent, what was received, and the conclusions.
 #[derive(Clone, Debug)]
 pub struct ReadBack {
     kind: Kind,
@@ -40,21 +39,21 @@ enum Kind {
 }
 
 impl ReadBack {
-    /// A control with a barrier.
+    /// For a control with a barrier.
     #[must_use]
     pub fn barrier(link: BarrierLink) -> Self {
         Self::of(Kind::Barrier(link), Scheme::Barrier)
     }
 
-    /// A control without a barrier whose correction can be read back. For `watch` nothing but this gateway may have moved
-    /// anything before the first write: another gateway, or a control that is still on its way to zero, would show.
+    /// For a control without a barrier whose correction can be read back. During `watch` before the first write nothing but this gateway may move
+    /// the correction; this reveals another gateway, or a control that is still ramping to zero.
     #[must_use]
     pub fn plain(watch: Duration) -> Self {
         Self::of(Kind::Echo(Echo::new(watch)), Scheme::Plain)
     }
 
-    /// A control whose correction cannot be read back. `control` says after what time without a write it goes to zero
-    /// on its own; `None`: it keeps what it has.
+    /// For a control whose correction cannot be read back. `control` is the time without a write after which it goes to zero on its own; `None`: it
+    /// keeps its correction.
     #[must_use]
     pub fn no_read_back(control: Option<ControlTimeOut>) -> Self {
         Self::of(
@@ -74,16 +73,16 @@ impl ReadBack {
         }
     }
 
-    /// What is known after the last call.
+    /// The knowledge after the last call.
     #[must_use]
     pub fn known(&self) -> &Known {
         &self.known
     }
 
-    /// Takes what the control reported in this cycle. `taken` is when that held: what held longer ago than `hold` counts no
-    /// more, however often a device repeats it.
+    /// Processes the control's report in this cycle. `taken` is when it was valid: anything older than `hold` is ignored, however often a device
+    /// repeats it.
     pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
-        // No reading is from the future, whatever a device says.
+        // No reading is from the future, whatever a device reports.
         let taken = taken.min(now);
         let is_old = now.saturating_sub(taken) > limits.hold;
         let told = if is_old { &Told::Nothing } else { told };
@@ -113,13 +112,13 @@ impl ReadBack {
             Kind::Barrier(_) | Kind::Echo(_) => true,
             Kind::NoReadBack(lines) => lines.tells(),
         };
-        // Lines that report nothing are not waited for.
+        // Lines that never reported their outputs count as answering.
         let answered = !is_told || *told != Told::Nothing;
         self.landing.hear(now, answered, landed, limits);
         self.update_known();
     }
 
-    /// Whether it is reported what is applied, so that what was sent is seen to land.
+    /// Whether the applied correction is reported, so that sent corrections can be seen to arrive.
     fn is_seen(&self) -> bool {
         match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
@@ -127,7 +126,7 @@ impl ReadBack {
         }
     }
 
-    /// What follows for the guard.
+    /// Updates the conclusions for the guard.
     fn update_known(&mut self) {
         self.known.unlanded_since = self.landing.unlanded_since();
         let candidates = match &self.kind {
@@ -139,15 +138,15 @@ impl ReadBack {
         self.known.between = candidates.unwrap_or([confirmed; 2]);
     }
 
-    /// Another gateway was seen on this path.
+    /// Reports that another gateway was detected on this path.
     pub fn see_other(&mut self, now: Duration) {
         if let Kind::Echo(echo) = &mut self.kind {
             echo.see_other(now);
         }
     }
 
-    /// The frame that asks for a correction (mm, rad), for a control with a barrier: writes its words and gives their
-    /// number. `None` where nothing may be sent now. To be sent at once.
+    /// Encodes the frame that requests a correction (mm, rad), for a control with a barrier, and returns its number of words; `None` if nothing may
+    /// be sent now. Send it at once.
     pub fn frame(
         &mut self,
         values: &PerChannel<f64>,
@@ -169,15 +168,15 @@ impl ReadBack {
         }
     }
 
-    /// A frame with this epoch and sequence went to the barrier by another path of this gateway.
+    /// Records a frame with this epoch and sequence that this gateway sent to the barrier on another path.
     pub fn also_sent(&mut self, frame: (u16, u16)) {
         if let Kind::Barrier(link) = &mut self.kind {
             link.also_sent(frame);
         }
     }
 
-    /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may still have landed, except on
-    /// lines, where a write that failed does not count.
+    /// Records a sent correction (mm, rad). `ok`: without an error. A failed one may still have arrived, except on lines, where a failed write has
+    /// no effect.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
@@ -189,7 +188,7 @@ impl ReadBack {
         self.update_known();
     }
 
-    /// The output of the last run, for controls without read-back: it was written `age` ago.
+    /// Restores the output of the last run, written `age` ago, for controls without read-back.
     pub fn restore(
         &mut self,
         now: Duration,
@@ -203,10 +202,9 @@ impl ReadBack {
         self.update_known();
     }
 
-    /// This path writes from now on in place of another one. What the control applied by way of the other one is gone
-    /// where this one has no read-back: it takes over only once nothing of it is left. What this one wrote before remains,
-    /// unless the control has `let_go` of everything: the other one led to its barrier. Where it has a read-back without a
-    /// barrier, what it read before may be older than what the other one sent last.
+    /// Makes this path the active one in place of another. Without read-back here, the correction from the other path must be gone: this path takes
+    /// over only after that. Its own earlier correction remains, unless the control has dropped everything (`let_go`), because the other path led
+    /// to its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
     pub fn take_over(&mut self, now: Duration, let_go: bool) {
         match &mut self.kind {
             Kind::NoReadBack(lines) => lines.take_over(now, let_go, &mut self.known),
@@ -217,7 +215,7 @@ impl ReadBack {
         self.update_known();
     }
 
-    /// The operator has made sure that a control without read-back applies nothing.
+    /// The operator has made sure that a control without read-back applies no correction.
     pub fn acknowledge(&mut self, now: Duration) {
         if let Kind::NoReadBack(lines) = &mut self.kind {
             lines.acknowledge(now, &mut self.known);
@@ -225,8 +223,8 @@ impl ReadBack {
         self.update_known();
     }
 
-    /// How long after the last write the control is at zero on its own, whatever it applied; `None`: it never goes there
-    /// on its own, or that is not known.
+    /// Time after the last write until the control is at zero on its own, from any correction; `None`: it never goes there on its own, or that is
+    /// unknown.
     #[must_use]
     pub fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         match &self.kind {

@@ -1,15 +1,15 @@
-//! Why the state of a guard is what it is, as a set.
+//! The set of reasons for the state of a guard.
 
 use core::{
     fmt,
     ops::{BitOr, BitOrAssign},
 };
 
-/// A set of reasons. Plain bits: cheap to pass between threads.
+/// A set of reasons. A bit mask: cheap to pass between threads.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Reasons(u64);
 
-/// What a reason means for arming.
+/// The effect of a reason on arming.
 #[derive(Clone, Copy)]
 enum Effect {
     Forbids,
@@ -25,11 +25,11 @@ macro_rules! effect {
     };
 }
 
-/// Each reason takes the bit of its place in the list, so no two share one; a 65th would not compile. In this order they
-/// are reported: what caused the stop and what the operator must do comes first, what follows from it later.
+/// The bit of a reason is its position in the list, so no two share one; a 65th would not compile. Reasons are reported in this order: first the
+/// cause of a stop and what the operator must do, then the consequences.
 macro_rules! reasons {
     ($($(#[$doc:meta])* $name:ident = $effect:ident, $text:literal;)*) => {
-        /// The places in the list.
+        /// Positions in the list.
         #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
         enum Place {
             $($name,)*
@@ -45,125 +45,123 @@ macro_rules! reasons {
 }
 
 reasons! {
-    // What stops it: the machine itself.
+    // Causes of a stop in the machine itself.
     /// The emergency stop is pressed.
     EMERGENCY_STOP = forbids, "emergency stop";
     /// The controller has an alarm.
     CONTROLLER_ALARM = forbids, "controller alarm";
     /// Axes are not referenced.
     NOT_REFERENCED = forbids, "axes not referenced";
-    /// An interlock was seen on a path that is silent now.
+    /// A path on which an interlock was active is silent now.
     INTERLOCK_UNSEEN = forbids, "interlock not seen to clear";
     // Faults, which the operator must check and acknowledge.
-    /// The control applies a correction beyond the limit that was not sent from here.
+    /// The control applies a correction beyond the limit that this guard did not send.
     BEYOND_LIMIT = forbids, "a correction beyond the limit was found";
-    /// A correction that was written is not found when it is read back, several times in a row.
+    /// A written correction is not found when it is read back, several times in a row.
     DOES_NOT_STICK = forbids, "correction does not stick";
-    /// Positions do not contain the correction as configured.
+    /// Positions contain the correction and should not according to the configuration, or the reverse.
     CONTRADICTION = forbids, "positions contradict includes_correction";
-    /// The gateway was faulted when it ended, and was not acknowledged since.
+    /// The gateway was faulted when it ended, and the fault was not acknowledged since.
     FAULTED_BEFORE = forbids, "faulted before the restart: acknowledge it";
-    /// It is unknown what a control without read-back was left with.
+    /// The correction left in a control without read-back is unknown.
     LEFT_UNKNOWN = forbids, "what the control was left with is unknown";
     // Other causes.
     /// The program is stopping.
     STOPPING = forbids, "stopping";
     /// The controller does not answer.
     NO_CONTROLLER = forbids, "controller does not answer";
-    /// An axis of the machine has a position from no controller.
+    /// No controller reports the position of an axis of the machine.
     AXIS_UNKNOWN = forbids, "a machine axis has no position";
-    /// A position is farther outside the travel of its axis than an axis can be.
+    /// A position is implausibly far outside the travel of its axis.
     OUTSIDE_TRAVEL = forbids, "position outside the travel";
-    /// A position is where its axis cannot have come to since the last one that was believed.
+    /// A position cannot have been reached since the last accepted one.
     JUMPED = forbids, "position jumped";
-    /// What the control sends is no report of a barrier of this machine and these axes, in this order.
+    /// The control's data is not a report of a barrier for this machine and these axes in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
-    /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
+    /// The barrier's limits, rates or times do not fit those of the guard, or its scan period is not as configured.
     BARRIER_UNFIT = forbids, "the control's barrier does not fit the limits";
     /// Another gateway corrects this controller.
     OTHER_GATEWAY = forbids, "another gateway";
-    /// A position or a correction is no finite number.
+    /// A position or a correction is not a finite number.
     NOT_A_NUMBER = forbids, "not a number";
     /// The audit log cannot be written.
     AUDIT = forbids, "audit log cannot be written";
     /// The limits are not configured.
     NO_LIMITS = forbids, "limits are not configured";
-    /// No other path may take over, since it is unknown what the silent one still applies.
+    /// No other path may take over, since the correction that the silent one still applies is unknown.
     OTHER_CHANNEL_UNKNOWN = informs, "another path may still hold a correction";
-    /// Another path shows a correction that it should not have.
+    /// A standby path reports a correction that it should not have.
     STANDBY_HOLDS = informs, "a standby path holds a correction";
-    // What a person has decided, or has to.
-    /// The centre of the fleet has disabled the correction.
+    // Decisions of the operator, made or required.
+    /// The fleet centre has disabled the correction.
     DISABLED_BY_CENTRE = forbids, "disabled by the centre";
-    /// The operator disarmed it: no auto-arm, also after a restart.
+    /// The operator disarmed: no auto-arm, not even after a restart.
     DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
-    /// The machine file or the limits are not those that were confirmed last.
+    /// The machine file or the limits differ from the last confirmed ones.
     MUST_CONFIRM = informs, "machine file or limits must be confirmed";
-    /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
+    /// The configuration or the machine file on disk was rejected or needs a confirmation: the previous one is active.
     NOT_RELOADED = informs, "files on disk not taken over";
-    /// The machine file that the centre has activated cannot be used: the one of the configuration corrects.
+    /// The machine file activated by the centre is unusable: the configured one is active.
     CENTRE_FILE = informs, "machine file of the centre damaged: the configured one holds";
-    // What follows from the causes above.
-    /// Positions are so old that the correction goes to zero.
+    // Consequences of the causes above.
+    /// Positions are so old that the correction ramps to zero.
     POSITIONS_LOST = forbids, "positions lost";
     /// Positions are older than allowed.
     POSITIONS_STALE = forbids, "positions stale";
-    /// The correction that the control applies has not been confirmed for too long.
+    /// The applied correction has not been confirmed for too long.
     UNCONFIRMED = forbids, "applied correction not confirmed";
-    /// The correction that the controller has applied is not the one that was written: ramping from there.
+    /// The controller's applied correction is not the written one: ramping from there.
     READ_BACK = informs, "controller's correction changed";
     /// A correction is applied while disarmed.
     CORRECTION_LEFT = informs, "a correction is applied";
-    // What ends without intervention.
-    /// Whether another gateway writes, or how fast the control scans, is being observed before the first write.
+    // Conditions that end without intervention.
+    /// Before the first write the gateway observes whether another one writes, and the scan period of the control.
     WATCHING = forbids, "watching the control";
     /// Arming waits for standstill.
     WAITING_FOR_STANDSTILL = informs, "waiting for standstill";
-    // What else is to be known.
-    /// A temperature that the model uses is missing.
+    // Further information.
+    /// A temperature used by the model is missing.
     DEGRADED = informs, "degraded";
-    /// A temperature, or the rate at which it changes, is beyond what the thermal terms were found from: they hold and fade.
+    /// A temperature, or its rate of change, is beyond the range for which the thermal terms were identified: they hold and fade.
     BEYOND_SEEN = informs, "outside what the thermal terms have seen";
-    /// A position is outside the range that was measured.
+    /// A position is outside the measured range.
     OUTSIDE_RANGE = informs, "outside the measured range";
-    /// The wanted correction is beyond the limit.
+    /// The requested correction exceeds the limit.
     LIMITED = informs, "correction limited";
-    /// The wanted correction is beyond the warning.
+    /// The requested correction exceeds the warning threshold.
     WARN = informs, "correction above the warning";
-    /// Slew or acceleration holds the output back.
+    /// Slew or acceleration limits the output.
     SLEWING = informs, "rate limited";
-    /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction: that direction
-    /// is left as it is.
+    /// The pose is within about 1° of one in which the tool axis cannot be corrected in one direction; that direction is not corrected.
     SINGULAR = informs, "singular pose";
-    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
-    /// axis.
+    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis.
     NEAR_SINGULAR = informs, "near a singular pose";
-    /// Rotary axes have turned two linear axes nearly into one direction: linear corrections are more than ten times the
-    /// error, or one of the axes is left out.
+    /// Rotary axes have turned two linear axes nearly parallel: linear corrections are more than ten times the error, or one of the axes is
+    /// omitted.
     LINEAR_NEAR_SINGULAR = informs, "linear axes nearly in one direction";
-    /// Positions are so old for the speed of the axes that only a part of the correction, or none, is better than nothing.
+    /// Positions are so old for the speed of the axes that the correction is reduced or suspended.
     LET_GO = informs, "positions too old for the speed: a part of the correction let go";
-    /// Whether positions contain the correction is not proven for every axis.
+    /// It is not proven for every axis whether positions contain the correction.
     NOT_PROVEN = informs, "not proven what positions contain";
-    /// Another controller path than the first corrects.
+    /// A controller path other than the first is active.
     FALLBACK = informs, "fallback controller";
-    /// Another path does not answer.
+    /// A standby path does not answer.
     STANDBY_SILENT = informs, "a standby path does not answer";
-    /// Cycles take longer than their time.
+    /// Cycles exceed their period.
     OVERRUNS = informs, "cycle overruns";
-    /// Whether a second gateway is there cannot be seen.
+    /// A second gateway could not be detected.
     CANNOT_SEE_OTHERS = informs, "cannot see other gateways";
-    /// The correction is not ramped out when the gateway stops.
+    /// The control does not ramp the correction out when the gateway stops.
     UNWATCHED = informs, "unwatched";
-    /// Nothing in the control distinguishes a late or foreign write from one that is meant now.
+    /// The control cannot distinguish a late or foreign write from a current one.
     NO_BARRIER = informs, "no barrier";
 }
 
 impl Reasons {
-    /// The set without any reason.
+    /// The empty set.
     pub const NONE: Self = Self(0);
 
-    /// The reasons that only inform: none of them forbids arming.
+    /// The reasons that do not forbid arming.
     pub const DOES_NOT_FORBID: Self = {
         let (mut informing, mut place) = (0, 0);
         while place < Self::ALL.len() {
@@ -176,7 +174,7 @@ impl Reasons {
         Self(informing)
     };
 
-    /// Whether the set holds no reason.
+    /// Whether the set is empty.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -186,7 +184,7 @@ impl Reasons {
         self.0 & other.0 == other.0
     }
 
-    /// The set where `condition` holds, else the empty set.
+    /// The set if `condition` holds, else the empty set.
     #[must_use]
     pub fn when(self, condition: bool) -> Self {
         if condition { self } else { Self::NONE }
@@ -198,17 +196,17 @@ impl Reasons {
         Self(self.0 & !other.0)
     }
 
-    /// The set as a number, for atomics and rings.
+    /// The set as a bit mask, for atomics and rings.
     pub fn bits(self) -> u64 {
         self.0
     }
 
-    /// The set of a number that [`bits`](Self::bits) gave.
+    /// The set of a bit mask returned by [`bits`](Self::bits).
     pub fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
 
-    /// The reason with a text, after which `: ` and what it is about may follow; `None` if there is no such reason.
+    /// The reason with this text, which `: ` and details may follow; `None` if there is no such reason.
     pub fn with_text(text: &str) -> Option<Self> {
         let mut all = Self::ALL.iter();
         let is = |own: &str| {
@@ -218,7 +216,7 @@ impl Reasons {
         all.find(|(.., own)| is(own)).map(|(reason, ..)| *reason)
     }
 
-    /// Each reason of the set in words, causes first.
+    /// The text of each reason of the set, causes first.
     pub fn texts(self) -> impl Iterator<Item = &'static str> {
         Self::ALL
             .iter()
@@ -228,7 +226,7 @@ impl Reasons {
 }
 
 impl fmt::Debug for Reasons {
-    /// The reasons in words.
+    /// The texts of the reasons.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_set().entries(self.texts()).finish()
     }

@@ -1,4 +1,4 @@
-//! The states of a guard, and the one function that leads from one to the next.
+//! The states of a guard and their transitions.
 
 use crate::Reasons;
 
@@ -8,22 +8,22 @@ pub enum State {
     /// Nothing is written to the controller.
     #[default]
     Disarmed,
-    /// The correction is on its way in.
+    /// The correction is being armed.
     Arming(Phase),
     /// The correction follows the model.
     Compensating,
     /// The last correction is held.
     Holding(Hold),
-    /// The correction is on its way to zero.
+    /// The correction ramps to zero.
     RampingOut(End),
-    /// Something is wrong that the operator must check; the correction ramps to zero.
+    /// A fault that the operator must check; the correction ramps to zero.
     Faulted(Cause),
 }
 
-/// How far arming is.
+/// The phase of arming.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// The test shift shows whether positions contain the correction.
+    /// The test shift is testing whether positions contain the correction.
     Proving,
     /// The correction ramps in.
     Ramping,
@@ -32,13 +32,13 @@ pub enum Phase {
 /// Why the correction is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hold {
-    /// Positions are stale, or there is no correction to be had.
+    /// Positions are stale, or no correction is available.
     Stale,
-    /// Positions were lost, and the correction has gone to zero.
+    /// Positions were lost, and the correction has ramped to zero.
     Lost,
-    /// Not referenced, alarm or emergency stop: nothing new is written.
+    /// Not referenced, alarm or emergency stop: no new correction is written.
     Interlocked,
-    /// What the control applies has not been confirmed for too long, or what is sent does not land.
+    /// The applied correction has not been confirmed for too long, or sent corrections do not arrive.
     Unconfirmed,
 }
 
@@ -54,34 +54,34 @@ pub enum End {
 /// Why a guard is faulted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// A correction that was written is not found when it is read back.
+    /// A written correction is not found when it is read back.
     DoesNotStick,
-    /// The control applies a correction beyond the limit that was not sent: nothing is written until a person has looked.
+    /// The control applies a correction beyond the limit that was not sent: nothing is written until the operator has acknowledged.
     BeyondLimit,
-    /// Positions contain the correction, and should not, or the other way round.
+    /// Positions contain the correction but should not, or the reverse.
     Contradiction,
     /// The barrier has accepted a frame of another gateway.
     OtherGateway,
 }
 
-/// A request of a person or a program to a guard.
+/// A request of the operator or a program to a guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Begin to correct, with the test shift where it is wanted.
+    /// Start compensating, with the test shift if it is configured.
     Arm,
-    /// Correct in place of another path, in the middle of work: without the test shift.
+    /// Compensate in place of another path, during operation: without the test shift.
     TakeOver,
-    /// Ramp to zero and stop writing, also what was left over before.
+    /// Ramp to zero and stop writing; also removes a correction left from before.
     Disarm,
-    /// The program ends: ramp to zero, but leave alone what was found and never written here.
+    /// The program ends: ramp to zero, but leave a correction alone that was found and never written here.
     End,
     /// The cause of a fault is fixed.
     Acknowledge,
-    /// The model or what it is applied to has changed: ramp to the new one.
+    /// The model, or its path or limits, have changed: ramp to the new correction.
     Switched,
 }
 
-/// The facts of one cycle on which a transition between states depends.
+/// The facts of one cycle that determine the transition between states.
 #[expect(
     clippy::struct_excessive_bools,
     reason = "each is a fact of one cycle, none is kept"
@@ -95,36 +95,36 @@ pub(crate) struct Facts {
     pub(crate) stale: bool,
     /// Positions or target are older than `zero_after`.
     pub(crate) lost: bool,
-    /// The barrier reports an owner, sequence or epoch that this gateway has not sent.
+    /// The barrier reports an owner, sequence or epoch of another sender.
     pub(crate) other_gateway: bool,
-    /// The controller has changed the correction that it applies without a write.
+    /// The controller has changed its applied correction without a write.
     pub(crate) changed: bool,
-    /// Another path writes, and what it applies is seen for the first time, or not yet.
+    /// The active path has changed, and its applied correction is seen for the first time, or not yet.
     pub(crate) took_over: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
-    /// What is applied may be another gateway's, or it is unknown what a control without read-back was left with.
+    /// The applied correction may be another gateway's, or that of a control without read-back is unknown.
     pub(crate) foreign: bool,
-    /// The ramp has reached its end.
+    /// The ramp is complete.
     pub(crate) ramped: bool,
     /// The correction is confirmed to be zero on every axis.
     pub(crate) zero: bool,
-    /// The proof at arming is wanted.
+    /// The proof at arming is configured.
     pub(crate) proves: bool,
-    /// How the proof at arming went; `None`: not finished.
+    /// Result of the proof at arming; `None`: not finished.
     pub(crate) proven: Option<bool>,
     /// Several writes in a row did not stick.
     pub(crate) does_not_stick: bool,
-    /// What the control applies is not confirmed, or what is sent does not land, for longer than `hold`.
+    /// For longer than `hold` the applied correction is not confirmed, or sent corrections do not arrive.
     pub(crate) unconfirmed: bool,
-    /// What is sent does not land for longer than `zero_after` although the control answers.
+    /// Sent corrections do not arrive for longer than `zero_after` although the control answers.
     pub(crate) does_not_land: bool,
-    /// The control applies more than the limit, and not because the limit was lowered.
+    /// The applied correction exceeds the limit, not because the limit was lowered.
     pub(crate) beyond: bool,
 }
 
 impl State {
-    /// The name in JSON and on the dashboard.
+    /// Name in JSON and in the web interface.
     pub fn name(self) -> &'static str {
         match self {
             Self::Disarmed => "disarmed",
@@ -136,7 +136,7 @@ impl State {
         }
     }
 
-    /// Whether it corrects, or will without another request.
+    /// Whether it compensates, or will do so without another request.
     pub fn is_armed(self) -> bool {
         matches!(
             self,
@@ -144,7 +144,7 @@ impl State {
         )
     }
 
-    /// The reason that the state itself is.
+    /// The reason implied by the state itself.
     pub fn reason(self) -> Reasons {
         match self {
             Self::Holding(Hold::Lost) | Self::RampingOut(End::Lost) => Reasons::POSITIONS_LOST,
@@ -157,10 +157,10 @@ impl State {
         }
     }
 
-    /// The state that follows from the facts of a cycle.
+    /// The next state, by the facts of a cycle.
     pub(crate) fn next(self, facts: &Facts) -> Self {
         if self.is_armed() {
-            // Also with a request to disarm: a correction beyond the limit is not led out without the operator.
+            // Takes precedence over a request to disarm: a correction beyond the limit is not removed without the operator.
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
             }
@@ -173,7 +173,7 @@ impl State {
             if facts.does_not_stick || facts.does_not_land {
                 return Self::Faulted(Cause::DoesNotStick);
             }
-            // What is not proven is not held on to: arming begins anew.
+            // An interrupted proof is not resumed: arming starts over.
             if self == Self::Arming(Phase::Proving) && (facts.interlocked || facts.lost) {
                 return Self::RampingOut(End::Disarmed);
             }
@@ -192,7 +192,7 @@ impl State {
                 Self::Faulted(Cause::DoesNotStick)
             }
             Self::RampingOut(End::Disarmed) if facts.zero => Self::Disarmed,
-            // Whatever fault it is: a correction beyond the limit is acknowledged by the operator before it is led out.
+            // Any fault: a correction beyond the limit must be acknowledged by the operator before it is removed.
             Self::Faulted(cause) if facts.beyond && cause != Cause::BeyondLimit => {
                 Self::Faulted(Cause::BeyondLimit)
             }
@@ -206,7 +206,7 @@ impl State {
 
     fn disarmed(self, facts: &Facts) -> Self {
         match facts.request {
-            // Another gateway may be at work with it, or it is unknown.
+            // Another gateway may be using the correction, or it is unknown.
             Some(Request::Disarm) if facts.foreign => self,
             Some(Request::Arm | Request::TakeOver | Request::Disarm) if facts.beyond => {
                 if facts.unconfirmed {
@@ -215,14 +215,14 @@ impl State {
                     Self::Faulted(Cause::BeyondLimit)
                 }
             }
-            // A correction that was left over is led out.
+            // Removes a remaining correction.
             Some(Request::Disarm) if !facts.zero => Self::RampingOut(End::Disarmed),
             _ if facts.may_arm() => facts.arming(),
             _ => self,
         }
     }
 
-    /// The states in which it corrects, or will without another request; no interlock, no fault, no request to disarm.
+    /// Transitions of the armed states, without interlock, fault or request to disarm.
     fn armed(self, facts: &Facts) -> Self {
         let ramping_in = Self::Arming(Phase::Ramping);
         match self {
@@ -265,14 +265,14 @@ impl State {
 }
 
 impl Facts {
-    /// Whether arming is requested and nothing forbids it.
+    /// Whether arming is requested and allowed.
     fn may_arm(&self) -> bool {
         let asked = matches!(self.request, Some(Request::Arm | Request::TakeOver));
         let hindered = self.forbidden || self.interlocked || self.stale;
         asked && !hindered && !self.unconfirmed && !self.beyond
     }
 
-    /// How arming begins: in the middle of work without the proof.
+    /// The first phase of arming: during operation without the proof.
     fn arming(&self) -> State {
         let proves = self.proves && self.request == Some(Request::Arm);
         State::Arming(if proves {
@@ -282,12 +282,12 @@ impl Facts {
         })
     }
 
-    /// What was compensated until now is ramped to anew.
+    /// Whether a compensated correction must ramp to a new one.
     pub(crate) fn begins_anew(&self) -> bool {
         self.changed || self.took_over || self.request == Some(Request::Switched)
     }
 
-    /// What follows when the operator acknowledges a fault: what is left of the correction is led out.
+    /// The state after the operator acknowledges a fault: a remaining correction is removed.
     fn acknowledged(&self, fault: State) -> State {
         if self.interlocked || self.unconfirmed || self.other_gateway {
             fault

@@ -1,20 +1,20 @@
-//! Arithmetic of coordinates: whole steps of an axis, whatever rounding they have been through, and whole turns.
+//! Arithmetic with positions: whole steps of an axis in the presence of rounding errors, and whole turns.
 
-/// A rounding, as a part of a step.
+/// Rounding tolerance, as a fraction of a step.
 pub(crate) const ROUNDING_STEPS: f64 = 1e-6;
-/// A number that was converted or multiplied is not missed by its last digits: by this factor it may be larger.
+/// Relative rounding tolerance of a converted or multiplied number.
 pub const ROUNDING: f64 = 1.0 + 1e-9;
-/// Nearer than half a step, and a rounding, two values are the same step.
+/// Two values closer than this number of steps are the same step: half a step, plus rounding.
 const SAME_STEPS: f64 = 0.51;
-/// Nearer than one step, and a rounding, two values may be one step apart.
+/// Two values closer than this number of steps may be one step apart: one step, plus rounding.
 const ONE_STEP: f64 = 1.01;
 
-/// Whether two values of an axis are the same step: no further apart than half of one, and a rounding.
+/// Whether two values of an axis are the same step, to half a step plus rounding.
 pub(crate) fn is_same_step(a: f64, b: f64, step: f64) -> bool {
     (a - b).abs() <= SAME_STEPS * step
 }
 
-/// One step of an axis, mm or rad, and a rounding: values that are no further apart differ by at most one step.
+/// One step of an axis plus rounding, mm or rad: values no farther apart differ by at most one step.
 #[must_use]
 pub fn one_step(step: f64) -> f64 {
     ONE_STEP * step
@@ -26,7 +26,7 @@ pub(crate) fn is_on_grid(value: f64, step: f64) -> bool {
     (steps - libm::round(steps)).abs() < ROUNDING_STEPS
 }
 
-/// A value that is a whole number of steps, or the nearest one to it.
+/// The value if it is a whole number of steps, or the nearest one that is.
 pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
     if is_on_grid(value, step) {
         value
@@ -35,13 +35,13 @@ pub(crate) fn on_grid(value: f64, step: f64) -> f64 {
     }
 }
 
-/// The whole steps below a number of them, mm or rad: 150 steps of 0.001 below 0.15, not 149 for a rounding.
+/// A value rounded down to whole steps, mm or rad, tolerating rounding errors: 0.15 is 150 steps of 0.001, not 149.
 pub(crate) fn whole_below(value: f64, step: f64) -> f64 {
     libm::floor(value / step + ROUNDING_STEPS) * step
 }
 
-/// How far an axis went (mm or rad) whose position changed by `way`: where it begins anew after a `turn` (a rotary axis that
-/// rolls over: 2π), by the shorter of the two ways round.
+/// Travel of an axis (mm or rad) whose position changed by `way`: if it wraps after a `turn` (a rotary axis: 2π), the shorter of the two
+/// directions.
 #[must_use]
 pub fn shortest_way(way: f64, turn: Option<f64>) -> f64 {
     match turn {

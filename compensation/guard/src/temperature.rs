@@ -1,25 +1,22 @@
-//! Whether the temperatures of a machine may be used: the one place where that is decided. Drivers only report what they
-//! received and when.
+//! Plausibility of the temperatures of a machine, which is decided only here. Drivers only report values and times.
 
 use core::time::Duration;
 
-/// The largest number of temperatures of one machine.
+/// Maximum number of temperatures of one machine.
 pub const MAX_SENSORS: usize = 64;
 
-/// The limits within which the temperatures of a machine are believed.
+/// The limits for accepting the temperatures of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorLimits {
-    /// The lowest and the highest temperature that may occur on this machine, °C.
+    /// Lowest and highest possible temperature on this machine, °C.
     pub range_degc: [f64; 2],
-    /// The fastest change of a temperature that is believed, K/min. Half a kelvin at once is the step or the noise of
-    /// a module, and no change.
+    /// Largest accepted rate of change of a temperature, K/min. A step of up to half a kelvin is the resolution or noise of a module, not a change.
     pub max_degc_per_min: f64,
-    /// The age beyond which a temperature is stale and not used.
+    /// Age beyond which a temperature is stale and not used.
     pub stale: Duration,
-    /// A sensor with the same digits for this long is reported as stuck, but used; `None`: never.
+    /// A sensor with the same digits for this long is reported as stuck, but still used; `None`: never.
     pub stuck_after: Option<Duration>,
-    /// A sensor farther than this from the median of the others, K, is reported to disagree, but used; `None`: not
-    /// compared.
+    /// A sensor farther than this from the median of the others, K, is reported as disagreeing, but still used; `None`: not compared.
     pub neighbours_k: Option<f64>,
 }
 
@@ -36,24 +33,24 @@ impl Default for SensorLimits {
     }
 }
 
-/// The answer of a device about one of its sensors, as its driver received it.
+/// The answer of a device for one of its sensors, as received by its driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Heard {
     /// The device does not answer, or has not answered yet.
     #[default]
     Silence,
-    /// The device answers, and reports that this sensor is faulty: broken wire, short circuit, over-range.
+    /// The device answers, and reports a fault of this sensor: open circuit, short circuit, over-range.
     Fault,
     /// The device answers with a temperature and reports no fault.
     Temperature {
         /// The temperature as reported by the device, °C.
         degc: f64,
-        /// When it was measured, on the clock that the judgement is given.
+        /// When it was measured, on the clock passed to the check.
         taken: Duration,
     },
 }
 
-/// Why a temperature is not believed, or is believed with a reservation.
+/// Why a temperature is rejected, or accepted with a reservation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensorFlaw {
@@ -63,11 +60,10 @@ pub enum SensorFlaw {
     /// The temperature is older than [`SensorLimits::stale`]: it is not used.
     #[error("stale")]
     Stale,
-    /// The temperature is no number or outside [`SensorLimits::range_degc`]: it is not used.
+    /// The temperature is not a number or outside [`SensorLimits::range_degc`]: it is not used.
     #[error("out of range")]
     OutOfRange,
-    /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and has not been re-admitted since: it
-    /// is not used.
+    /// The temperature changed faster than [`SensorLimits::max_degc_per_min`], and was not readmitted since: it is not used.
     #[error("jumped")]
     Jumped,
     /// The same digits for [`SensorLimits::stuck_after`]: the temperature is used.
@@ -85,17 +81,17 @@ impl SensorFlaw {
     }
 }
 
-/// One temperature as it is judged.
+/// A checked temperature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorReport {
-    /// The temperature, °C; `None` when it is not used.
+    /// The temperature, °C; `None` if it is not used.
     pub degc: Option<f64>,
-    /// The flaw that was found in it; `None` for a good temperature, and before the first judgement.
+    /// Its flaw; `None` for a good temperature, and before the first check.
     pub flaw: Option<SensorFlaw>,
 }
 
-/// Judges what was received of the sensors of a machine at the time `now`. `checks` are their memories, `told` takes what
-/// is believed, all in the same order; sensors beyond [`MAX_SENSORS`] are left out.
+/// Checks the received temperatures of a machine at the time `now`. `checks` are the histories of the sensors, `told` receives the accepted
+/// temperatures, all in the same order; sensors beyond [`MAX_SENSORS`] are omitted.
 pub fn judge_temperatures(
     checks: &mut [SensorCheck],
     heard: &[Heard],
@@ -103,7 +99,7 @@ pub fn judge_temperatures(
     limits: &SensorLimits,
     told: &mut [SensorReport],
 ) {
-    // As they were before this cycle, so that no sensor is compared with one that jumps together with it.
+    // The values before this cycle, so that no sensor is compared with one that jumps together with it.
     let believed = all_believed(checks);
     let sensors = checks.iter_mut().zip(heard).zip(told.iter_mut());
     let mut count = 0;
@@ -128,7 +124,7 @@ pub fn judge_temperatures(
     }
 }
 
-/// The temperatures that are believed of all sensors, °C; NaN if missing.
+/// The accepted temperatures of all sensors, °C; NaN if missing.
 fn all_believed(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
     let mut believed = [f64::NAN; MAX_SENSORS];
     for (degc, check) in believed.iter_mut().zip(checks) {
@@ -137,60 +133,57 @@ fn all_believed(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
     believed
 }
 
-/// The largest difference between two readings that is taken for a step or the noise of a module, and not for a jump,
-/// K. The billionth allows for the rounding of decimal fractions.
+/// Largest difference between two readings that counts as the resolution or noise of a module, not as a jump, K. The billionth covers the rounding
+/// of decimal fractions.
 const STEP_K: f64 = 0.5 + 1e-9;
-/// How far the temperature of a sensor that was silent for longer than a reading may be old is believed to have moved
-/// in that time, K: within minutes, and from half an hour on by so much in a minute (20 K in an hour), up to what a machine
-/// cools by overnight.
+/// How far a temperature may have changed while its sensor was silent beyond the maximum age, K: `UNSEEN_MINUTES_K` within minutes,
+/// `UNSEEN_K_PER_MIN` per minute from half an hour on (20 K in an hour), at most `UNSEEN_NIGHT_K`, the overnight cooling of a machine.
 const UNSEEN_MINUTES_K: f64 = 10.0;
 const UNSEEN_K_PER_MIN: f64 = 20.0 / 60.0;
 const UNSEEN_NIGHT_K: f64 = 20.0;
 
-/// A temperature that was believed.
+/// An accepted temperature.
 #[derive(Clone, Copy, Debug)]
 struct Believed {
     degc: f64,
     taken: Duration,
-    /// A temperature that follows the readings no faster than a temperature may change, °C: a reading farther than a
-    /// step from it has jumped.
+    /// A temperature that follows the readings no faster than the allowed rate, °C: a reading farther than one step from it has jumped.
     followed: f64,
-    /// Since when the digits are the same.
+    /// Since when the digits are unchanged.
     same_since: Duration,
-    /// The temperatures of all sensors that were believed together with this one, °C; `None` until the cycle ends in
-    /// which it was read.
+    /// The temperatures of all sensors accepted at the same time, °C; `None` until the end of the cycle in which it was read.
     neighbours: Option<[f64; MAX_SENSORS]>,
 }
 
-/// The memory of one sensor: what was believed last, and whether it jumped since.
+/// The history of one sensor: the last accepted temperature, and whether it has jumped since.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SensorCheck {
-    /// The last reading and what was found: a repeated reading is not judged again.
+    /// The last reading and its flaw: a repeated reading is not checked again.
     last: Option<(Duration, f64, Option<SensorFlaw>)>,
     believed: Option<Believed>,
-    /// The device reported a fault, or the reading was out of range, since it was believed last.
+    /// Since the last accepted temperature the device reported a fault, or a reading was out of range.
     was_faulty: bool,
     jumped: Option<Readmission>,
     used: bool,
 }
 
 impl SensorCheck {
-    /// A person confirms that the sensor is right: after a jump its next reading is believed as the first one was.
+    /// The operator confirms the sensor: after a jump its next reading is accepted like the first one.
     pub fn acknowledge(&mut self) {
         if self.jumped.is_some() {
             *self = Self::default();
         }
     }
 
-    /// The temperature that is believed now, °C; NaN if there is no such.
+    /// The accepted temperature, °C; NaN without one.
     fn believed(&self) -> f64 {
         self.believed
             .filter(|_| self.used)
             .map_or(f64::NAN, |believed| believed.degc)
     }
 
-    /// Keeps the temperatures of all sensors at the end of the cycle in which a new reading of this one was believed,
-    /// °C: after a jump, its usual difference from its neighbours is that of one and the same moment.
+    /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this one was accepted, so that after a jump
+    /// its usual difference from its neighbours refers to a single time.
     fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
         if let Some(believed) = &mut self.believed
             && self.used
@@ -199,8 +192,7 @@ impl SensorCheck {
         }
     }
 
-    /// Judges what was received of the sensor at `own` among all. `others` are the temperatures that are believed of all
-    /// sensors, °C.
+    /// Checks the answer for the sensor with index `own`. `others` are the accepted temperatures of all sensors, °C.
     fn check(
         &mut self,
         now: Duration,
@@ -247,7 +239,7 @@ impl SensorCheck {
         flaw
     }
 
-    /// Judges a reading by those before it.
+    /// Checks a reading against the previous ones.
     fn change(
         &mut self,
         degc: f64,
@@ -283,7 +275,7 @@ impl SensorCheck {
             taken: before.taken,
             neighbours: before.neighbours.unwrap_or([f64::NAN; MAX_SENSORS]),
         };
-        // A temperature from before a long fault means little: its neighbours know what has happened since.
+        // A temperature from before a long fault is unreliable: the neighbours show what has happened since.
         let contradicted = self.was_faulty
             && since > limits.stale
             && (at_jump.change(others))
@@ -309,8 +301,8 @@ impl SensorCheck {
         stuck.then_some(SensorFlaw::Stuck)
     }
 
-    /// How far the temperature may have moved in the time since it was believed, K. The time in which a sensor was
-    /// faulty speaks for no change: it counts for no more than a stale reading.
+    /// How far the temperature may have changed since it was accepted, K. Time with a fault does not justify a change: beyond the maximum age of a
+    /// reading it does not count.
     fn allowed_k(&self, since: Duration, limits: &SensorLimits) -> f64 {
         let moved = |rate: f64, time: Duration| rate * time.as_secs_f64() / 60.0;
         let most = limits.max_degc_per_min;
@@ -332,48 +324,47 @@ impl SensorCheck {
     }
 }
 
-/// How long a sensor that jumped must agree before it is believed again.
+/// How long a sensor that jumped must agree before it is accepted again.
 const AGREES_FOR: Duration = Duration::from_secs(600);
-/// How closely it must agree, K.
+/// Maximum difference that counts as agreement, K.
 const AGREES_WITHIN_K: f64 = 1.0;
 
-/// What is known of a sensor from the last moment at which it was believed.
+/// The data of a sensor from when it was last accepted.
 #[derive(Clone, Copy, Debug)]
 struct BeforeJump {
-    /// The place of the sensor among all.
+    /// Index of the sensor.
     pub own: usize,
     /// Its temperature, °C.
     pub degc: f64,
     /// When that temperature was measured.
     pub taken: Duration,
-    /// The temperatures of all sensors at that moment, °C; NaN for those that were not believed.
+    /// The temperatures of all sensors at that time, °C; NaN for rejected ones.
     pub neighbours: [f64; MAX_SENSORS],
 }
 
 impl BeforeJump {
-    /// By how much the other sensors have changed since, K; `None` where fewer than two were believed at both times.
+    /// Change of the other sensors since then, K; `None` if fewer than two were accepted at both times.
     fn change(&self, believed: &[f64; MAX_SENSORS]) -> Option<f64> {
         common_change(&self.neighbours, believed, self.own)
     }
 }
 
-/// A sensor that jumped, and what would show that it is right again. Time alone does not.
+/// The readmission of a sensor that jumped, by agreement with predictions. Time alone does not readmit it.
 #[derive(Clone, Copy, Debug)]
 struct Readmission {
     before: BeforeJump,
-    /// By how much the other sensors have changed since the sensor was believed, K, as far as that is known; 0
-    /// where they never could.
+    /// Change of the other sensors since the sensor was accepted, K, as last known; 0 if it was never known.
     change: f64,
-    /// When the last reading since the jump was taken.
+    /// When the last reading since the jump was measured.
     seen: Option<Duration>,
     /// Since when its readings agree with its own temperature from before the jump.
     with_own: Option<Duration>,
-    /// Since when its readings agree with that temperature and the change of the other sensors since.
+    /// Since when its readings agree with that temperature plus the change of the other sensors.
     with_predicted: Option<Duration>,
 }
 
 impl Readmission {
-    /// A sensor that jumps now.
+    /// Starts at a jump.
     fn new(before: &BeforeJump) -> Self {
         Self {
             before: *before,
@@ -384,9 +375,9 @@ impl Readmission {
         }
     }
 
-    /// Takes a reading, and returns whether the sensor is believed again. A pause longer than `stale` lets the ten
-    /// minutes begin anew, and the sensor's own temperature from before the jump alone predicts nothing once it
-    /// is older than that when the ten minutes begin: the machine has changed since, as the other sensors show.
+    /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's own
+    /// temperature from before the jump is no prediction on its own if it is older than that when the ten minutes begin: the machine has changed
+    /// since, as the other sensors show.
     fn sees(
         &mut self,
         degc: f64,
@@ -415,23 +406,23 @@ impl Readmission {
         own || predicted
     }
 
-    /// Lets the ten minutes begin anew.
+    /// Restarts the ten minutes.
     fn interrupt(&mut self) {
         self.with_own = None;
         self.with_predicted = None;
     }
 }
 
-/// Whether an agreement has lasted for ten minutes; `since` is when it began.
+/// Whether an agreement has lasted for ten minutes; `since` is its start.
 fn lasts(since: &mut Option<Duration>, agrees: bool, taken: Duration) -> bool {
     *since = agrees.then(|| since.unwrap_or(taken));
     since.is_some_and(|since| taken.saturating_sub(since) >= AGREES_FOR)
 }
 
-/// The minimum number of others that shows whether a sensor is wrong: of two sensors either may be.
+/// Minimum number of other sensors that can show which one is wrong: of two, either may be.
 const FEWEST: usize = 2;
 
-/// The median change of the others between two times, K; `None` where fewer than two were believed at both.
+/// Median change of the other sensors between two times, K; `None` if fewer than two were accepted at both.
 fn common_change(before: &[f64; MAX_SENSORS], now: &[f64; MAX_SENSORS], own: usize) -> Option<f64> {
     let mut changes = [0.0; MAX_SENSORS];
     let mut count = 0;
@@ -447,7 +438,7 @@ fn common_change(before: &[f64; MAX_SENSORS], now: &[f64; MAX_SENSORS], own: usi
     (count >= FEWEST).then(|| middle(count, |place| changes[place]))
 }
 
-/// Marks the good temperatures that are farther than `allowed_k` from the median of the other good ones.
+/// Marks the good temperatures that differ by more than `allowed_k` from the median of the other good ones.
 fn mark_disagreeing(told: &mut [SensorReport], allowed_k: f64) {
     let mut sorted = [0.0; MAX_SENSORS];
     let mut count = 0;
@@ -471,7 +462,7 @@ fn mark_disagreeing(told: &mut [SensorReport], allowed_k: f64) {
     }
 }
 
-/// The median of `count` sorted values, of which there is at least one.
+/// Median of `count` sorted values; `count` must be at least 1.
 fn middle(count: usize, sorted: impl Fn(usize) -> f64) -> f64 {
     0.5 * (sorted((count - 1) / 2) + sorted(count / 2))
 }

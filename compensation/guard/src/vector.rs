@@ -1,5 +1,4 @@
-//! The correction of all axes as one vector: what belongs together is limited, ramped and moved together, and is
-//! quantised last.
+//! The correction of all axes as one vector: coupled components are limited, ramped and moved together, and quantised last.
 
 mod cycle;
 mod wanted;
@@ -16,30 +15,30 @@ use cycle::{
 use wanted::reach;
 pub use wanted::{Followed, Wanted};
 
-/// A part of a ramp that is smaller than this is gone in one cycle.
+/// Remaining part of a ramp below which it completes in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
 
-/// The position share of a cycle.
+/// The position share in a cycle.
 struct Share {
-    /// What is wanted of it and what is left of the ramp, mm.
+    /// The requested share plus the remaining offset of the ramp, mm.
     position: PerChannel<f64>,
-    /// The part of it that the axes can carry.
+    /// The fraction of it that the axes can carry.
     part: f64,
-    /// The rotary shares as they stand, rad; zero at all other places.
+    /// The present rotary shares, rad; zero for all other axes.
     rotary: PerChannel<f64>,
 }
 
-/// What moves the vector.
+/// The present motion of the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Motion {
-    /// Nothing yet: the next cycle that follows begins the ramp.
+    /// None yet: the next cycle with `follow` starts the ramp.
     #[default]
     Begins,
-    /// On the ramp to what is wanted: the part that is left of it, and how much of it passes in a second.
+    /// On the ramp to the requested correction: the remaining fraction, and the fraction that passes per second.
     Ramps { left: f64, rate: f64 },
-    /// Where what is wanted leads.
+    /// Following the requested correction.
     Follows,
-    /// On a straight line to a place, of which this part is left; before that what moved comes to rest.
+    /// On a straight line to a point, with this fraction remaining; before that any other motion comes to rest.
     Line {
         to: PerChannel<f64>,
         left: f64,
@@ -47,39 +46,37 @@ enum Motion {
     },
 }
 
-/// The correction that moves, mm for linear and rad for rotary axes: state of the guard.
+/// The moving correction, mm for linear and rad for rotary axes; state of the guard.
 ///
-/// The rotary axes move by one factor towards shares that rest on whole steps, as far as the linear axes can follow
-/// in the same cycle; the linear shares are solved for the rotary shares as they move. So the tool tip stays where it is
-/// while the tool axis turns. On a ramp the distance of the position share from what is wanted shrinks in proportion:
-/// the position error of the tool shrinks from what it was at the beginning of the ramp, also when the machine moves.
+/// The rotary axes move by a common factor towards shares on whole steps, as far as the linear axes can follow in the same cycle; the linear shares
+/// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance of the position share
+/// from the requested one shrinks in proportion: the position error of the tool shrinks from its value at the start of the ramp, even if the
+/// machine moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
-    /// What is written.
     output: PerChannel<f64>,
-    /// The correction before the quantiser, and its change in a second.
+    /// The correction before quantisation, and its rate per second.
     smooth: PerChannel<f64>,
     rate: PerChannel<f64>,
     /// The part of the rate of each linear axis that follows the rotary axes.
     following: PerChannel<f64>,
-    /// The slew and the acceleration that held for each axis in the last cycle, 0 before the first one.
+    /// Slew and acceleration limit of each axis in the last cycle, 0 before the first one.
     slew: PerChannel<f64>,
     accel: PerChannel<f64>,
-    /// Where the rotary axes go to: whole steps.
+    /// Goal of the rotary axes: whole steps.
     goal: PerChannel<f64>,
-    /// Where the linear axes were to be in the last cycle.
+    /// Target of the linear axes in the last cycle.
     target: PerChannel<f64>,
-    /// How far the position share is from what is wanted, and linear axes from a limit that was lowered: what is left of
-    /// the ramp.
+    /// The remaining offset of the ramp: distance of the position share from the requested one, and of linear axes from a lowered limit.
     offset: PerChannel<f64>,
     excess: PerChannel<f64>,
-    /// The part of the offset of each linear axis that could be reached in the last cycle.
+    /// Reachable fraction of the offset of each linear axis in the last cycle.
     reachable: PerChannel<f64>,
     motion: Motion,
 }
 
 impl Vector {
-    /// A correction at confirmed values (mm, rad). What is wanted is then reached by a ramp.
+    /// A correction at confirmed values (mm, rad), from which a ramp leads to the requested one.
     pub fn at(applied: &PerChannel<f64>) -> Self {
         Self {
             output: *applied,
@@ -90,41 +87,39 @@ impl Vector {
         }
     }
 
-    /// The words that are written, mm and rad: whole steps, but where the correction stands at a value off the grid.
+    /// The written words, mm and rad: whole steps, unless the correction rests at a value off the grid.
     pub fn output(&self) -> PerChannel<f64> {
         self.output
     }
 
-    /// The correction before the quantiser, mm and rad.
+    /// The correction before quantisation, mm and rad.
     pub fn smooth(&self) -> PerChannel<f64> {
         self.smooth
     }
 
-    /// Stays where it is, since nothing is written.
+    /// Stops at once, since nothing is written.
     pub fn stop(&mut self) {
         self.rate = PerChannel::ZERO;
         self.following = PerChannel::ZERO;
         self.target = self.smooth;
     }
 
-    /// The ramp to what is wanted begins here: with the position share that the correction has now.
+    /// Starts the ramp to the requested correction here, with the present position share.
     pub fn begin_ramp(&mut self) {
         self.motion = Motion::Begins;
     }
 
-    /// Whether the ramp to what is wanted is still to begin: in the next cycle that follows, or once what moves has come
-    /// to rest.
+    /// Whether the ramp has yet to start: in the next cycle with `follow`, or once the present motion has come to rest.
     pub fn is_to_begin(&self) -> bool {
         self.motion == Motion::Begins
     }
 
-    /// Whether the ramp to what is wanted is over.
+    /// Whether the ramp is complete.
     pub fn is_ramped(&self) -> bool {
         self.motion == Motion::Follows
     }
 
-    /// A straight line to a correction (mm, rad) begins here, all axes by one factor: a ramp to zero, a shift, or the
-    /// way back within a limit.
+    /// Starts a straight line to a correction (mm, rad), all axes by a common factor: a ramp to zero, a shift, or the way back within a limit.
     pub fn begin_line(&mut self, to: &PerChannel<f64>) {
         self.motion = Motion::Line {
             to: *to,
@@ -138,8 +133,8 @@ impl Vector {
         matches!(&self.motion, Motion::Line { to, .. } if to == end)
     }
 
-    /// Goes on along the line for `dt_s`, whose end is brought within the limits by one factor; true once it is at its end. The line
-    /// lasts as long as a ramp, or as long as the axis needs that slew and acceleration hold back most.
+    /// Moves along the line for `dt_s`; its end is scaled into the limits by a common factor. Returns true at the end. The line takes a ramp time,
+    /// or as long as the axis most limited by slew and acceleration.
     pub fn advance_line(&mut self, limits: &Limits, dt_s: f64) -> bool {
         let Motion::Line { to, left, at_rest } = self.motion else {
             return true;
@@ -176,7 +171,7 @@ impl Vector {
             1.0
         };
         let part = cycle.part(&ways, &self.rate, ramp, accel);
-        // What would be left is too little for a cycle of its own.
+        // The rest would be too small for a separate cycle.
         let ends = |i: usize| ((1.0 - part) * ways[i]).abs() <= ARRIVED_STEPS * cycle.step(i);
         let part = if cycle.places().all(ends) { 1.0 } else { part };
         let mut arrived = true;
@@ -186,7 +181,7 @@ impl Vector {
         }
         if arrived {
             for i in cycle.places() {
-                // But for a rounding it is there; its rate stays, since the next motion begins with it.
+                // At the end, to rounding. The rate is kept, since the next motion starts with it.
                 self.smooth[i] = end[i];
             }
         }
@@ -210,14 +205,14 @@ impl Vector {
         arrived
     }
 
-    /// How long a line to zero takes that begins at rest here, with the shortest ramp that there is.
+    /// Duration of a line to zero that starts at rest here, with the shortest ramp.
     #[must_use]
     pub fn time_to_zero(&self, limits: &Limits) -> Duration {
         let shortest = Limits {
             ramp: Duration::ZERO,
             ..*limits
         };
-        // All axes go to zero by one factor: the time that it takes at its rate, and one over its acceleration, s².
+        // All axes go to zero by a common factor: time at constant rate, and reciprocal acceleration, s².
         let (mut at_rate_s, mut eased) = (shortest.ramp_taken().as_secs_f64(), 0.0_f64);
         let axes = limits.axes.iter().zip(&self.smooth);
         for (axis, at) in axes.take(limits.count) {
@@ -227,15 +222,14 @@ impl Vector {
         let seconds = if eased <= at_rate_s * at_rate_s {
             at_rate_s + eased / at_rate_s
         } else {
-            // It brakes before it is at its rate.
+            // It brakes before reaching its full rate.
             2.0 * libm::sqrt(eased)
         };
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
     }
 
-    /// How far each axis may go in this cycle. An axis that a lowered limit left outside comes in at the old slew
-    /// or the new one, whichever is lower. A lowered acceleration holds once all axes stand: what moves may need the one
-    /// that it began with to stop before it is beyond what is wanted.
+    /// Range of each axis in this cycle. An axis outside a lowered limit returns at the old or the new slew, whichever is lower. A lowered
+    /// acceleration applies once all axes are at rest: a moving axis may need the previous one to stop before it overshoots.
     fn cycle<'a>(&mut self, limits: &'a Limits, dt_s: f64) -> Cycle<'a> {
         let mut spans = PerChannel([[0.0; 2]; MAX_AXES]);
         let mut reach = reach(limits);
@@ -267,13 +261,12 @@ impl Vector {
         }
     }
 
-    /// Where something else begins while the axes move: rotary axes and the linear axes that follow them come to rest by
-    /// one factor, and what else moves the linear axes by another. Whether they needed this cycle for it; axes
-    /// without a limit of their acceleration do not.
+    /// Brakes before another motion starts: rotary axes and the linear axes that follow them come to rest by one factor, the remaining motion of
+    /// the linear axes by another. Returns whether this cycle was needed; not for axes without an acceleration limit.
     fn brakes(&mut self, cycle: &Cycle) -> bool {
         let (mut moving, mut alone) = (PerChannel::ZERO, PerChannel::ZERO);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // Each may take half of what a linear axis is allowed.
+            // Each may use half of a linear axis's acceleration.
             moving[i] = 2.0 * self.following[i];
             alone[i] = 2.0 * (self.rate[i] - self.following[i]);
         }
@@ -282,7 +275,7 @@ impl Vector {
         }
         let left = |rates| 1.0 - (cycle.accel_over_all(rates) * cycle.dt_s).min(1.0);
         let (moving, alone) = (left(&moving), left(&alone));
-        // What needed the acceleration of before stands before the new one holds.
+        // The new acceleration applies once the axes that need the previous one are at rest.
         let lowered = |i: usize| cycle.accel[i] > cycle.limits.axes[i].accel_per_s2;
         if moving == 0.0 && alone == 0.0 && !cycle.places().any(lowered) {
             return false;
@@ -300,7 +293,7 @@ impl Vector {
         true
     }
 
-    /// One axis goes `way`, or as far as it may.
+    /// Moves one axis by `way`, or as far as its range allows.
     fn advance(&mut self, axis: usize, way: f64, cycle: &Cycle) {
         let way = within(cycle.spans[axis], way);
         self.smooth[axis] += way;
@@ -318,8 +311,8 @@ impl Vector {
         }
     }
 
-    /// Goes towards what is wanted for `dt_s`: by a ramp, and where it leads after that. Nothing moves where a number
-    /// is not finite or no time has passed.
+    /// Moves towards the requested correction for `dt_s`: by a ramp, then following it. Nothing moves if a number is not finite or no time has
+    /// passed.
     pub fn follow(&mut self, wanted: &Wanted, limits: &Limits, dt_s: f64) -> Followed {
         let sound = wanted.is_finite();
         if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
@@ -346,7 +339,7 @@ impl Vector {
         let (left, rate) = self.ramp(wanted, &cycle);
         let offset = self.reach_offset(wanted, &cycle);
         let share = self.share(wanted, &cycle);
-        // What a lowered limit left outside comes in with the ramp, and takes no room from the rotary axes.
+        // An excess over a lowered limit is reduced by the ramp, and leaves the range of the rotary axes unaffected.
         let position = if self.excess == PerChannel::ZERO {
             &share.position
         } else {
@@ -367,7 +360,7 @@ impl Vector {
         let mut most = cycle.advance(&ways, turning, eased);
         let mut factor = self.factor(wanted, &share, &most, &cycle);
         if factor.is_none() {
-            // Not faster than in the cycle before: what moved then can be braked, or go on.
+            // No faster than in the previous cycle: that motion can be braked, or continue.
             let turns = cycle.going(&ways, &self.rate).max(0.0);
             let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
             most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
@@ -381,11 +374,11 @@ impl Vector {
         }
         let following = wanted.following(&turned);
         for i in cycle.of_kind(AxisKind::Linear) {
-            // No faster than the axis may go: levers that are absurd would never be braked.
+            // Limited to the slew of the axis: absurd levers could never be braked.
             let slew = limits.axes[i].slew_per_s;
             self.following[i] = within([-slew, slew], following[i]);
         }
-        // Where the linear axes cannot follow anyhow, the ramp goes on: it must end.
+        // If the linear axes cannot follow at all the ramp continues, since it must end.
         let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
         let (behind, part) = self.slide(wanted, &cycle);
@@ -405,7 +398,7 @@ impl Vector {
         }
     }
 
-    /// What is left of the ramp, which begins here if it has not, and how much of it passes in a second.
+    /// Remaining fraction of the ramp, which starts here if it has not, and the fraction that passes per second.
     fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
         if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
             let following = wanted.following(&self.rotary(cycle));
@@ -428,7 +421,7 @@ impl Vector {
         }
     }
 
-    /// The position share with what is left of the ramp, and the part of it that the axes can carry.
+    /// The position share with the remaining offset of the ramp, and the fraction that the axes can carry.
     fn share(&self, wanted: &Wanted, cycle: &Cycle) -> Share {
         let position = PerChannel::from_fn(|i| wanted.position[i] + self.offset[i]);
         let rotary = self.rotary(cycle);
@@ -439,8 +432,8 @@ impl Vector {
         }
     }
 
-    /// The part of a position share that the axes can carry when this is left of what now is left of the ramp: a limit
-    /// that was lowered comes in with the ramp.
+    /// The fraction of a position share that the axes can carry after the remaining ramp is reduced to this fraction: a lowered limit takes effect
+    /// with the ramp.
     fn part(
         &self,
         left: f64,
@@ -456,8 +449,8 @@ impl Vector {
         wanted.position_part(position, rotary, &reach)
     }
 
-    /// Keeps for this cycle what can be reached of the offset. Gives what stays of it: what could be reached in this cycle
-    /// or in the one before, since a single cycle in which something absurd is wanted must not end the ramp.
+    /// Stores the reachable offset of this cycle. Returns the offset to keep: what was reachable in this cycle or the previous one, since a single
+    /// cycle with an absurd request must not end the ramp.
     fn reach_offset(&mut self, wanted: &Wanted, cycle: &Cycle) -> PerChannel<f64> {
         let mut offset = self.offset;
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -470,9 +463,9 @@ impl Vector {
         offset
     }
 
-    /// The part of the offset of a linear axis with which its position share is no more than the axis can carry, wherever the
-    /// rotary axes are: the whole one but where more was wanted as the ramp began, or is wanted now. Beyond that the offset leads
-    /// nowhere, so the ramp of the other axes goes on; what is left of it only shrinks, and the tool is no further off for it.
+    /// The fraction of the offset of a linear axis with which its position share fits the axis wherever the rotary axes are: all of it, unless the
+    /// request at the start of the ramp was larger, or is now. Beyond that the offset has no effect, so the ramp of the other axes continues; the
+    /// rest only shrinks, and the error of the tool does not grow.
     fn reachable_offset(&self, axis: usize, wanted: &Wanted, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following
@@ -500,7 +493,7 @@ impl Vector {
         }
     }
 
-    /// The rotary shares as they stand, zero at all other places.
+    /// The present rotary shares, zero for all other axes.
     fn rotary(&self, cycle: &Cycle) -> PerChannel<f64> {
         let mut rotary = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
@@ -509,7 +502,7 @@ impl Vector {
         rotary
     }
 
-    /// The ways of the rotary axes to their goal, zero at all other places.
+    /// Distances of the rotary axes to their goals, zero for all other axes.
     fn rotary_ways(&self, cycle: &Cycle) -> PerChannel<f64> {
         let mut ways = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
@@ -518,8 +511,8 @@ impl Vector {
         ways
     }
 
-    /// The accelerations (1/s²) with which what is left of the ramp and of the ways of the rotary axes may pass. The
-    /// linear axes follow both: where there are rotary axes, each may take half of what a linear axis is allowed.
+    /// Accelerations (1/s²) for the remaining fraction of the ramp and of the rotary distances. The linear axes follow both: if there are rotary
+    /// axes, each may use half of a linear axis's acceleration.
     fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
         let rotary = cycle.accel_over(ways, AxisKind::Rotary);
         let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
@@ -532,8 +525,8 @@ impl Vector {
         }
     }
 
-    /// The largest factor between the least and the most of an advance with which every linear axis can be where it
-    /// belongs at the end of the cycle. `None` where there is none.
+    /// The largest factor between the minimum and the maximum of an advance with which every linear axis can reach its position by the end of the
+    /// cycle; `None` if there is none.
     fn factor(
         &self,
         wanted: &Wanted,
@@ -556,7 +549,7 @@ impl Vector {
             let base = share.part * share.position[i] + least[i];
             let passed = share.part * share.position[i] - part * later[i];
             let along = most[i] - least[i] - passed;
-            // What is beyond a limit that can be reached is cut there.
+            // A position beyond a reachable limit is clipped to it.
             let highest = if highest >= limit - rounding {
                 f64::INFINITY
             } else {
@@ -580,8 +573,8 @@ impl Vector {
         (low <= high).then_some(high)
     }
 
-    /// The linear axes go where they belong for the rotary shares as they are now, as far as they can. Whether one of
-    /// them is not there at the end, and the part of the position share that the limits leave.
+    /// Moves the linear axes to the positions for the present rotary shares, as far as possible. Returns whether one of them has not reached it,
+    /// and the fraction of the position share that the limits leave.
     fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
         let share = self.share(wanted, cycle);
         let following = wanted.following(&share.rotary);
@@ -591,7 +584,7 @@ impl Vector {
             let limit = axis.reachable().max(self.smooth[i].abs());
             let whole = share.part * share.position[i] + following[i];
             let target = within([-limit, limit], whole);
-            // On the way with the target, and back to it as fast as can be stopped there.
+            // Moves with the target, and closes the gap as fast as it can still stop there.
             let gap = self.target[i] - self.smooth[i];
             let back = stopping_rate(gap.abs(), cycle.accel[i], cycle.dt_s) * cycle.dt_s;
             let way = target - self.target[i] + back.min(gap.abs()).copysign(gap);

@@ -1,5 +1,5 @@
-//! A thread that asks the controller of a path which stands by, so that one that answers slowly, or hangs, costs the cycle
-//! nothing. State: the controller, for as long as the path stands by.
+//! A thread that reads the controller of a standby path, so that a slow or hanging one does not delay the cycle. State: the controller, while the
+//! path is on standby.
 
 use std::{
     io, mem,
@@ -14,33 +14,33 @@ use std::{
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 use volcomp_port::{Controller, Fault, Snapshot};
 
-/// The interval at which a standby path is read.
+/// Interval at which a standby path is read.
 pub(crate) const STANDBY_EVERY: Duration = Duration::from_millis(100);
-/// Answers that wait for the cycle; further ones are lost.
+/// Capacity of the ring of answers; further ones are lost.
 const ANSWERS: usize = 8;
 
-/// The controller of a path: in the hands of the cycle, or of the thread that asks it meanwhile.
+/// The controller of a path, held by the cycle or by the thread that reads it on standby.
 pub(crate) struct Device {
     controller: Option<Box<dyn Controller>>,
     attendant: Option<Attendant>,
 }
 
-/// What a controller answered while its path stood by.
+/// The answer of a controller on standby.
 pub(crate) struct Heard {
-    /// When it was asked.
+    /// When it was requested.
     pub(crate) asked: Instant,
-    /// When it had answered.
+    /// When it was received.
     pub(crate) answered: Instant,
     pub(crate) read: Result<Snapshot, Fault>,
 }
 
-/// A controller on its way to the thread, and how long an exchange with it may take.
+/// A controller on its way to the thread, and the timeout of its exchanges.
 struct Given {
     controller: Box<dyn Controller>,
     patience: Duration,
 }
 
-/// The cycle's end of the rings between it and the thread.
+/// The cycle's end of the rings to and from the thread.
 struct Attendant {
     shared: Arc<Shared>,
     given: Producer<Given>,
@@ -51,7 +51,7 @@ struct Attendant {
 
 #[derive(Default)]
 struct Shared {
-    /// The cycle wants the controller back.
+    /// The cycle has requested the controller.
     recalled: AtomicBool,
     ends: AtomicBool,
 }
@@ -64,8 +64,7 @@ impl Device {
         }
     }
 
-    /// Starts the thread. Until [`hand_over`](Self::hand_over) it asks nothing.
-    /// It asks as often as `every`.
+    /// Starts the thread, which reads once per `every`. It is idle until [`hand_over`](Self::hand_over).
     pub(crate) fn attend(&mut self, name: &str, every: Duration) -> io::Result<()> {
         let (given_in, given) = RingBuffer::new(1);
         let (back_in, back) = RingBuffer::new(1);
@@ -78,7 +77,7 @@ impl Device {
             heard: heard_in,
             every,
         };
-        // The operating system shows 15 letters.
+        // The operating system truncates thread names to 15 characters.
         let name = name.chars().take(15).collect();
         let thread = thread::Builder::new()
             .name(name)
@@ -93,27 +92,27 @@ impl Device {
         Ok(())
     }
 
-    /// Whether a thread asks it while its path stands by.
+    /// Whether there is a thread that reads it on standby.
     pub(crate) fn is_attended(&self) -> bool {
         self.attendant.is_some()
     }
 
-    /// Whether the cycle has it.
+    /// Whether the cycle holds it.
     pub(crate) fn is_in_hand(&self) -> bool {
         self.controller.is_some()
     }
 
-    /// The controller, where the cycle has it.
+    /// The controller, if the cycle holds it.
     pub(crate) fn in_hand(&mut self) -> Option<&mut (dyn Controller + 'static)> {
         self.controller.as_deref_mut()
     }
 
-    /// The next answer that the cycle has not received yet. Takes no lock.
+    /// The next answer from the thread. Lock-free.
     pub(crate) fn heard(&mut self) -> Option<Heard> {
         self.attendant.as_mut()?.heard.pop().ok()
     }
 
-    /// Asks for the controller; [`take_back`](Self::take_back) has it once the present exchange is over. Takes no lock.
+    /// Requests the controller; [`take_back`](Self::take_back) receives it once the present exchange is over. Lock-free.
     pub(crate) fn recall(&mut self) {
         if let (None, Some(attendant)) = (&self.controller, &self.attendant)
             && !attendant.shared.recalled.swap(true, Ordering::AcqRel)
@@ -122,14 +121,14 @@ impl Device {
         }
     }
 
-    /// Takes the controller when the thread has given it back. Takes no lock.
+    /// Receives the controller if the thread has returned it. Lock-free.
     pub(crate) fn take_back(&mut self) {
         if let (None, Some(attendant)) = (&self.controller, &mut self.attendant) {
             self.controller = attendant.back.pop().ok();
         }
     }
 
-    /// Gives the controller to the thread, or lets it have it if it was recalled. Takes no lock.
+    /// Passes the controller to the thread, or cancels its recall. Lock-free.
     pub(crate) fn hand_over(&mut self, patience: Duration) {
         let Some(attendant) = &mut self.attendant else {
             return;
@@ -144,7 +143,7 @@ impl Device {
         };
         match attendant.given.push(given) {
             Ok(()) => attendant.thread.unpark(),
-            // There is one controller, so there is room for it; if there were none, the next cycle would try again.
+            // There is one controller, so the ring has room; otherwise the next cycle would try again.
             Err(PushError::Full(given)) => self.controller = Some(given.controller),
         }
     }
@@ -176,7 +175,7 @@ impl Asks {
         }
     }
 
-    /// Asks the controller again and again, until it is recalled or all ends.
+    /// Reads the controller periodically, until it is recalled or the thread is to end.
     fn ask(&mut self, given: Given) {
         let Given {
             mut controller,
@@ -185,7 +184,7 @@ impl Asks {
         while !self.is_over() {
             let asked = Instant::now();
             let read = controller.read(asked + patience);
-            // Where the ring is full the cycle has not listened for long: this answer is lost.
+            // If the ring is full the cycle has not read it for long: this answer is lost.
             let _ = self.heard.push(Heard {
                 asked,
                 answered: Instant::now(),
@@ -193,7 +192,7 @@ impl Asks {
             });
             self.rest(asked + self.every);
         }
-        // There is one controller, so there is room for it.
+        // There is one controller, so the ring has room.
         let _ = self.back.push(controller);
     }
 

@@ -7,12 +7,12 @@ use rustix::{
     time::{ClockId as TimeClock, Timespec, clock_gettime},
 };
 
-/// Monotonic time since the computer started.
+/// Monotonic time since the system was booted.
 pub fn monotonic() -> Duration {
     duration(clock_gettime(TimeClock::Monotonic))
 }
 
-/// CPU time that this thread has used.
+/// CPU time used by this thread.
 pub fn thread_time() -> Duration {
     duration(clock_gettime(TimeClock::ThreadCPUTime))
 }
@@ -24,7 +24,7 @@ pub(crate) struct Deadlines {
 }
 
 impl Deadlines {
-    /// The first deadline is one period from now.
+    /// Deadlines from one period after now.
     pub(crate) fn new(period: Duration) -> Self {
         Self {
             next: monotonic().saturating_add(period),
@@ -32,15 +32,14 @@ impl Deadlines {
         }
     }
 
-    /// Sleeps to the next deadline and gives it.
+    /// Sleeps until the next deadline and returns it.
     pub(crate) fn wait(&self) -> Duration {
-        // A signal wakes early: sleep on.
+        // A signal interrupts the sleep: continue.
         while clock_nanosleep_absolute(ClockId::Monotonic, &timespec(self.next)).is_err() {}
         self.next
     }
 
-    /// The work for a deadline was done at `now`. Periods that have passed already are left out, so that no burst
-    /// follows; gives how many.
+    /// Advances to the next deadline after `now`, skipping those that have passed so that no burst follows. Returns the number of skipped periods.
     pub(crate) fn done(&mut self, now: Duration) -> u32 {
         self.next = self.next.saturating_add(self.period);
         if now <= self.next {
@@ -53,8 +52,8 @@ impl Deadlines {
     }
 }
 
-/// Wakes at the same deadlines as a control thread and does nothing but report the time, how late it woke and how many
-/// periods were missed: what the computer itself adds to every cycle.
+/// Wakes at the deadlines of a control thread and only reports the time, the wake-up latency and the number of missed periods: the computer's share
+/// of the cycle time.
 pub fn tick(period: Duration, during: Duration, told: &mut dyn FnMut(Duration, Duration, u32)) {
     let begun = monotonic();
     let mut deadlines = Deadlines::new(period);

@@ -1,7 +1,6 @@
 //! One cycle: positions, thermal state, model, guard, correction. Nothing here allocates, locks or logs.
 //!
-//! State: the paths with what is known of them, which path writes, the guard, the interlocks, the directions of travel,
-//! the thermal lags of the model.
+//! State: the paths and their data, the active path, the guard, the interlocks, the directions of travel, the thermal lags of the model.
 
 mod lag;
 
@@ -31,42 +30,41 @@ use crate::{
     settings::Rapid,
 };
 
-/// How long the parts of a cycle took.
+/// Durations of the parts of a cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spent {
-    /// The exchanges with controllers.
+    /// Time of the exchanges with controllers.
     pub exchange: Duration,
-    /// The rest, by the CPU clock of the thread.
+    /// Compute time, by the CPU clock of the thread.
     pub own: Duration,
 }
 
-/// The time without an answer after which a standby path is reported.
+/// Time without an answer after which a standby path is reported.
 const STANDBY_SILENT: Duration = Duration::from_secs(2);
 
-/// The output is remembered for this time, and up to twice as long: longer than three readings of a standby path
-/// and a write on its way.
+/// The output is remembered for between one and two windows: longer than three readings of a standby path plus a write on its way.
 const WINDOW: Duration = Duration::from_millis(500);
 
-/// What the paths that stand by are compared with.
+/// Reference data for checking the standby paths.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standby {
-    /// When the younger of two windows began; the smallest and the largest output of each machine axis in both.
+    /// Start of the current window; the smallest and the largest output of each machine axis in this window and the previous one.
     begun: Duration,
     ranges: [[PerAxis<f64>; 2]; 2],
-    /// The paths that reported another correction when theirs was confirmed last.
+    /// Paths that reported a foreign correction at their last confirmation.
     holds: [bool; MAX_PATHS],
-    /// The path that takes over once the cycle has its controller.
+    /// The path that takes over once the cycle holds its controller.
     wanted: Option<usize>,
 }
 
 impl Standby {
-    /// The output of a machine axis.
+    /// Adds an output of a machine axis to the window.
     fn see(&mut self, axis: usize, output: f64) {
         let [low, high] = &mut self.ranges[0];
         (low[axis], high[axis]) = (low[axis].min(output), high[axis].max(output));
     }
 
-    /// Begins another window when the present one is full.
+    /// Starts a new window when the present one is over.
     fn turn(&mut self, now: Duration, outputs: &PerAxis<f64>) {
         if now.saturating_sub(self.begun) >= WINDOW {
             self.begun = now;
@@ -74,14 +72,14 @@ impl Standby {
         }
     }
 
-    /// Whether the output of a machine axis went over this value lately.
+    /// Whether the output of a machine axis passed this value within the windows.
     fn went_over(&self, axis: usize, value: f64, step: f64) -> bool {
         let low = self.ranges[0][0][axis].min(self.ranges[1][0][axis]);
         let high = self.ranges[0][1][axis].max(self.ranges[1][1][axis]);
         (low - step..=high + step).contains(&value)
     }
 
-    /// Whether a path applies what the output never was: all of them lead to the same axes.
+    /// Whether a path applies a correction that the output never was: all paths lead to the same axes.
     fn tells_another(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
@@ -91,7 +89,7 @@ impl Standby {
     }
 }
 
-/// Everything that a cycle works on.
+/// The complete state of a cycle.
 pub struct Cycle {
     model: Replacement,
     paths: Vec<ControlPath>,
@@ -104,30 +102,28 @@ pub struct Cycle {
     checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
-    /// Whether no path was left with a correction before the start, as far as that was written down, or a person says.
+    /// Whether the stored state, or the operator, says that no path had a correction left before the start.
     left_nothing: bool,
-    /// When a stop was seen last, since the start.
+    /// Time of the last interlock since the start.
     stopped: Duration,
     standby: Standby,
     lag: Lag,
-    /// Where the machine was commanded in this cycle; `None` while a position is not known.
+    /// Commanded position in this cycle; `None` while a position is unknown.
     commanded: Option<State>,
     last: Option<Duration>,
     start: Instant,
-    /// The clock that a test counts.
+    /// A clock advanced by a test.
     clock: Option<Clock>,
     period: Duration,
     report: Report,
 }
 
 impl Cycle {
-    /// A cycle over some paths in the order of preference; a better path takes over again when it was usable for
-    /// `hand_back`.
+    /// A cycle over these paths in order of preference; a preferred path takes over again after it was usable for `hand_back`.
     ///
     /// # Errors
-    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]:
-    /// another period than that for which a path was planned. Those of
-    /// [`PathPlan::check_together`](crate::PathPlan::check_together).
+    /// [`PlanError::Paths`]: no path, or more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS). [`PlanError::Period`]: a period other than the one for
+    /// which a path was planned. Those of [`PathPlan::check_together`](crate::PathPlan::check_together).
     pub fn new(
         model: Box<Model>,
         mut paths: Vec<ControlPath>,
@@ -142,7 +138,7 @@ impl Cycle {
             return Err(PlanError::Paths { found: paths.len() });
         };
         for path in &paths {
-            // A plan has checked the period, so no invalid one comes through.
+            // The plan has checked the period.
             let planned = path.limits().period;
             if planned != period {
                 return Err(PlanError::Period {
@@ -189,7 +185,7 @@ impl Cycle {
         })
     }
 
-    /// Reads positions of further axes from controllers that are never written to. In reports they come after the paths.
+    /// Adds controllers from which positions of further axes are only read. In reports they follow the paths.
     ///
     /// # Errors
     /// [`PlanError::Paths`]: more than [`MAX_PATHS`](volcomp_guard::MAX_PATHS) together with the paths.
@@ -202,21 +198,21 @@ impl Cycle {
         Ok(self)
     }
 
-    /// Takes another speed than [`Rapid::default`] for the fastest at which axes move.
+    /// Sets the maximum speed of axes, instead of [`Rapid::default`].
     #[must_use]
     pub fn with_rapid(mut self, rapid: Rapid) -> Self {
         self.rapid = rapid;
         self
     }
 
-    /// Lets the clock begin at `start` instead of when the cycle was made: for clocks that a test counts.
+    /// Sets the start of the cycle's time, instead of the creation of the cycle: for clocks advanced by a test.
     #[must_use]
     pub fn with_start(mut self, start: Instant) -> Self {
         self.start = start;
         self
     }
 
-    /// Takes the time from this clock, in the middle of a cycle too: for clocks that a test counts.
+    /// Sets the clock, also within a cycle: for clocks advanced by a test.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.start = clock.start();
@@ -224,9 +220,8 @@ impl Cycle {
         self
     }
 
-    /// Restores the correction (mm, rad) that was sent last before the program ended, `age` ago, for controllers without
-    /// read-back.
-    /// NaN means that it is not known; without this call it is not known for paths that do not answer.
+    /// Restores the last correction (mm, rad) that was sent before the program ended, `age` ago, for controllers without read-back. NaN means
+    /// unknown; without this call it is unknown for paths that do not answer.
     pub fn restore(&mut self, correction: &PerAxis<f64>, age: Duration) {
         self.left_nothing = correction.iter().all(|value| *value == 0.0);
         for path in &mut self.paths {
@@ -237,12 +232,12 @@ impl Cycle {
         }
     }
 
-    /// Lets threads of their own ask the paths that stand by and the controllers that are only read, so that one that answers slowly, or hangs, costs the cycle
-    /// nothing. Without it they are asked in the cycle, after the write and for at most half a period: for clocks that
-    /// a test counts. [`start`](crate::start) calls it.
+    /// Starts threads that read the standby paths and the read-only controllers, so that a slow or hanging one does not delay the cycle. Otherwise
+    /// they are read within the cycle, after the write and for at most half a period; use that with clocks advanced by a test.
+    /// [`start`](crate::start) calls this.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system cannot create a thread.
     pub fn attend_standbys(&mut self) -> Result<(), StartError> {
         for reader in &mut self.readers {
             reader.attend(self.period, self.period.max(Duration::from_millis(20)))?;
@@ -263,33 +258,33 @@ impl Cycle {
         &self.report
     }
 
-    /// The descriptions of the controllers by their drivers, in the order of the paths, then those that are only read.
+    /// The descriptions of the controllers: those of the paths in order, then the read-only ones.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
         let readers = self.readers.iter().map(PositionReader::description);
         let paths = self.paths.iter().map(|path| &path.description);
         paths.chain(readers)
     }
 
-    /// The time from one cycle to the next.
+    /// Period of the cycle.
     pub fn period(&self) -> Duration {
         self.period
     }
 
-    /// The clock of the cycle: the system's, or one that a test counts.
+    /// The clock of the cycle: the system's, or one advanced by a test.
     pub fn clock(&self) -> Clock {
         let system = || Clock::System(self.start);
         self.clock.clone().unwrap_or_else(system)
     }
 
-    /// When the clock of the cycle began.
+    /// Start of the cycle's time.
     pub fn start(&self) -> Instant {
         self.start
     }
 
-    /// Takes another model from the next cycle on; `replacement` holds the old one afterwards, to be freed elsewhere.
+    /// Replaces the model from the next cycle on; `replacement` receives the old one, to be freed on another thread.
     ///
     /// # Errors
-    /// A model with other axes, or with the same in another order: the old one stays.
+    /// A model with other axes, or the same in another order: the old one stays.
     pub fn swap_model(&mut self, replacement: &mut Replacement) -> Result<(), OrderRefusal> {
         if replacement.axes != self.model.axes {
             return Err(OrderRefusal::OtherAxes);
@@ -297,7 +292,7 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // The new model determines where an axis may stand: it alone judges the next position.
+        // The range of valid positions depends on the model, so the next position is judged by that alone.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)
@@ -310,16 +305,15 @@ impl Cycle {
             path.fit_to(&self.model);
         }
         let limits = self.paths[self.selector.active()].limits();
-        // Only test shifts become zero or are again what was accepted before, so a guard does not refuse them.
+        // Only test shifts change, to zero or back to accepted values, so the guard accepts the limits.
         let _ = self.guard.set_limits(limits);
         Ok(())
     }
 
-    /// Takes other limits for the path at `index`. Allocates nothing.
+    /// Replaces the limits of the path at `index`. Does not allocate.
     ///
     /// # Errors
-    /// Limits that make no sense, of other axes, other steps or another period, or for a path that is not there: the old
-    /// ones stay.
+    /// Limits that are invalid, or of other axes, other steps or another period, or an `index` without a path: the old limits stay.
     pub fn set_limits(&mut self, index: usize, limits: &Limits) -> Result<(), OrderRefusal> {
         let paths = self.paths.len();
         let Some(path) = self.paths.get_mut(index) else {
@@ -344,13 +338,13 @@ impl Cycle {
         Ok(())
     }
 
-    /// Counts periods that were missed.
+    /// Adds missed periods to the report.
     pub fn count_overruns(&mut self, missed: u64) {
         self.report.overruns += missed;
     }
 
-    /// The operator acknowledges. Where there was a stop or a fault, that is acknowledged, and what the path that
-    /// writes was left with, which a fault waits for: a sensor that jumped, and what others were left with, ask again.
+    /// Handles an acknowledgement. If there is an interlock or a fault, it acknowledges that, and the unknown correction left on the active path,
+    /// on which a fault waits. Jumped sensors and corrections left on other paths need another one.
     fn acknowledge(&mut self, since_start: Duration, asked: &Asked) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
             || asked.forbids.contains(Reasons::FAULTED_BEFORE);
@@ -368,7 +362,7 @@ impl Cycle {
         }
     }
 
-    /// Runs one cycle, begun at `now`. `own_clock` is the CPU clock of the thread.
+    /// Runs one cycle that began at `now`. `own_clock` is the CPU clock of the thread.
     pub fn run(
         &mut self,
         now: Instant,
@@ -390,7 +384,7 @@ impl Cycle {
         let mut own = Duration::ZERO;
         if switched {
             own = own_clock().saturating_sub(computes);
-            // What it said while it stood by may be some readings old.
+            // Its last reading on standby may be several readings old.
             let active = self.selector.active();
             let deadline = self.instant() + self.paths[active].patience();
             self.read(active, deadline, since_start);
@@ -411,13 +405,12 @@ impl Cycle {
         }
     }
 
-    /// The present moment, by the clock of a test where there is one.
+    /// The present time, by the test's clock if there is one.
     fn instant(&self) -> Instant {
         self.clock.as_ref().map_or_else(Instant::now, Clock::now)
     }
 
-    /// Asks the controllers that are only read, after the path that corrects has been written: they must not hold it up.
-    /// Each may take half a cycle.
+    /// Reads the read-only controllers, after the active path was written so that they do not delay it. Each may take half a cycle.
     fn read_readers(&mut self, since_start: Duration) {
         let hold = self.guard.limits().hold;
         for index in 0..self.readers.len() {
@@ -439,19 +432,18 @@ impl Cycle {
         self.interlocks.see(index, path.interlock());
     }
 
-    /// Temperatures, the lags, and the model with them: in every cycle, since work that is done seldom finds nothing
-    /// of it in the caches and makes the longest cycles.
+    /// Updates temperatures, thermal lags and model. It runs in every cycle, because rare work finds cold caches and makes the longest cycles.
     fn thermal(&mut self, since_start: Duration, passed: Duration) {
         self.sensors
             .read(since_start, self.start, &mut self.report.sensors);
-        // A sensor that was not read since the program stood is not missing.
+        // A sensor does not count as missing because the program was paused.
         let dt = passed.min(self.period * 5);
         self.degraded = self
             .model
             .warm(dt, passed.saturating_sub(dt), &self.report.sensors);
     }
 
-    /// Sends the output on the path that corrects. The age of what it depends on is checked once more.
+    /// Sends the output on the active path, after a final check of the age of its inputs.
     fn write(&mut self, output: &Output, begun: Instant, since_start: Duration) {
         if !output.write {
             return;
@@ -460,7 +452,7 @@ impl Cycle {
             Some(clock) => clock.elapsed(),
             None => since_start + begun.elapsed(),
         };
-        // By the same clock as the age: a test's clock may be far from the system's.
+        // The same clock as for the age: a test's clock may be far from the system's.
         let at = self.instant();
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
@@ -471,7 +463,7 @@ impl Cycle {
         if sent {
             self.report.sent = Some(path.in_machine(&output.correction));
         }
-        // One barrier may report it to all paths that lead there.
+        // One barrier may report it to all paths that lead to it.
         if let Some(frame) = path.read_back.last_frame() {
             for path in &mut self.paths {
                 path.read_back.also_sent(frame);
@@ -483,8 +475,8 @@ impl Cycle {
         }
     }
 
-    /// Where the machine is as the path at `index` may take it: by its own positions, else those of a controller that is
-    /// only read, else those of another path that are fresh, else what is stated as fixed.
+    /// The machine position for the path at `index`: from its own positions, else a read-only controller, else fresh positions of another path,
+    /// else the configured fixed position.
     fn place_for(&self, index: usize, now: Duration) -> Place {
         let path = &self.paths[index];
         let mut place = Place::default();
@@ -517,8 +509,8 @@ impl Cycle {
         let path = &self.paths[index];
         let place = self.place_for(index, now);
         let complete = place.is_complete(self.model.axes.len());
-        // A standby path is read less often than positions grow old: its own count as of when it reported them. A path
-        // that would find positions as old as the active one does is no better.
+        // A standby path is read less often than positions expire, so its own count as of the time when it reported them. A path that depends on
+        // positions as old as those of the active one is no better.
         let is_young = if index == self.selector.active() {
             path.is_young(place.oldest, now)
         } else {
@@ -532,8 +524,8 @@ impl Cycle {
         }
     }
 
-    /// Whether what the axes get is known once this path writes: it reports it, for all axes that the path before
-    /// wrote, or nothing can be left of that.
+    /// Whether the applied correction is known once this path writes: it reports it for all axes that the previous path wrote, or nothing can be
+    /// left of that.
     fn is_ready(&self, index: usize, now: Duration) -> bool {
         let (path, active) = (&self.paths[index], self.selector.active());
         if index == active {
@@ -548,26 +540,25 @@ impl Cycle {
             }
         }
         let Some(sent) = before.sent_at() else {
-            // Nothing was sent since the start: what it reports, or what was stored before.
+            // Nothing was sent since the start: only the reported or the stored correction counts.
             return match before.known().confirmed {
                 Some(_) => !before.report(now).holds,
                 None => self.left_nothing,
             };
         };
         let by_itself = before.read_back.zero_by_itself(&before.limits());
-        // In a stop a control holds what it applies.
+        // During an interlock a control holds the applied correction.
         let since = sent.max(self.stopped);
         by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
     }
 
-    /// Chooses the path that corrects from now on. Gives why another one that should correct may not, and whether it is
-    /// another one than before.
+    /// Selects the active path. Returns why a preferred one may not take over, and whether the path changed.
     fn select(&mut self, now: Duration) -> (Reasons, bool) {
         let state = self.guard.state();
         if !self.interlocks.reasons().is_empty() {
             self.stopped = now;
         }
-        // A fault is for the operator to check; a stop is held, not fled from; and to disarm, a path needs no positions.
+        // The operator must check a fault; an interlock holds the correction on its path; disarming needs no positions.
         let disarms = matches!(state, GuardState::RampingOut(End::Disarmed));
         let stays = matches!(state, GuardState::Faulted(_))
             || !self.interlocks.reasons().is_empty()
@@ -584,12 +575,12 @@ impl Cycle {
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
         let is_left = choice.blocked && !self.is_ready(choice.wanted, now);
         if choice.blocked && !is_left {
-            // It takes over once the thread that asks it has given it back.
+            // It takes over once its thread has returned it.
             self.paths[choice.wanted].device.recall();
         }
         self.standby.wanted = (choice.blocked && !is_left).then_some(choice.wanted);
         if choice.switched {
-            // A barrier that is at zero has let go of what came on lines, too.
+            // A barrier that is at zero has also dropped what came over lines.
             let let_go = self.paths[before].known().scheme == Scheme::Barrier;
             self.paths[choice.active].read_back.take_over(now, let_go);
             let (path, left) = (&self.paths[choice.active], &self.paths[before]);
@@ -600,8 +591,8 @@ impl Cycle {
         (blocked, choice.switched)
     }
 
-    /// The correction that the model asks for at a place, mm and rad; `None` while a position is not known. `applied`: the
-    /// correction that the axes have, in machine order.
+    /// The correction by the model at a position, mm and rad; `None` while a position is unknown. `applied` is the correction on the axes, in
+    /// machine order.
     fn wanted(&mut self, place: &Place, applied: &PerAxis<f64>) -> (Option<ModelWanted>, Reasons) {
         let mut state = State::default();
         for (q, position) in state.q.iter_mut().zip(&place.positions) {
@@ -626,7 +617,7 @@ impl Cycle {
         };
         let mut wanted = of(&path.correctors);
         if let Some(followers) = &path.followers {
-            // What is left over on rotary axes goes to zero, and the tool tip stays where it is.
+            // A remaining correction on rotary axes goes to zero while the tool tip stays in place.
             wanted.follow = of(followers).follow;
         }
         let outside = self.model.is_outside_range(&state);
@@ -637,7 +628,7 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Why positions cannot be true. While no correction is armed the next one is taken as it stands.
+    /// Reasons for which positions are implausible. While disarmed the next position is accepted as it is.
     fn judge(&mut self, place: &Place) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
         let begins = !self.guard.state().is_armed();
@@ -660,7 +651,7 @@ impl Cycle {
             | Reasons::JUMPED.when(self.report.jumped != 0)
     }
 
-    /// What the model asks for, what the guard makes of it.
+    /// Evaluates the model and runs the guard.
     fn decide(&mut self, now: Duration, asked: &Asked, mut notes: Reasons) -> Output {
         let active = self.selector.active();
         let place = self.place_for(active, now);
@@ -684,7 +675,7 @@ impl Cycle {
         });
         let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
         if place.oldest.is_some_and(lost) {
-            // What held that long ago is not reported as current.
+            // Positions of that age are not reported as current.
             self.report.known = 0;
             self.report.wanted = PerAxis::ZERO;
             self.commanded = None;
@@ -703,14 +694,14 @@ impl Cycle {
             |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
         let unproven = (0..path.count()).any(unproven);
         if !self.guard.state().is_armed() || place.oldest.is_none_or(lost) {
-            // There is no correction that could be reduced.
+            // There is no correction to reduce.
             notes = notes.without(Reasons::LET_GO);
         }
         output.reasons |= notes | path.notes | Reasons::NOT_PROVEN.when(unproven);
         output
     }
 
-    /// What the age of the positions leaves of what is wanted.
+    /// The part of the correction that is kept at this age of the positions.
     fn kept(
         &mut self,
         place: &Place,
@@ -737,14 +728,14 @@ impl Cycle {
         self.lag.kept(&asked, age, now)
     }
 
-    /// From which direction each axis came, from positions without correction.
+    /// Updates the direction of approach of each axis, from positions without correction.
     fn approach(&mut self, state: &mut State, place: &Place) {
         let axes = self.model.axes.len();
         for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
             if place.known >> index & 1 == 0 {
                 continue;
             }
-            // The coarsest controller that shows it; an axis at a stated position does not turn.
+            // The threshold of the coarsest controller that reports it; an axis at a fixed position does not reverse.
             let paths = self.paths.iter().map(|path| &path.seen);
             let readers = self.readers.iter().map(|reader| &reader.seen);
             let thresholds = paths
@@ -756,13 +747,13 @@ impl Cycle {
         }
     }
 
-    /// Takes what the paths that stand by have answered to the threads that ask them.
+    /// Processes the answers from the threads of the standby paths.
     fn take_standby_answers(&mut self, now: Duration) {
         let active = self.selector.active();
         for (index, path) in self.paths.iter_mut().enumerate() {
             let mut answered = None;
             while let Some(heard) = path.device.heard() {
-                // An answer to a reading from before the path became the active one is dropped.
+                // A reading that was requested before the path became active is dropped.
                 let told = (index != active).then(|| path.listen(&heard, self.start));
                 if let Some(is_good) = told.flatten() {
                     self.report.faults += u64::from(!is_good);
@@ -776,8 +767,8 @@ impl Cycle {
         }
     }
 
-    /// Leaves the standby paths to the threads that read them; without threads, reads one of them here, after
-    /// the path that corrects has been written: they must not hold it up.
+    /// Leaves the standby paths to their threads; without threads, reads one of them here, after the active path was written so that they do not
+    /// delay it.
     fn release_standbys(&mut self, now: Duration) {
         let (active, wanted) = (self.selector.active(), self.standby.wanted);
         for (index, path) in self.paths.iter_mut().enumerate() {
@@ -797,7 +788,7 @@ impl Cycle {
         }
     }
 
-    /// What is to be known of the paths that stand by. `outputs`: the correction that the axes have, in machine order.
+    /// Reasons to report about the standby paths. `outputs`: the correction on the axes, in machine order.
     fn standby_notes(&mut self, now: Duration, outputs: &PerAxis<f64>) -> Reasons {
         let active = self.selector.active();
         self.standby.turn(now, outputs);
@@ -809,14 +800,14 @@ impl Cycle {
             if index == active {
                 continue;
             }
-            // What it reported long ago is compared with the output of then, not with that of now.
+            // An old report is compared with the output of its time, not with the present one.
             if let Some(confirmed) = &path.known().confirmed
                 && now.saturating_sub(confirmed.at) <= STANDBY_EVERY * 2
             {
                 self.standby.holds[index] = self.standby.tells_another(path, confirmed);
             }
             let report = path.report(now);
-            // What lines were left with the control keeps beside what another path writes, unless it goes to zero on its own.
+            // A control without read-back keeps its correction in addition to that of another path, unless it goes to zero on its own.
             let keeps = report.scheme == Scheme::NoReadBack
                 && path.read_back.zero_by_itself(&path.limits()).is_none();
             let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
@@ -867,8 +858,8 @@ impl Cycle {
     }
 }
 
-/// What the model asks for, in the order of a path's axes; zero for axes that do not correct. A rotary axis that does not
-/// correct but still holds a share goes to zero, and the linear axes follow it, whether they correct or not.
+/// The correction by the model in the axis order of a path; zero for axes that do not correct. A rotary axis that does not correct but still has a
+/// correction goes to zero, and the linear axes follow it, whether they correct or not.
 fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {

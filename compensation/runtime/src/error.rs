@@ -1,5 +1,4 @@
-//! Why settings make no correction, and why a correction does not start. Messages name the keys of the gateway's
-//! configuration.
+//! Errors of settings, and of starting a correction. Messages name the keys of the gateway's configuration.
 
 use std::time::Duration;
 
@@ -7,7 +6,7 @@ use volcomp_guard::{LimitsError, Quantity};
 use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
-/// Why controllers, machine and settings do not fit together. Found before any device is opened.
+/// Why controllers, machine and settings do not fit together. Detected before any device is opened.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -20,7 +19,7 @@ pub enum PlanError {
         machine: String,
         axes: Vec<AxisName>,
     },
-    /// The position of an axis is stated that the machine lacks.
+    /// A fixed position is configured for an axis that the machine lacks.
     #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
         device: String,
@@ -28,13 +27,13 @@ pub enum PlanError {
         machine: String,
         axes: Vec<AxisName>,
     },
-    /// The axes of the controller make no sense.
+    /// The axes of the controller are invalid.
     #[error("{device}: {source}")]
     Axes { device: String, source: UnfitAxes },
-    /// The stated position of an axis is no finite coordinate of its kind.
+    /// A fixed position is not a finite coordinate of its kind.
     #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
     FixedPosition { device: String, axis: AxisName },
-    /// The stated position of an axis is beyond its travel.
+    /// A fixed position is beyond the travel of its axis.
     #[error(
         "{device}: fixed: axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
         found.mm_or_deg(), travel[0].mm_or_deg(), travel[1].mm_or_deg(),
@@ -44,52 +43,52 @@ pub enum PlanError {
         device: String,
         axis: AxisName,
         found: Displacement,
-        /// The lower and the upper end of its travel.
+        /// Lower and upper end of its travel.
         travel: [Displacement; 2],
     },
-    /// The position of a rotary axis is stated that may be driven.
+    /// A fixed position is configured for a rotary axis that may be driven.
     #[error(
         "{device}: fixed: axis {axis} turns, and its position is unknown: name it in reads = [\"{axis}\"] of a controller that shows its position, or, if no drive turns it, in not_driven = [\"{axis}\"] beside fixed"
     )]
     FixedRotary { device: String, axis: AxisName },
-    /// An axis is stated to have no drive whose position is not stated, or that is linear.
+    /// An axis is configured as not driven but has no fixed position, or is linear.
     #[error(
         "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
     )]
     NotDriven { device: String, axis: AxisName },
-    /// The position of an axis is stated although the controller shows where it is.
+    /// A fixed position is configured for an axis whose position the controller reports.
     #[error(
         "{device}: fixed: axis {axis} is one of the controller's axes, which shows its position"
     )]
     FixedIsShown { device: String, axis: AxisName },
-    /// None of the axes that the controller writes may move.
+    /// None of the axes written by the controller may correct.
     #[error("{device}: axes {}: {}", letters(.axes), match .left_out {
         false => format!("the machine {machine} lets none of them correct (key `correct` of the machine file)"),
         true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
     })]
     NothingToCorrect {
-        /// Whether rotary axes among them may move, and would leave the tool further off than without correction.
+        /// Whether rotary axes among them could correct, but would make the error of the tool larger than without correction.
         left_out: bool,
         device: String,
         axes: Vec<AxisName>,
         machine: String,
     },
-    /// Nothing on the control's side notices when the program stops.
+    /// The control has no fail-safe for a stop of the program.
     #[error(
         "{device}: no fail-safe in the control when the gateway stops: configure a barrier (preferred) or a heartbeat that the control watches, or accept the risk with unwatched = true"
     )]
     Unwatched { device: String },
-    /// Driver and settings do not agree whether the control has a barrier.
+    /// Driver and settings disagree whether the control has a barrier.
     #[error("{device}: {}", match .has {
         true => "the control has a barrier: expected the number of the machine and the time of a scan in the setting `barrier`",
         false => "the setting `barrier` is stated: this device carries no frames to a barrier, expected none",
     })]
     Barrier {
         device: String,
-        /// Whether the driver says that it has one.
+        /// Whether it has one by the driver.
         has: bool,
     },
-    /// Two controllers whose corrections would add up.
+    /// The corrections of two controllers would add up.
     #[error(
         "{device}: found the channel {found:?}, expected {expected:?} like the controllers before: corrections by several channels would add up, and only one controller writes at a time"
     )]
@@ -98,7 +97,7 @@ pub enum PlanError {
         found: String,
         expected: String,
     },
-    /// Two controllers of which one writes an axis that the other does not, and would leave its correction there.
+    /// A controller writes an axis that another one does not, and would leave its correction there.
     #[error(
         "{device}: axis {axis} is not written by {other}, which may take over: a correction of {axis} would stay for good, expected the same axes on both, or a barrier or a time-out on {device} that takes it to zero"
     )]
@@ -107,7 +106,7 @@ pub enum PlanError {
         axis: AxisName,
         other: String,
     },
-    /// A path for thermal terms alone on a machine that has none.
+    /// A path is configured for thermal terms alone, but the machine has none.
     #[error("{device}: carries thermal terms only, and the machine {machine} has none")]
     NoThermalTerms { device: String, machine: String },
     /// The device cannot keep up with the cycle.
@@ -119,20 +118,20 @@ pub enum PlanError {
         found_ms: f64,
         shortest_ms: f64,
     },
-    /// A rotary axis is to be corrected, and nothing is allowed to rotary axes.
+    /// A rotary axis is to be corrected, but there are no limits for rotary axes.
     #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits { device: String, axis: AxisName },
-    /// A limit is not allowed.
+    /// A limit is invalid.
     #[error("{}", limits_text(.device, *.axis, .source))]
     Limits {
         device: String,
         axis: Option<AxisName>,
         source: LimitsError,
     },
-    /// The smallest step of the position of an axis is negative, no number, or of the wrong kind.
+    /// The position step of an axis is negative, not a number, or in the wrong unit.
     #[error("{device}: position step of axis {axis}: expected {}", step_of(*.axis))]
     PositionStep { device: String, axis: AxisName },
-    /// A cycle of another period than that for which a path was planned.
+    /// The period of the cycle differs from the one for which a path was planned.
     #[error(
         "{device}: period of the cycle: found {found:?}, expected {planned:?}, for which this path was planned"
     )]
@@ -141,7 +140,7 @@ pub enum PlanError {
         found: Duration,
         planned: Duration,
     },
-    /// A limit is larger than the largest correction that the device can be told.
+    /// A limit exceeds the largest correction that the device can carry.
     #[error(
         "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device carries", axis.kind().micro_unit()
     )]
@@ -151,13 +150,13 @@ pub enum PlanError {
         found: Displacement,
         largest: Displacement,
     },
-    /// More temperatures than a cycle can carry.
+    /// More temperatures than a cycle supports.
     #[error(
         "found {found} temperatures, expected {} at the most",
         crate::MAX_SENSORS
     )]
     TooManySensors { found: usize },
-    /// No controller, or more than a cycle can have.
+    /// No controller, or more than a cycle supports.
     #[error(
         "found {found} controllers, expected 1 to {}",
         volcomp_guard::MAX_PATHS
@@ -165,11 +164,11 @@ pub enum PlanError {
     Paths { found: usize },
 }
 
-/// Why the control thread does not start.
+/// Why the control thread cannot be started.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
-    /// The operating system gives no thread.
+    /// The operating system cannot create a thread.
     #[error("control thread: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -226,17 +225,17 @@ fn step_key(unit: &str, default: &str) -> String {
     )
 }
 
-/// Why a running cycle does not take another model, or other limits.
+/// Why a running cycle rejects another model or other limits.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrderRefusal {
-    /// The model has other axes, or the same in another order: the paths are planned for those of before.
+    /// The model has other axes, or the same in another order: the paths are planned for the present ones.
     #[error(
         "model: found other axes, or another order of them, expected those of the model that runs"
     )]
     OtherAxes,
-    /// The cycle has no path at this place.
+    /// The cycle has no path with this index.
     #[error("limits of path {path}: the cycle has {paths} paths, counted from 0")]
     NoSuchPath { path: usize, paths: usize },
     /// Limits for another period.
@@ -244,15 +243,15 @@ pub enum OrderRefusal {
         "limits of path {path}: found a period of {found:?}, expected {expected:?}, that of the cycle"
     )]
     Period {
-        /// The path, from 0.
+        /// Index of the path, from 0.
         path: usize,
         found: Duration,
         expected: Duration,
     },
-    /// A number of the limits is not allowed; lengths in mm, angles in rad.
+    /// A limit is invalid; lengths in mm, angles in rad.
     #[error("limits of path {path}: {source}")]
     Limits {
-        /// The path, from 0.
+        /// Index of the path, from 0.
         path: usize,
         source: LimitsError,
     },

@@ -32,16 +32,16 @@ pub use settings::{
     AxisSettings, BarrierSettings, GuardSettings, PathSettings, Rapid, Realtime, WithoutBarrier,
 };
 
-/// How temperatures are reported.
+/// Temperature reports.
 pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
 
-/// The guard, whose requests, states and reasons a caller handles.
+/// The guard: requests, states and reasons.
 pub use volcomp_guard as guard;
 /// Chains, states and corrections.
 pub use volcomp_kinematics as kinematics;
 /// The machine file, from which [`Model`] is made.
 pub use volcomp_model as machine;
-/// The ports, which a caller implements or takes from a driver.
+/// The device interfaces, implemented by drivers or by the caller.
 pub use volcomp_port as port;
-/// Axis letters and units, which settings are made of.
+/// Axis letters and units used in settings.
 pub use volcomp_vocabulary as vocabulary;

@@ -1,4 +1,4 @@
-//! The machine as a cycle computes with it. State: the lags of its thermal terms.
+//! The machine model as evaluated by a cycle. State: the lags of its thermal terms.
 
 use volcomp_guard::PositionLimits;
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
@@ -13,9 +13,9 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
-/// How far outside its travel a reported position may be, mm or °: end switches and reference points lie there.
+/// Maximum distance of a reported position outside the travel, mm or °: end switches and reference points are there.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
-/// The number of places over its travel at which a rotary axis is tried, the ends included.
+/// Number of sampled positions over the travel of a rotary axis, both ends included.
 const PLACES: u32 = 25;
 
 /// The range of valid positions of an axis, mm or rad; `None`: any.
@@ -26,69 +26,65 @@ fn believed(axis: &Axis) -> Option<[f64; 2]> {
     axis.has_ends().then(|| ends.map(end))
 }
 
-/// The correction that a model asks for at a state.
+/// The correction by a model at a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelCorrection {
-    /// To be added to the command, in machine order: mm for linear, rad for rotary axes.
+    /// Correction to add to the command, in machine order: mm for linear, rad for rotary axes.
     pub delta: PerAxis<f64>,
-    /// A direction of the tool axis that two rotary axes could correct elsewhere is left as it is here: the pose is
-    /// within about 1° of a singular one.
+    /// A direction of the tool axis that two rotary axes can correct elsewhere is not corrected here: the pose is within about 1° of a singular
+    /// one.
     pub singular: bool,
-    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool
-    /// axis, or left out.
+    /// The pose is within about 6° of a singular one: rotary corrections are more than ten times the error of the tool axis, or omitted.
     pub near_singular: bool,
 }
 
-/// The correction that a model asks for at a state in the parts of which a coupled correction is made, all in machine
-/// order. Whatever the rotary shares δ_r are when they reach the axes, the linear shares that belong to them are
-/// `position` + Σ `follow[r]`·δ_r.
+/// The correction by a model at a state, in the parts of a coupled correction, all in machine order. For any rotary shares δ_r on the axes, the
+/// matching linear shares are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelWanted {
-    /// What the linear axes take of the position error while no rotary axis moves, mm; zero for all other axes.
+    /// Linear shares of the position error while no rotary axis moves, mm; zero for all other axes.
     pub position: PerAxis<f64>,
-    /// The shares of the rotary axes in the direction of the tool axis, rad; zero for all other axes.
+    /// Rotary shares of the direction of the tool axis, rad; zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tip stays where it is,
-    /// mm for each rad.
+    /// For each rotary axis, whether it corrects or not, how the linear axes follow it so that the tool tip stays in place, mm/rad.
     pub follow: PerAxis<PerAxis<f64>>,
     /// As in [`ModelCorrection`].
     pub singular: bool,
     /// As in [`ModelCorrection`].
     pub near_singular: bool,
-    /// Two linear axes lie nearly in one direction: see
-    /// [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
+    /// Two linear axes are nearly parallel: see [`Reasons::LINEAR_NEAR_SINGULAR`](volcomp_guard::Reasons::LINEAR_NEAR_SINGULAR).
     pub linear_near_singular: bool,
 }
 
-/// A compiled machine with its thermal terms. Boxed, and handed to the cycle as a whole.
+/// A compiled machine with its thermal terms. Boxed, and passed to the cycle as a whole.
 #[derive(Clone)]
 pub struct Model {
     /// The name in the machine file.
     pub name: String,
     /// The checksum of the machine file's content.
     pub hash: String,
-    /// The machine file, written again.
+    /// The machine file, serialised again.
     pub text: String,
-    /// Its axes in machine order.
+    /// The axes in machine order.
     pub axes: Vec<AxisName>,
     /// The lower and the upper end of travel of each axis, in machine order.
     pub travel: Vec<[Displacement; 2]>,
-    /// Whether a coordinate of the axis is brought into its travel by whole periods.
+    /// Whether coordinates of the axis are reduced to its travel by whole periods.
     goes_round: Vec<bool>,
-    /// The range of valid positions of each axis, mm and rad, in machine order; `None`: it has no ends.
+    /// Range of valid positions of each axis, mm and rad, in machine order; `None`: unlimited.
     ranges: PerAxis<Option<[f64; 2]>>,
-    /// Where something of the model may change abruptly: the nodes of its curves along each axis, mm and rad, rising.
+    /// Nodes of the curves along each axis, at which the model may change abruptly, mm and rad, ascending.
     nodes: Vec<Vec<f64>>,
-    /// The same and the places between them at which the curves have to be sampled to find their largest value.
+    /// The nodes, and the positions between them at which the curves must be sampled to find their maximum.
     places: Vec<Vec<f64>>,
-    /// The nodes of its grids over two axes.
+    /// Nodes of its grids over two axes.
     grids: Vec<nodes::GridNodes>,
-    /// Whether an error depends on the direction from which the axis came.
+    /// Whether an error depends on the direction of approach of the axis.
     reverses: Vec<bool>,
-    /// The longest lever from the line of each rotary axis to the tool tip over the work space, mm.
+    /// Longest lever from the axis line of each rotary axis to the tool tip over the work space, mm.
     levers_mm: PerAxis<f64>,
     compiled: CompiledMachine,
-    /// The same without errors: only thermal terms are put into it.
+    /// The machine without errors, for thermal terms alone.
     only_thermal: CompiledMachine,
     thermal: ThermalState,
 }
@@ -97,7 +93,7 @@ impl Model {
     /// Compiles a machine and its thermal terms.
     ///
     /// # Errors
-    /// Curves that cannot be compiled, thermal terms of axes that are not there.
+    /// Curves that cannot be compiled, thermal terms of axes that do not exist.
     pub fn new(machine: &Machine, fading: Fading) -> Result<Self, ModelError> {
         let joints = machine.chain().joints();
         let mut without_errors = machine.clone();
@@ -143,13 +139,13 @@ impl Model {
         self.compiled.chain().structure().to_string()
     }
 
-    /// The place of an axis in machine order.
+    /// Index of an axis in machine order.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|known| *known == name)
     }
 
-    /// Whether the axis at a place in machine order can stand at a position: within its travel, or anywhere on an axis
-    /// with `modulo`, whose coordinates are brought into the travel.
+    /// Whether the axis at this index can be at a position: within its travel, or anywhere on an axis with `modulo`, whose coordinates are reduced
+    /// to the travel.
     pub fn is_within_travel(&self, index: usize, position: Displacement) -> bool {
         let travel = self.travel.get(index);
         self.goes_round.get(index) == Some(&true)
@@ -158,7 +154,7 @@ impl Model {
             })
     }
 
-    /// Where the axis at a place in machine order can be, and how fast it gets there.
+    /// Range and maximum speed of the axis at this index.
     pub(crate) fn position_limits(&self, index: usize, rapid: &Rapid) -> PositionLimits {
         let (kind, range) = (self.axes[index].kind(), self.ranges[index]);
         PositionLimits {
@@ -168,13 +164,12 @@ impl Model {
         }
     }
 
-    /// After how much travel (rad) the coordinates of the axis at a place in machine order begin anew; `None`: never.
+    /// Travel (rad) after which the coordinates of the axis at this index wrap; `None`: never.
     pub fn turn_of(&self, index: usize) -> Option<f64> {
         (self.goes_round.get(index) == Some(&true)).then_some(core::f64::consts::TAU)
     }
 
-    /// Whether a curve may bend where the axis at a place in machine order goes from one position to another (mm, rad): at a
-    /// node, or beyond its travel.
+    /// Whether a curve may bend between two positions (mm, rad) of the axis at this index: at a node, or beyond its travel.
     pub(crate) fn may_bend_between(&self, index: usize, from: f64, to: f64) -> bool {
         let (Some(nodes), Some(travel)) = (self.nodes.get(index), self.travel.get(index)) else {
             return false;
@@ -185,36 +180,35 @@ impl Model {
         low < first || high > last || nodes.get(next).is_some_and(|node| *node <= high)
     }
 
-    /// Whether an axis turns.
+    /// Whether any axis is rotary.
     pub fn has_rotary_axes(&self) -> bool {
         self.axes.iter().any(|name| name.is_rotary())
     }
 
-    /// The sensors that thermal terms name, in the order of [`step`](Self::step).
+    /// The sensors used by thermal terms, in the order of [`step`](Self::step).
     pub fn sensors(&self) -> &[String] {
         self.thermal.sensors()
     }
 
-    /// Goes on by `dt_s` with the temperature (°C) of each sensor, `None` for one that is missing. Whether a term has
-    /// to do without its sensor. Allocates nothing.
+    /// Advances the thermal terms by `dt_s` with the temperature (°C) of each sensor, `None` for a missing one. Returns whether the sensor of a
+    /// term is missing. Does not allocate.
     pub fn step(&mut self, dt_s: f64, degc: &[Option<f64>]) -> bool {
         self.thermal.step(dt_s, degc);
         self.put_thermal();
         self.thermal.is_degraded()
     }
 
-    /// Whether temperatures are beyond what thermal terms have seen: see [`ThermalState::is_beyond_seen`].
+    /// Whether temperatures are outside the range for which thermal terms were identified: see [`ThermalState::is_beyond_seen`].
     pub fn is_beyond_seen(&self) -> bool {
         self.thermal.is_beyond_seen()
     }
 
-    /// Lets time pass in which the program stood: see [`ThermalState::stand`]. Allocates nothing.
+    /// Advances the thermal terms over a pause of the program: see [`ThermalState::stand`]. Does not allocate.
     pub fn stand(&mut self, stood_s: f64) {
         self.thermal.stand(stood_s);
     }
 
-    /// Goes on with the lags of the thermal terms of another model where the terms are driven by the same temperatures.
-    /// Allocates nothing.
+    /// Takes over the lags of another model for the thermal terms driven by the same temperatures. Does not allocate.
     pub fn carry_over(&mut self, from: &Self) {
         self.thermal.carry_over(&from.thermal);
         self.put_thermal();
@@ -230,18 +224,18 @@ impl Model {
         !self.compiled.outside_range(state).is_empty()
     }
 
-    /// The axes that correct where a controller writes only `written` of them; all others are held. Allocates nothing.
+    /// The correcting axes for a controller that writes only `written`; all others are held. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         self.compiled.correctors_among(written)
     }
 
-    /// The correction of all axes that may move: see [`correction_of`](Self::correction_of).
+    /// The correction of all axes that may correct: see [`correction_of`](Self::correction_of).
     pub fn correction(&self, state: &State) -> ModelCorrection {
         self.correction_of(state, self.compiled.correctors())
     }
 
-    /// The correction at a state, solved for the axes that correct while all others are held: two first-order steps,
-    /// the second with the errors where the first leads. Allocates nothing.
+    /// The correction at a state, solved for the correcting axes while all others are held: two first-order steps, the second with the errors at
+    /// the result of the first. Does not allocate.
     pub fn correction_of(&self, state: &State, correctors: &Correctors) -> ModelCorrection {
         let first = self.compiled.first_order_of(state, correctors);
         let there = moved(state, &first.delta);
@@ -254,9 +248,9 @@ impl Model {
         }
     }
 
-    /// The correction in parts, with the errors where `applied` leads, the correction (mm, rad) that the axes have now:
-    /// whatever a limit or a ramp leaves of it, the errors are those of where the axes really are. With the whole
-    /// correction applied, the parts are together that of [`correction_of`](Self::correction_of). Allocates nothing.
+    /// The correction in parts, with the errors at the position that `applied` leads to, the correction (mm, rad) on the axes now: whatever a limit
+    /// or a ramp leaves of it, the errors are those at the actual position. If the whole correction is applied, the sum of the parts is that of
+    /// [`correction_of`](Self::correction_of). Does not allocate.
     pub fn wanted(
         &self,
         state: &State,
@@ -266,7 +260,7 @@ impl Model {
         self.wanted_by(false, state, correctors, applied)
     }
 
-    /// The same for thermal terms alone, or for all of the model. Allocates nothing.
+    /// As [`wanted`](Self::wanted), for thermal terms alone or for the whole model. Does not allocate.
     pub fn wanted_by(
         &self,
         only_thermal: bool,
@@ -291,11 +285,10 @@ impl Model {
         }
     }
 
-    /// The axes that correct on a path: those of [`correctors_among`](Self::correctors_among) without the rotary axes that
-    /// would leave the tool further off than it is without correction. These are all of them where the linear axes that
-    /// correct do not reach every direction, so that they cannot take back what a rotary axis moves the tip; and those for
-    /// which half a step, `steps` (rad, in machine order) being the smallest, moves the tip by more than `most`. Allocates
-    /// nothing.
+    /// The correcting axes of a path: those of [`correctors_among`](Self::correctors_among) without the rotary axes that would make the error of
+    /// the tool larger than without correction. These are all rotary axes if the correcting linear axes do not span all directions, since they
+    /// cannot compensate the tip movement of a rotary axis; and those for which half a step (`steps`, rad, in machine order) moves the tip by more
+    /// than `most`. Does not allocate.
     pub fn correctors_of_path(
         &self,
         written: &[AxisName],
@@ -310,9 +303,8 @@ impl Model {
         correctors
     }
 
-    /// The axes whose linear ones follow a rotary axis where the axes that correct cannot, since fewer than three linear
-    /// directions are among them: all that a controller writes, whether they correct or not. `None`: those that correct can,
-    /// or no rotary axis is written. Allocates nothing.
+    /// The axes that follow a rotary axis where the correcting axes cannot, because they have fewer than three linear directions: all axes that a
+    /// controller writes, whether they correct or not. `None` if the correcting axes can, or no rotary axis is written. Does not allocate.
     pub(crate) fn followers(
         &self,
         written: &[AxisName],
@@ -323,7 +315,7 @@ impl Model {
             .then(|| Correctors::choose(self.compiled.chain(), written))
     }
 
-    /// The axes that correct on the path of a controller: see [`correctors_of_path`](Self::correctors_of_path).
+    /// The correcting axes on the path of a controller: see [`correctors_of_path`](Self::correctors_of_path).
     pub fn correctors_of(&self, controller: &Description, most: Mm) -> Correctors {
         let written: Vec<AxisName> = controller.axes.iter().map(|axis| axis.name).collect();
         let mut steps = PerAxis::ZERO;
@@ -335,8 +327,8 @@ impl Model {
         self.correctors_of_path(&written, &steps, most)
     }
 
-    /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the linear axes that
-    /// correct nearly into one direction; `None` if there is no such pose. Searched at 25 places of each rotary axis.
+    /// A pose (mm, rad in machine order) within the travels in which rotary axes have turned two of the correcting linear axes nearly parallel;
+    /// `None` if there is none. Samples 25 positions of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
         let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, PLACES)).collect();
@@ -346,17 +338,16 @@ impl Model {
         })
     }
 
-    /// The largest position error that a rotary axis leaves because its correction goes in steps: half a step times the
-    /// longest lever from its line to the tool tip over the work space. The axis is named by its place in machine order;
-    /// zero for a linear axis and where there is no axis. Levers are longest where linear axes are at the ends of their
-    /// travel, and are compared there; the other rotary axes are tried at 25 places, the ends of their travel included.
-    /// Allocates nothing.
+    /// The largest position error due to the resolution of a rotary correction: half a step times the longest lever from its axis line to the tool
+    /// tip over the work space. `index` is in machine order; zero for a linear axis and for an invalid index. Levers are longest with linear axes
+    /// at the ends of their travel, and are compared there; the other rotary axes are sampled at 25 positions, the ends of their travel included.
+    /// Does not allocate.
     pub fn rotary_step_error(&self, index: usize, step: Rad) -> Mm {
         let lever_mm = self.levers_mm.get(index).copied().unwrap_or(0.0);
         rotary_step_error(lever_mm, step)
     }
 
-    /// The longest lever (mm) of each axis over the work space.
+    /// Longest lever of each axis over the work space, mm.
     fn longest_levers(&self) -> PerAxis<f64> {
         PerAxis::from_fn(|index| {
             let mut longest_mm = 0.0_f64;
@@ -381,7 +372,7 @@ impl Model {
         })
     }
 
-    /// Tries axes at this number of places each over their travels, all others at 0, until something is found.
+    /// Samples axes at the given number of positions over their travels, all others at 0, until `find` returns something.
     fn over_places<T>(
         &self,
         axes: &[(usize, u32)],
@@ -397,7 +388,7 @@ impl Model {
             if let Some(found) = find(&state) {
                 return Some(found);
             }
-            // On to the next place, the first axis fastest.
+            // Next position, the first axis fastest.
             let goes_on = place.iter_mut().zip(axes).any(|(at, &(_, count))| {
                 *at = (*at + 1) % count;
                 *at != 0
@@ -408,9 +399,9 @@ impl Model {
         }
     }
 
-    /// The error of the tool at a state, in workpiece axes: first without correction, then with `correction` (mm, rad)
-    /// added to the command. The second is the way that the correction moves the ideal tool through the chain, and the
-    /// error of the machine where it leads. Allocates nothing.
+    /// The error of the tool at a state, in workpiece axes: without correction, and with `correction` (mm, rad) added to the command. The second is
+    /// the movement of the ideal tool through the chain due to the correction, plus the error of the machine at the resulting position. Does not
+    /// allocate.
     pub fn errors(&self, state: &State, correction: &PerAxis<f64>) -> [ToolError; 2] {
         let there = moved(state, correction);
         let chain = self.compiled.chain();
@@ -422,7 +413,7 @@ impl Model {
         ]
     }
 
-    /// The error against the ideal pose `commanded` when the axes stand at `state`, whose ideal pose is `reached`.
+    /// The error against the ideal pose `commanded` with the axes at `state`, whose ideal pose is `reached`.
     fn error_against(&self, commanded: &Pose, reached: &Pose, state: &State) -> ToolError {
         let chain = self.compiled.chain();
         let (tip, axis) = (chain.tool_tip_mm(), chain.tool_axis());
@@ -439,7 +430,7 @@ impl Model {
         }
     }
 
-    /// The machine as it is when temperatures (°C, by the name of the sensor) have been steady for long.
+    /// The model after temperatures (°C, by sensor name) have been steady for a long time.
     #[must_use]
     pub fn warmed(&self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut warm = self.clone();
@@ -447,8 +438,7 @@ impl Model {
         warm
     }
 
-    /// The machine as it is when this model takes the place of one that runs: with the lags of that one where it has them,
-    /// and with these temperatures (°C, by the name of the sensor).
+    /// The model as it would replace a running one: with the lags of that one where it has them, and with these temperatures (°C, by sensor name).
     #[must_use]
     pub fn in_place_of(&self, running: &Self, degc: impl Fn(&str) -> Option<f64>) -> Self {
         let mut taken = self.clone();
@@ -472,8 +462,8 @@ fn moved(state: &State, delta: &PerAxis<f64>) -> State {
     there
 }
 
-/// The position error of a rotary correction that is rounded to whole steps: half a step times the lever, which is the
-/// distance of the tool tip from the line of the axis, or mm for each rad.
+/// Position error of a rotary correction that is rounded to whole steps: half a step times the lever (distance of the tool tip from the axis line),
+/// mm/rad.
 pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
     Mm(0.5 * step.0.abs() * lever_mm)
 }

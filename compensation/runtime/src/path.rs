@@ -1,4 +1,4 @@
-//! One controller as a cycle sees it. State: what it said last, and what is known of the correction that it applies.
+//! One controller path in a cycle. State: its last answer, and what is known of the applied correction.
 
 use std::time::{Duration, Instant};
 
@@ -25,53 +25,52 @@ use crate::{
 /// One controller and its read-back.
 ///
 /// Invariants:
-/// - `device` may be in the hands of the thread that asks it while the path stands by; all else is here, so a cycle never waits
-///   for it.
-/// - `reading` is there only if the last answer was a good one, not too old, and the path has not fallen silent since; then
-///   `answered` is there, too. `asked` never goes back: an answer to an earlier question is left.
-/// - `seen` has positions without the correction. A reading that contains a correction which is not known never gets there.
-/// - `correctors` and `followers` are those of the model that runs: [`fit_to`](ControlPath::fit_to) is called with every other
-///   one. `limits` has the test shifts as they were planned, `limits()` those of the axes that correct.
-/// - What `read_back` has as sent was sent by `send`, or by another path to the same barrier.
+/// - `device` may be held by the thread that reads it on standby; everything else is here, so a cycle never waits for it.
+/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered` is set, too.
+///   `asked` never decreases: an answer to an earlier request is dropped.
+/// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
+/// - `correctors` and `followers` are those of the active model: [`fit_to`](ControlPath::fit_to) is called with every new one. `limits` has the
+///   planned test shifts, `limits()` those of the correcting axes.
+/// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
     pub(crate) device: Device,
-    /// What the driver says of the controller, which may be in other hands.
+    /// The driver's description of the controller, which another thread may hold.
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
-    /// Whether the control goes to zero on its own when nothing is sent any more.
+    /// Whether the control goes to zero on its own without writes.
     pub(crate) goes_to_zero: bool,
     pub(crate) seen: Seen,
-    /// The steps of the positions, on which it depends when a direction counts as turned, mm or rad.
+    /// Steps of the positions, which determine when a direction counts as reversed, mm or rad.
     position_steps: PerChannel<f64>,
-    /// The letters of the axes that it writes, and those of them that correct with the model of now.
+    /// Letters of the written axes, and those of them that correct with the active model.
     names: Vec<AxisName>,
     pub(crate) correctors: Correctors,
-    /// The axes whose linear ones follow what is left over on rotary axes, where those that correct cannot.
+    /// The axes that follow a remaining correction on rotary axes, if the correcting ones cannot.
     pub(crate) followers: Option<Correctors>,
-    /// A rotary axis corrects where half its step moves the tip by at most this.
+    /// Maximum movement of the tip by half a step of a rotary axis that corrects.
     rotary_step: Mm,
     /// Whether it carries the correction of thermal terms alone.
     pub(crate) only_thermal: bool,
-    /// Machine axes at a stated position, mm and rad.
+    /// Machine axes at a configured position, mm and rad.
     pub(crate) fixed: PerAxis<Option<f64>>,
-    /// Reasons that the path reports in every cycle: that nothing watches it, that it does not see other gateways.
+    /// Reasons reported in every cycle: that nothing monitors the path, that it does not detect other gateways.
     pub(crate) notes: Reasons,
     pub(crate) reading: Option<Snapshot>,
-    /// When the flags of the last reading held.
+    /// When the flags of the last reading were valid.
     flags_taken: Duration,
-    /// When it was asked last, and when it answered last.
+    /// When it was last read, and when it last answered.
     asked: Option<Duration>,
     answered: Option<Duration>,
-    /// When something was sent to it last that may have landed.
+    /// When something that may have arrived was last sent to it.
     sent: Option<Duration>,
 }
 
 impl ControlPath {
-    /// A path before its first cycle: an open controller and its plan.
+    /// A path before its first cycle, from an open controller and its plan.
     ///
     /// # Errors
-    /// Limits that a guard refuses: none for a plan that was not changed since it was made.
+    /// Limits that a guard rejects; never for an unmodified plan.
     pub fn new(controller: Box<dyn Controller>, plan: &PathPlan) -> Result<Self, PlanError> {
         plan.limits.check().map_err(|source| PlanError::Limits {
             device: plan.description.device.clone(),
@@ -109,11 +108,11 @@ impl ControlPath {
         })
     }
 
-    /// The path of a plan with a barrier under this owner number instead of the one that this run of the program drew: for one of
-    /// several machines ([`next_owner`]), and for rehearsals of a restart. Without a barrier nothing changes.
+    /// Replaces the owner number of a path with a barrier, which this run of the program drew: for one of several machines ([`next_owner`]), and
+    /// for simulated restarts. No effect without a barrier.
     ///
     /// # Errors
-    /// Axes that cannot be those of a barrier: none for a plan that was not changed since it was made.
+    /// Axes that a barrier cannot have; never for an unmodified plan.
     pub fn with_owner(mut self, plan: &PathPlan, owner: u16) -> Result<Self, PlanError> {
         if let Some(link) = link(plan, owner.max(1))? {
             self.read_back = ReadBack::barrier(link);
@@ -121,24 +120,24 @@ impl ControlPath {
         Ok(self)
     }
 
-    /// Chooses the axes that correct anew, for another model. Allocates nothing.
+    /// Updates the correcting axes for another model. Does not allocate.
     pub(crate) fn fit_to(&mut self, model: &Model) {
         let steps = steps_in_machine(&self.limits, &self.seen.machine_axis);
         self.correctors = model.correctors_of_path(&self.names, &steps, self.rotary_step);
         self.followers = model.followers(&self.names, &self.correctors);
     }
 
-    /// Takes other limits of the same axes. Allocates nothing.
+    /// Replaces the limits, for the same axes. Does not allocate.
     pub(crate) fn set_limits(&mut self, limits: &Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
         self.limits = *limits;
-        // What a faster correction moves within the delay of the read-back is no reversal.
+        // The movement of a faster correction within the read-back delay must not count as a reversal.
         let steps = self.position_steps;
         self.seen.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 
-    /// Its limits, with the test shift of the axes that correct only: nothing is written to the others.
+    /// Its limits, with test shifts for correcting axes only: nothing is written to the others.
     pub(crate) fn limits(&self) -> Limits {
         let shift = |place: usize| {
             if self.corrects(place) {
@@ -153,27 +152,27 @@ impl ControlPath {
         }
     }
 
-    /// Whether the axis at this place of the controller corrects.
+    /// Whether the axis at this channel index corrects.
     pub(crate) fn corrects(&self, place: usize) -> bool {
         place < self.count() && self.correctors.contains(self.seen.machine_axis[place])
     }
 
-    /// How many axes it writes.
+    /// Number of written axes.
     pub(crate) fn count(&self) -> usize {
         self.limits.count
     }
 
-    /// What is known of the correction that it applies.
+    /// What is known of the applied correction.
     pub(crate) fn known(&self) -> &Known {
         self.read_back.known()
     }
 
-    /// The place in the machine of each axis that it writes, in its order.
+    /// Machine index of each written axis, in channel order.
     pub(crate) fn written(&self) -> impl Iterator<Item = usize> {
         self.seen.machine_axis.into_iter().take(self.count())
     }
 
-    /// The place that each of its axes has on another path; `None`: that path does not write it.
+    /// Channel index of each of its axes on another path; `None`: that path does not write it.
     pub(crate) fn places_on(&self, other: &Self) -> PerChannel<Option<usize>> {
         let mut places = PerChannel::default();
         for (place, axis) in places.iter_mut().zip(self.written()) {
@@ -182,7 +181,7 @@ impl ControlPath {
         places
     }
 
-    /// Values of its axes in machine order; zero for axes that it does not write.
+    /// Converts channel order to machine order; zero for axes that it does not write.
     pub(crate) fn in_machine(&self, values: &PerChannel<f64>) -> PerAxis<f64> {
         let mut machine = PerAxis::ZERO;
         for (axis, value) in self.written().zip(values) {
@@ -191,7 +190,7 @@ impl ControlPath {
         machine
     }
 
-    /// Values in machine order for its axes, in its order.
+    /// Converts machine order to channel order.
     pub(crate) fn in_channel(&self, values: &PerAxis<f64>) -> PerChannel<f64> {
         let mut channel = PerChannel::ZERO;
         for (into, axis) in channel.iter_mut().zip(self.written()) {
@@ -205,33 +204,33 @@ impl ControlPath {
         left_to(&self.description, &other.description).is_some()
     }
 
-    /// Whether its positions are young enough to correct with.
+    /// Whether its positions are recent enough for correcting.
     pub(crate) fn is_fresh(&self, now: Duration) -> bool {
         self.is_young(self.seen.taken, now)
     }
 
-    /// Whether positions that held at `taken` are young enough for this path to correct with.
+    /// Whether positions that were valid at `taken` are recent enough for correcting on this path.
     pub(crate) fn is_young(&self, taken: Option<Duration>, now: Duration) -> bool {
         taken.is_some_and(|taken| now.saturating_sub(taken) <= self.limits.hold)
     }
 
-    /// Whether its positions were young enough when it reported them.
+    /// Whether its positions were recent enough when it reported them.
     pub(crate) fn was_fresh(&self) -> bool {
         self.answered
             .is_some_and(|answered| self.is_young(self.seen.taken, answered))
     }
 
-    /// When something was sent to it last that may have landed.
+    /// When something that may have arrived was last sent to it.
     pub(crate) fn sent_at(&self) -> Option<Duration> {
         self.sent
     }
 
-    /// When it was read last.
+    /// When it was last read.
     pub(crate) fn asked_at(&self) -> Option<Duration> {
         self.asked
     }
 
-    /// What it said of the machine in the last reading, by the age that this had then; `None`: it did not answer.
+    /// The interlock of the last reading, by the age of its flags at that time; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         let (reading, answered) = (self.reading.as_ref()?, self.answered?);
         let age = answered.saturating_sub(self.flags_taken);
@@ -239,23 +238,22 @@ impl ControlPath {
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
-    /// How long an exchange with it may take. Longer than a cycle where positions may be held for longer: an answer that
-    /// comes late costs a few cycles, a connection that is given up costs many.
+    /// Timeout of an exchange. Longer than a cycle if positions may be held for longer: a late answer costs a few cycles, a dropped connection
+    /// many.
     pub(crate) fn patience(&self) -> Duration {
-        // However long positions may be held, a cycle waits no longer than that.
+        // Bounds the delay of a cycle, however long positions may be held.
         let hold = self.limits.hold.min(ceiling::HOLD);
         self.limits.period.mul_f64(0.6).max(hold / 3)
     }
 
-    /// Whether it answered the last reading, not longer ago than a standby path may be silent.
+    /// Whether it answered the last reading within the allowed silence of a standby path.
     pub(crate) fn answers(&self, now: Duration) -> bool {
         let silent = STANDBY_EVERY * 3 + self.patience();
         let asked = self.asked.filter(|_| self.reading.is_some());
         asked.is_some_and(|asked| now.saturating_sub(asked) <= silent)
     }
 
-    /// Forgets the last reading of a path that has not answered for too long: an exchange with it hangs. Whether there
-    /// was one.
+    /// Drops the last reading of a path that has not answered for too long, since an exchange with it hangs. Returns whether there was one.
     pub(crate) fn falls_silent(&mut self, now: Duration) -> bool {
         let is_silent = self.reading.is_some() && !self.answers(now);
         if is_silent {
@@ -264,7 +262,7 @@ impl ControlPath {
         is_silent
     }
 
-    /// Asks the controller. `start` is when the cycle's clock began. Whether it answered.
+    /// Reads the controller. `start` is the start of the cycle's clock. Returns whether it answered.
     pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
         let read = match self.device.in_hand() {
             Some(controller) => controller.read(deadline),
@@ -274,7 +272,7 @@ impl ControlPath {
         self.hear(&read, start, now)
     }
 
-    /// Takes an answer that came while the path stood by. Whether it was one: `None` for one that is older than the last.
+    /// Processes an answer received on standby. Returns whether it was valid; `None` for one that is older than the last.
     pub(crate) fn listen(&mut self, heard: &Heard, start: Instant) -> Option<bool> {
         let asked = heard.asked.saturating_duration_since(start);
         if self.asked.is_some_and(|last| asked < last) {
@@ -291,7 +289,7 @@ impl ControlPath {
         }
         let limits = self.limits();
         let held = |at: Instant| at.saturating_duration_since(start);
-        // A device that only repeats what it said longer ago than positions may be old has not answered.
+        // A device that only repeats data older than the allowed age of positions has not answered.
         let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
         self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
@@ -312,8 +310,7 @@ impl ControlPath {
         true
     }
 
-    /// Takes the positions of the last reading, less the correction that they contain. Where that is not known they say
-    /// nothing.
+    /// Stores the positions of the last reading, minus the correction that they contain. If that is unknown they are dropped.
     fn take_positions(&mut self, taken: Duration) {
         let Some(snapshot) = &self.reading else {
             return;
@@ -322,14 +319,14 @@ impl ControlPath {
         let mut positions = snapshot.positions;
         for (place, position) in positions.iter_mut().enumerate().take(self.limits.count) {
             if self.limits.axes[place].includes_correction {
-                // What is not known is no number, and no number is no position.
+                // An unknown correction makes the position NaN, which is never stored.
                 *position -= applied.map_or(f64::NAN, |applied| applied[place]);
             }
         }
         self.seen.take(&positions, taken);
     }
 
-    /// Sends a correction (mm, rad). Whether it was sent without a failure.
+    /// Sends a correction (mm, rad). Returns whether it was sent without an error.
     pub(crate) fn send(
         &mut self,
         correction: &PerChannel<f64>,
@@ -353,9 +350,9 @@ impl ControlPath {
             }
             Some(controller) => controller.apply(correction, deadline),
         };
-        // A slow control has it only when it has answered.
+        // A slow control has it only once it has answered.
         let now = now + begun.elapsed();
-        // On lines a write that failed has not landed.
+        // On lines a failed write has no effect.
         if sent.is_ok() || self.known().scheme != volcomp_guard::Scheme::NoReadBack {
             self.sent = Some(now);
         }
@@ -363,7 +360,6 @@ impl ControlPath {
         sent.is_ok()
     }
 
-    /// The state of the path, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         let known = self.known();
         PathReport {
@@ -396,7 +392,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     Ok(Some(link))
 }
 
-/// The interlocks of a reading whose flags have this age, where flags older than `hold` count as unknown.
+/// The interlocks of a reading with flags of this age; flags older than `hold` count as unknown.
 pub(crate) fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,
@@ -416,8 +412,8 @@ pub(crate) fn interlock_of(
     said.at_age(age, hold, shown)
 }
 
-/// An owner number for the next machine of this process ([`ControlPath::with_owner`]): another one with every call, and not
-/// those of other runs of the program, so that a barrier distinguishes two machines of one process, should both reach it.
+/// An owner number for the next machine of this process ([`ControlPath::with_owner`]): different at every call and from other runs of the program,
+/// so that a barrier distinguishes two machines of one process if both reach it.
 pub fn next_owner() -> u16 {
     use std::sync::atomic::{AtomicU16, Ordering};
     static NEXT: AtomicU16 = AtomicU16::new(1);
@@ -433,7 +429,7 @@ fn owner() -> u16 {
     static OWNER: OnceLock<u16> = OnceLock::new();
     *OWNER.get_or_init(|| {
         let mut bytes = [0; 2];
-        // Where the system gives no random bytes the clock does.
+        // If the system has no random bytes, the clock is used.
         let drawn = rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty());
         let by_clock = || u16::try_from(monotonic().subsec_micros() % 65_521).unwrap_or(1);
         drawn

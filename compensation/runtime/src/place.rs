@@ -1,24 +1,24 @@
-//! Where the axes of each controller were last, and where the machine is by all of them.
+//! Last positions of each controller, and the machine position combined from all of them.
 
 use std::time::Duration;
 
 use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 
-/// The axes that a controller shows, in its order, and where they were last.
+/// The axes reported by a controller, in channel order, and their last positions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
-    /// The place of each axis in the machine: those that the controller writes come first.
+    /// Machine index of each axis; the axes that the controller writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
     count: usize,
-    /// Travel after which a direction counts as turned, mm or rad.
+    /// Travel after which the direction counts as reversed, mm or rad.
     pub(crate) reversal: PerChannel<f64>,
-    /// Positions without correction, mm or rad, as they held at `taken`.
+    /// Positions without correction, mm or rad, valid at `taken`.
     positions: PerChannel<f64>,
     pub(crate) taken: Option<Duration>,
 }
 
 impl Seen {
-    /// Axes that were not seen yet.
+    /// Axes without a position yet.
     pub(crate) fn none_of(
         machine_axis: PerChannel<usize>,
         count: usize,
@@ -33,19 +33,19 @@ impl Seen {
         }
     }
 
-    /// Takes positions that held at `taken`. What is no number is no position: then all stays as it was.
+    /// Stores positions that were valid at `taken`. If one is NaN all stay as they were.
     pub(crate) fn take(&mut self, positions: &PerChannel<f64>, taken: Duration) {
         if positions.iter().take(self.count).all(|q| q.is_finite()) {
             (self.positions, self.taken) = (*positions, Some(taken));
         }
     }
 
-    /// Where a machine axis was last, and when.
+    /// Last position of a machine axis, and when it was valid.
     pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
         Some((self.positions[self.place_of(machine_axis)?], self.taken?))
     }
 
-    /// The travel after which a machine axis counts as turned, mm or rad.
+    /// Travel after which the direction of a machine axis counts as reversed, mm or rad.
     pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
         Some(self.reversal[self.place_of(machine_axis)?])
     }
@@ -55,23 +55,23 @@ impl Seen {
     }
 }
 
-/// Positions of the machine as one path may use them.
+/// The machine position as available to one path.
 #[derive(Default)]
 pub(crate) struct Place {
     /// Positions without correction, mm and rad.
     pub(crate) positions: PerAxis<f64>,
-    /// When each position held; zero where it is stated as fixed.
+    /// When each position was valid; zero for a configured fixed position.
     pub(crate) taken: PerAxis<Duration>,
-    /// Which positions are known, as bits: bit 0 is the first axis.
+    /// Bit mask of the known positions: bit 0 is the first axis.
     pub(crate) known: u16,
-    /// When the oldest position that was shown held; `None`: none was shown.
+    /// When the oldest reported position was valid; `None`: none was reported.
     pub(crate) oldest: Option<Duration>,
-    /// When the oldest of those held that the path does not show itself; `None`: it shows all that are known.
+    /// When the oldest position from another controller was valid; `None`: the path reports all known ones itself.
     pub(crate) oldest_of_others: Option<Duration>,
 }
 
 impl Place {
-    /// Whether the position of each of so many axes is known.
+    /// Whether the positions of the first `axes` axes are known.
     pub(crate) fn is_complete(&self, axes: usize) -> bool {
         self.known == u16::MAX >> (16 - axes.min(MAX_AXES))
     }

@@ -1,4 +1,4 @@
-//! The meaning of the settings for one controller of one machine: every check that needs no device.
+//! Checks the settings of one controller against its machine, as far as possible without a device.
 
 use std::time::Duration;
 
@@ -17,49 +17,48 @@ use crate::{
     settings::{AxisSettings, BarrierSettings, GuardSettings, PathSettings},
 };
 
-/// The minimum test shift in steps of the position and of the correction: a smaller one proves nothing.
+/// Minimum test shift in steps of the position and of the correction: a smaller one proves nothing.
 pub const SHIFT_STEPS: f64 = 4.0;
 
-/// How fast a correction that is left over on an axis that does not correct, and for which no limits are stated, goes
-/// back to zero: a tenth of a milliradian in a second.
+/// Rate at which a remaining correction on a non-correcting axis without limits returns to zero.
 const HELD_SLEW_PER_S: Urad = Urad(100.0);
 
-/// One controller of a plan: checked against machine and settings, not opened.
+/// One controller path: checked against machine and settings, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan {
-    /// The description of the controller by its driver.
+    /// The driver's description of the controller.
     pub description: Description,
     /// The limits that the guard enforces, mm and rad.
     pub limits: Limits,
-    /// The place in the machine of each axis whose position the controller reports: those that it writes come first.
+    /// Machine index of each axis whose position the controller reports; written axes come first.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
+    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
-    /// The smallest steps of their positions, mm or rad; 0 where none is stated.
+    /// Smallest steps of their positions, mm or rad; 0 if none is configured.
     pub position_steps: PerChannel<f64>,
-    /// The axes of the controller that correct; the machine's others are held where they are.
+    /// The correcting axes of the controller; the other axes of the machine are held.
     pub correctors: Correctors,
-    /// A rotary axis corrects where half its step moves the tip by at most this.
+    /// Maximum movement of the tip by half a step of a rotary axis that corrects.
     pub rotary_step: Mm,
-    /// The rotary axes that may correct and do not, since the tool would be further off than without.
+    /// The rotary axes that may correct but do not, since the error of the tool would be larger than without correction.
     pub left_out: Vec<LeftOut>,
-    /// Machine axes at a stated position, mm and rad.
+    /// Machine axes at a configured position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons that this path reports in every cycle.
     pub notes: Reasons,
-    /// The barrier of the control, where there is one.
+    /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
     /// Whether it carries the correction of thermal terms alone.
     pub only_thermal: bool,
     /// Whether the control has no read-back.
     pub no_read_back: bool,
-    /// For how long nothing on a control without a barrier may move before the first write.
+    /// How long a control without a barrier is observed for foreign changes before the first write.
     pub watch: Duration,
-    /// What a control without read-back does on its own when nothing is written any more.
+    /// What a control without read-back does on its own without writes.
     pub time_out: Option<ControlTimeOut>,
 }
 
-/// A rotary axis that may correct and does not.
+/// A rotary axis that may correct but does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOut {
     /// The letter of the axis.
@@ -71,9 +70,9 @@ pub struct LeftOut {
 /// Why a rotary axis that may correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WhyLeftOut {
-    /// The linear axes that correct do not reach every direction: they cannot take back what it moves the tip.
+    /// The correcting linear axes do not span all directions, so they cannot compensate its movement of the tip.
     Uncatchable,
-    /// Half a step of it moves the tip by so much somewhere in the work space, more than is allowed.
+    /// Half a step of it moves the tip by this much somewhere in the work space, more than allowed.
     Coarse(Mm),
 }
 
@@ -81,7 +80,7 @@ impl PathPlan {
     /// Checks the description of a controller against machine and settings.
     ///
     /// # Errors
-    /// What does not fit.
+    /// The first conflict.
     pub fn new(
         description: Description,
         model: &Model,
@@ -118,7 +117,7 @@ impl PathPlan {
         let mut notes = Reasons::CANNOT_SEE_OTHERS.when(!description.sees_other_gateways);
         match (description.heartbeat, settings.unwatched) {
             (Heartbeat::Unwatched, false) => return Err(PlanError::Unwatched { device: device() }),
-            // The statement in the configuration counts more than a counter that the driver sees.
+            // The configuration takes precedence over a counter that the driver finds.
             (_, true) => notes |= Reasons::UNWATCHED,
             (Heartbeat::Watched, false) => {}
         }
@@ -167,11 +166,11 @@ impl PathPlan {
         })
     }
 
-    /// Checks that the paths to one machine may take each other's place: their corrections go to one place, and none of them
-    /// leaves a correction on an axis that another does not write, unless its control takes it to zero on its own.
+    /// Checks that the paths to one machine are interchangeable: they use the same channel, and none leaves a correction on an axis that another
+    /// does not write, unless its control goes to zero on its own.
     ///
     /// # Errors
-    /// The first two that do not go together.
+    /// The first conflicting pair.
     pub fn check_together(plans: &[Self]) -> Result<(), PlanError> {
         check_together(|| {
             let plans = plans.iter();
@@ -179,12 +178,12 @@ impl PathPlan {
         })
     }
 
-    /// Whether the control takes a correction to zero on its own when nothing is sent any more.
+    /// Whether the control goes to zero on its own without writes.
     pub(crate) fn goes_to_zero(&self) -> bool {
         self.barrier.is_some() || self.no_read_back && self.time_out.is_some()
     }
 
-    /// Whether the axis at this place of the controller corrects. The others are written with zero.
+    /// Whether the axis at this channel index corrects. The others are written with zero.
     pub fn corrects(&self, place: usize) -> bool {
         place < self.description.axes.len() && self.correctors.contains(self.machine_axis[place])
     }
@@ -222,7 +221,7 @@ pub(crate) fn left_to(path: &Description, other: &Description) -> Option<AxisNam
     axes.find(|name| other.axes.iter().all(|axis| axis.name != *name))
 }
 
-/// The place in the machine of an axis of a controller.
+/// Machine index of an axis of a controller.
 pub(crate) fn place_in(
     model: &Model,
     description: &Description,
@@ -236,12 +235,12 @@ pub(crate) fn place_in(
     })
 }
 
-/// The axes that a controller writes, in its order.
+/// The written axes of a controller, in channel order.
 pub(crate) fn names(description: &Description) -> Vec<AxisName> {
     description.axes.iter().map(|axis| axis.name).collect()
 }
 
-/// The rotary axes that may correct and are not among those that do, and why.
+/// The rotary axes that may correct but are not among the correctors, and why.
 fn left_out(
     model: &Model,
     written: &[AxisName],
@@ -267,7 +266,7 @@ fn left_out(
     lacks.map(left_out).collect()
 }
 
-/// The smallest steps of corrections in machine order, mm and rad; 0 for axes that are not written.
+/// Correction steps in machine order, mm and rad; 0 for axes that are not written.
 pub(crate) fn steps_in_machine(limits: &Limits, machine_axis: &PerChannel<usize>) -> PerAxis<f64> {
     let mut steps = PerAxis::ZERO;
     let axes = limits.axes.iter().zip(machine_axis).take(limits.count);
@@ -277,7 +276,7 @@ pub(crate) fn steps_in_machine(limits: &Limits, machine_axis: &PerChannel<usize>
     steps
 }
 
-/// Where the machine axes stand that the settings state, mm and rad.
+/// The configured fixed positions of machine axes, mm and rad.
 fn fixed_positions(
     description: &Description,
     model: &Model,
@@ -333,7 +332,7 @@ fn fixed_positions(
     Ok(fixed)
 }
 
-/// The barrier of a control: driver and settings must agree that there is one.
+/// The barrier of a control: driver and settings must agree on it.
 fn barrier(
     description: &Description,
     settings: &PathSettings,
@@ -348,8 +347,7 @@ fn barrier(
     }
 }
 
-/// The limits of an axis that does not correct where none are stated: its goal is zero, and what is left over there
-/// goes back slowly.
+/// Limits of a non-correcting axis without configured ones: its goal is zero, and a remaining correction returns slowly.
 fn held_limits(axis: &Axis) -> AxisLimits {
     AxisLimits {
         kind: axis.kind(),
@@ -362,12 +360,11 @@ fn held_limits(axis: &Axis) -> AxisLimits {
     }
 }
 
-/// The limits that the guard of a controller enforces, mm and rad. Axes that do not correct have no test shift, and
-/// need no limits; where some are stated, those of the device and of a path without a barrier bound them, too.
+/// The limits that the guard of a controller enforces, mm and rad. Non-correcting axes have no test shift and need no limits; configured ones are
+/// also bounded by the device and by those of a path without a barrier.
 ///
 /// # Errors
-/// Rotary axes that correct and have no limits, limits that a guard refuses, or that are larger than what the device
-/// can be told.
+/// Correcting rotary axes without limits, limits that a guard rejects or that exceed what the device can carry.
 fn limits(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -384,7 +381,7 @@ fn limits(
     for ((((into, shift), place), position_step), axis) in places.zip(&description.axes) {
         let of_kind = guard.of(axis.name);
         if !correctors.contains(*place) {
-            // Another model may correct it: the bounds of the device and of a path without a barrier still hold.
+            // Another model may correct it: the bounds of the device and of a path without a barrier still apply.
             *into =
                 of_kind.map_or_else(|| held_limits(axis), |of_kind| axis_limits(axis, &of_kind));
             if let Some(largest) = axis.largest {
@@ -398,7 +395,7 @@ fn limits(
                 AxisKind::Rotary => ceiling::LIMIT_ROTARY.0,
             };
             if into.resolution > into.limit.min(most * ROUNDING) {
-                // Not even one step of it may be written.
+                // Less than one step: nothing may be written.
                 *into = into.held_at_zero();
             }
             continue;
@@ -449,7 +446,7 @@ fn limits(
     Ok(limits)
 }
 
-/// The smallest step of the position of each axis that a controller shows, mm or rad; 0 where none is stated.
+/// Smallest step of the position of each reported axis, mm or rad; 0 if none is configured.
 pub(crate) fn position_steps(
     description: &Description,
     settings: &PathSettings,
@@ -470,8 +467,8 @@ pub(crate) fn position_steps(
     Ok(steps)
 }
 
-/// Travel after which the direction of each axis that a controller shows counts as turned, mm or rad. On one that is
-/// only read no correction is taken for travel.
+/// Travel after which the direction of each reported axis counts as reversed, mm or rad. On read-only axes a correction cannot be mistaken for
+/// travel.
 pub(crate) fn reversals(
     description: &Description,
     position_steps: &PerChannel<f64>,
@@ -494,7 +491,7 @@ pub(crate) fn reversals(
     reversal
 }
 
-/// The limit of an axis on a path without a barrier, and its warning, which lies within.
+/// Lowers the limit of an axis to that of a path without a barrier, and its warning with it.
 fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
     let most = match limits.kind {
         AxisKind::Linear => guard.without_barrier.linear.to_mm().0,
@@ -503,7 +500,7 @@ fn without_barrier(limits: &mut AxisLimits, guard: &GuardSettings) {
     lower_to(limits, most);
 }
 
-/// A limit of at most `most` (mm or rad), and its warning, which lies within.
+/// Lowers a limit to `most` (mm or rad), and its warning with it.
 fn lower_to(limits: &mut AxisLimits, most: f64) {
     if limits.warn <= limits.limit {
         limits.warn = limits.warn.min(most);
@@ -526,8 +523,8 @@ fn axis_limits(axis: &Axis, guard: &AxisSettings<Displacement>) -> AxisLimits {
         resolution: axis.step(),
         includes_correction: axis.includes_correction,
     };
-    // A correction that is cut to the largest one that can be written is reported. A limit below one step, and a
-    // warning above the limit, are for the check to refuse.
+    // A correction that is clipped to the largest writable one must be reported. A limit below one step, and a warning above the limit, are
+    // rejected by the check.
     let reachable = limits.reachable();
     if reachable > 0.0 && limits.warn <= limits.limit {
         limits.warn = limits.warn.min(reachable);

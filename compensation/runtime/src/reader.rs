@@ -1,4 +1,4 @@
-//! A controller that only reports positions, and is never written to. State: its last answer.
+//! A controller that only reports positions, and is never written. State: its last answer.
 
 use std::{
     io,
@@ -20,26 +20,25 @@ use crate::{
     settings::PathSettings,
 };
 
-/// The time without an answer after which the state of the machine by this controller is unknown.
+/// Time without an answer after which the machine state from this controller is unknown.
 const SILENT: Duration = Duration::from_millis(500);
 
-/// A controller of a plan that is only read: checked against the machine, not opened.
+/// A read-only controller: checked against the machine, not opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReaderPlan {
-    /// The description of the controller by its driver.
+    /// The driver's description of the controller.
     pub description: Description,
-    /// The place in the machine of each axis whose position it reports.
+    /// Machine index of each axis whose position it reports.
     pub machine_axis: PerChannel<usize>,
-    /// Travel after which a direction counts as turned, of each of these axes, mm or rad.
+    /// Travel after which the direction of each of these axes counts as reversed, mm or rad.
     pub reversal: PerChannel<f64>,
 }
 
 impl ReaderPlan {
-    /// Checks the description of a controller against machine and settings. Of the settings only the steps of positions
-    /// count.
+    /// Checks the description of a controller against machine and settings, of which only the position steps are used.
     ///
     /// # Errors
-    /// What does not fit.
+    /// The first conflict.
     pub fn new(
         description: Description,
         model: &Model,
@@ -62,18 +61,18 @@ impl ReaderPlan {
     }
 }
 
-/// A controller that is only read.
+/// A read-only controller.
 pub struct PositionReader {
     device: Device,
     description: Description,
     pub(crate) seen: Seen,
     answered: Option<Duration>,
-    /// What it said of the machine in the last reading; `None`: it did not answer.
+    /// The interlock of the last reading; `None`: it did not answer.
     said: Option<Interlock>,
 }
 
 impl PositionReader {
-    /// A reader before its first cycle: an open controller and its plan.
+    /// A reader before its first cycle, from an open controller and its plan.
     pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
         Self {
             device: Device::new(controller),
@@ -92,16 +91,15 @@ impl PositionReader {
         &self.description
     }
 
-    /// Starts a thread that asks the controller from now on, as often as `every`, each exchange taking `patience` at the
-    /// most.
+    /// Starts a thread that reads the controller once per `every`, with `patience` as the timeout of an exchange.
     pub(crate) fn attend(&mut self, every: Duration, patience: Duration) -> io::Result<()> {
         self.device.attend(&self.description.device, every)?;
         self.device.hand_over(patience);
         Ok(())
     }
 
-    /// Takes what the controller has answered to its thread; without one, asks it here. `start` is when the cycle's clock
-    /// began; positions and flags may be as old as `hold`. How often it did not answer.
+    /// Processes the answers from the controller's thread; without one, reads it here. `start` is the start of the cycle's clock; `hold` is the
+    /// maximum age of positions and flags. Returns the number of failed readings.
     pub(crate) fn read(
         &mut self,
         deadline: Instant,
@@ -118,7 +116,7 @@ impl PositionReader {
             let answered = heard.answered.saturating_duration_since(start);
             failures += u64::from(!self.hear(&heard.read, (start, answered, hold)));
         }
-        // During an exchange that hangs the state of the machine is unknown.
+        // During a hanging exchange the state of the machine is unknown.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
         if !self.device.is_in_hand() && self.answered.is_none_or(is_silent) {
             self.said = None;
@@ -133,7 +131,7 @@ impl PositionReader {
     ) -> bool {
         let held = |at: Instant| at.saturating_duration_since(start);
         let age = |at: Instant| now.saturating_sub(held(at));
-        // A device that only repeats what it said longer ago than that has not answered.
+        // A device that only repeats older data has not answered.
         let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
         let shown = self.description.shown;
         self.said = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
@@ -145,12 +143,11 @@ impl PositionReader {
         true
     }
 
-    /// What it said of the machine in the last reading; `None`: it did not answer.
+    /// The interlock of the last reading; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
         self.said
     }
 
-    /// Its state, for the report.
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),

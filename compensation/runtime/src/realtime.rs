@@ -1,4 +1,4 @@
-//! The control thread, and the rings by which the rest of a program speaks with it. State: the cycle.
+//! The control thread, and its lock-free rings to the rest of the program. State: the cycle.
 
 use std::{
     sync::{
@@ -27,41 +27,39 @@ use crate::{
     settings::Realtime,
 };
 
-/// The largest number of cycles whose times wait to be taken; the times of further cycles are lost.
+/// Capacity of the ring of cycle times; the times of further cycles are lost.
 const TIMINGS: usize = 8192;
 /// How long overruns are reported after the last one.
 const OVERRUN_REPORTED_FOR: Duration = Duration::from_secs(2);
-/// The timeout of a request that the thread has not taken.
+/// Timeout of a request that the thread has not received.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Stack that is touched before the loop begins, bytes.
+/// Stack pages touched before the loop begins, bytes.
 const STACK: usize = 256 * 1024;
 
-/// The degree of the polynomial.
+/// Degree of the reference polynomial.
 const DEGREE: usize = 511;
 
-/// An order from the rest of a program to the control thread.
+/// An order to the control thread.
 pub enum Order {
-    /// A request to the guards, such as arming.
+    /// A request to the guard, such as arming.
     Request(Request),
-    /// Another model; the correction ramps to it.
+    /// Replaces the model; the correction ramps to the new one.
     Model(Box<Replacement>),
-    /// Other limits for the path at this place.
+    /// Replaces the limits of the path at this index.
     Limits(usize, Box<Limits>),
 }
 
-/// An order on its way to the control thread, and what decides whether it is still wanted when the thread takes it.
+/// A queued order, with the conditions for its execution.
 struct Sent {
     order: Order,
-    /// A request that is taken later is not carried out.
+    /// Expiry time of a request.
     until: Instant,
-    /// How often disarming had been ordered when the request was made: one that came before the last of these orders
-    /// does not arm any more.
+    /// Number of disarm orders at the time of the request: a request to arm is dropped if another one followed.
     disarms: u64,
 }
 
-/// The control thread as the rest of a program sees it. No call waits for the thread but [`stop`](Self::stop) and
-/// [`stop_within`](Self::stop_within).
+/// Access to the control thread. Only [`stop`](Self::stop) and [`stop_within`](Self::stop_within) wait for the thread.
 pub struct Handle {
     orders: Producer<Sent>,
     retired: Consumer<Retired>,
@@ -71,12 +69,12 @@ pub struct Handle {
     reports: triple_buffer::Output<Report>,
     shared: Arc<Shared>,
     pulse: Pulse,
-    /// `None`: it has ended, or a test runs the cycles by hand.
+    /// `None`: it has ended, or a test runs the cycles itself.
     thread: Option<JoinHandle<()>>,
     is_by_hand: bool,
 }
 
-/// An object that the control thread gives back to be freed elsewhere, since it must not free memory itself.
+/// An object that the control thread returns to be freed, since it must not free memory itself.
 enum Retired {
     Model(#[expect(dead_code, reason = "kept to be dropped")] Box<Replacement>),
     Limits(#[expect(dead_code, reason = "kept to be dropped")] Box<Limits>),
@@ -88,39 +86,38 @@ struct Shared {
     forbids: AtomicU64,
     notes: AtomicU64,
     cycles: AtomicU64,
-    /// How often disarming was ordered.
+    /// Number of disarm orders.
     disarms: AtomicU64,
-    /// Disarming is ordered because the program ends.
+    /// Disarming was ordered because the program ends.
     ends: AtomicBool,
-    /// When the last cycle was done, ns of the clock of the cycle; before the first one when the thread was started.
+    /// End of the last cycle, ns on the clock of the cycle; before the first one the start of the thread.
     cycle_done_ns: AtomicU64,
 }
 
-/// The order to disarm, which waits for nothing: no ring, no lock, and no thread but the control thread itself. Every
-/// thread of a program may have one.
+/// Orders to disarm without waiting: it uses no ring, no lock, and no thread but the control thread. Can be cloned for any thread.
 #[derive(Clone)]
 pub struct DisarmSwitch(Arc<Shared>);
 
 impl DisarmSwitch {
-    /// Disarms from the next cycle on. Requests to arm that were made before are not carried out any more.
+    /// Disarms from the next cycle on. Requests to arm from before are dropped.
     pub fn disarm(&self) {
         self.0.disarms.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Disarms from the next cycle on because the program ends: what was found and never written by it is left alone.
+    /// Disarms from the next cycle on because the program ends: a correction that was found, and never written by the program, is left alone.
     pub fn end(&self) {
         self.0.ends.store(true, Ordering::Relaxed);
-        // Who sees that it is ordered sees why.
+        // Release: a thread that sees the count also sees `ends`.
         self.0.disarms.fetch_add(1, Ordering::Release);
     }
 
-    /// How often disarming was ordered so far.
+    /// Number of disarm orders so far.
     pub fn count(&self) -> u64 {
         self.0.disarms.load(Ordering::Relaxed)
     }
 }
 
-/// The sign of life of the control thread.
+/// The heartbeat of the control thread.
 #[derive(Clone)]
 pub struct Pulse {
     shared: Arc<Shared>,
@@ -129,11 +126,11 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// A silence up to this is a late cycle, and no reason to doubt the last report of the thread, however short the
-    /// period is: schedulers and exchanges with controllers take that long now and then.
+    /// Maximum gap that counts as a late cycle and leaves the last report valid, however short the period is: schedulers and exchanges with
+    /// controllers occasionally take that long.
     pub const JITTER: Duration = Duration::from_millis(100);
 
-    /// How long ago the last cycle was done; before the first one, how long ago the thread was started.
+    /// Time since the end of the last cycle, or since the start of the thread before the first one.
     pub fn age(&self) -> Duration {
         let told = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
         self.clock.elapsed().saturating_sub(told)
@@ -144,29 +141,28 @@ impl Pulse {
         &self.clock
     }
 
-    /// The longest silence after which the report of the last cycle still holds: three periods, at least
-    /// [`JITTER`](Self::JITTER).
+    /// Maximum gap after which the last report is still valid: three periods, at least [`JITTER`](Self::JITTER).
     pub fn patience(&self) -> Duration {
         (self.period * 3).max(Self::JITTER)
     }
 
-    /// For how long there has been no cycle; `None` while cycles come as they should.
+    /// Time without a cycle; `None` while cycles run normally.
     pub fn silence(&self) -> Option<Duration> {
         Some(self.age()).filter(|age| *age > self.patience())
     }
 }
 
 impl Handle {
-    /// Sends an order. A request is carried out within a second or not at all, and one to arm only unless someone orders
-    /// to disarm meanwhile. `false`: too many wait, or the thread has ended; the order is dropped.
+    /// Sends an order. A request is executed within a second or dropped; a request to arm also if disarming is ordered meanwhile. Returns `false`,
+    /// and drops the order, if the queue is full or the thread has ended.
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
         self.send_by(order, self.clock().now() + REQUEST_TIMEOUT, disarms)
     }
 
-    /// Sends an order. A request that the thread takes after `until` is not carried out, nor one to arm after
-    /// disarming was ordered more than `disarms` times. `false`: as of [`send`](Self::send).
+    /// Sends an order. A request expires at `until`; a request to arm is dropped if more than `disarms` disarm orders were given. Returns `false`
+    /// as [`send`](Self::send) does.
     #[must_use = "an order that is not taken must be told to whoever asked"]
     pub fn send_by(&mut self, order: Order, until: Instant, disarms: u64) -> bool {
         self.free_retired();
@@ -178,27 +174,27 @@ impl Handle {
         self.orders.push(sent).is_ok()
     }
 
-    /// The switch that disarms.
+    /// A switch for disarming.
     pub fn disarm_switch(&self) -> DisarmSwitch {
         DisarmSwitch(Arc::clone(&self.shared))
     }
 
-    /// The sign of life of the thread.
+    /// The heartbeat of the thread.
     pub fn pulse(&self) -> Pulse {
         self.pulse.clone()
     }
 
-    /// How many orders can be sent before the thread has taken one.
+    /// Number of orders that can be sent before the thread receives one.
     pub fn room(&self) -> usize {
         self.orders.slots()
     }
 
-    /// Forbids arming for these reasons from now on; none: arming is allowed.
+    /// Sets the reasons that forbid arming from now on; empty: arming is allowed.
     pub fn forbid(&self, reasons: Reasons) {
         self.shared.forbids.store(reasons.bits(), Ordering::Relaxed);
     }
 
-    /// Reports these reasons besides from now on.
+    /// Sets additional reasons to report from now on.
     pub fn note(&self, reasons: Reasons) {
         self.shared.notes.store(reasons.bits(), Ordering::Relaxed);
     }
@@ -208,27 +204,27 @@ impl Handle {
         self.reports.read()
     }
 
-    /// The times of cycles since the last call.
+    /// The cycle times since the last call.
     pub fn timings(&mut self) -> impl Iterator<Item = Timing> + '_ {
         std::iter::from_fn(|| self.timings.pop().ok())
     }
 
-    /// The changes of state since the last call.
+    /// The state changes since the last call.
     pub fn changes(&mut self) -> Vec<Change> {
         std::iter::from_fn(|| self.changes.pop().ok()).collect()
     }
 
-    /// The orders of another model or other limits that were refused since the last call: the old ones hold on.
+    /// The replacements of model or limits rejected since the last call; the old ones stay active.
     pub fn refusals(&mut self) -> impl Iterator<Item = OrderRefusal> + '_ {
         std::iter::from_fn(|| self.refusals.pop().ok())
     }
 
-    /// Frees what the thread has given back.
+    /// Frees the objects that the thread has returned.
     pub fn free_retired(&mut self) {
         while self.retired.pop().is_ok() {}
     }
 
-    /// The number of cycles so far.
+    /// Number of cycles so far.
     pub fn cycles(&self) -> u64 {
         self.shared.cycles.load(Ordering::Relaxed)
     }
@@ -238,7 +234,7 @@ impl Handle {
         self.pulse.clock()
     }
 
-    /// Whether the thread has ended. By itself it never should: a panic of it was printed when it happened.
+    /// Whether the thread has ended. Without a request it ends only by a panic, which was printed.
     pub fn has_ended(&self) -> bool {
         if self.is_by_hand {
             return self.shared.stop.load(Ordering::Relaxed);
@@ -246,17 +242,17 @@ impl Handle {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Ends the thread and waits until it has ended.
+    /// Ends the thread and waits for it.
     pub fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread was printed when it happened.
+            // A panic of the thread was already printed.
             let _ = thread.join();
         }
     }
 
-    /// Ends the thread and waits for its end for at most `patience`. Whether it has ended: one that hangs in an
-    /// exchange with a controller is left to itself.
+    /// Ends the thread and waits for it for at most `patience`. Returns whether it has ended; one that hangs in an exchange with a controller is
+    /// left behind.
     pub fn stop_within(&mut self, patience: Duration) -> bool {
         self.shared.stop.store(true, Ordering::Relaxed);
         let end = Instant::now() + patience;
@@ -281,11 +277,11 @@ impl Drop for Handle {
     }
 }
 
-/// Starts the control thread: a cycle every period of the cycle. Paths that stand by are asked by threads of their own
-/// ([`Cycle::attend_standbys`]). Gives in words what of the scheduling was refused.
+/// Starts the control thread, with one cycle per period, and the threads that read standby paths ([`Cycle::attend_standbys`]). Returns the rejected
+/// parts of the scheduling, in words.
 ///
 /// # Errors
-/// The operating system gives no thread.
+/// The operating system cannot create a thread.
 pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
     cycle.attend_standbys()?;
     let (told, lacking) = std::sync::mpsc::channel();
@@ -305,28 +301,28 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
     Ok((handle, lacking))
 }
 
-/// The control thread without a thread: for tests, which count its time ([`Cycle::with_clock`]) and run its cycles.
+/// Access to a control thread without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
 pub fn start_by_hand(cycle: Cycle) -> (Handle, ByHand) {
     let (mut handle, control) = control(cycle, false);
     handle.is_by_hand = true;
     (handle, ByHand(control))
 }
 
-/// The cycles of [`start_by_hand`].
+/// Runs the cycles of [`start_by_hand`].
 pub struct ByHand(Control);
 
 impl ByHand {
-    /// Runs the cycle that is due now, unless it was ended.
+    /// Runs the cycle that is due now, unless it was stopped.
     pub fn cycle(&mut self) {
         if !self.0.shared.stop.load(Ordering::Relaxed) {
             self.0.once(false);
-            // Where the ring is full the times of this cycle are lost.
+            // If the ring is full the times of this cycle are lost.
             let _ = self.0.timings.push(Timing::default());
         }
     }
 }
 
-/// Both ends of the rings.
+/// Creates both ends of the rings.
 fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     let (orders_in, orders) = RingBuffer::new(64);
     let (retired_in, retired) = RingBuffer::new(64);
@@ -373,17 +369,17 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
     (handle, control)
 }
 
-/// How long the reference computation takes now, by the CPU clock of this thread.
+/// Duration of the reference computation, by the CPU clock of this thread.
 fn reference_ns() -> u64 {
     let begun = thread_time();
-    // Something must be done with what comes out of it, or it would not be computed.
+    // The result must be used, or the computation would be optimised away.
     std::hint::black_box(reference_work(std::hint::black_box(0.5)));
     nanos(thread_time().saturating_sub(begun))
 }
 
 struct Control {
     cycle: Cycle,
-    /// Whether the reference computation is made after each cycle.
+    /// Whether to run the reference computation after each cycle.
     reference: bool,
     orders: Consumer<Sent>,
     retired: Producer<Retired>,
@@ -393,9 +389,9 @@ struct Control {
     reports: triple_buffer::Input<Report>,
     shared: Arc<Shared>,
     clock: Clock,
-    /// How many orders to disarm were carried out.
+    /// Number of executed disarm orders.
     disarms: u64,
-    /// State and path after the cycle before.
+    /// State and active path after the previous cycle.
     last: (State, usize),
 }
 
@@ -423,12 +419,12 @@ impl Control {
                 reference_ns: if self.reference { reference_ns() } else { 0 },
                 missed,
             };
-            // Where the ring is full the times of this cycle are lost.
+            // If the ring is full the times of this cycle are lost.
             let _ = self.timings.push(timing);
         }
     }
 
-    /// One cycle, begun now, and what is reported of it.
+    /// Runs one cycle, beginning now, and publishes its results.
     fn once(&mut self, overruns: bool) -> Spent {
         let asked = self.asked(overruns);
         let spent = self.cycle.run(self.clock.now(), &asked, &mut thread_time);
@@ -454,12 +450,12 @@ impl Control {
                 reasons: report.reasons,
                 active: report.active,
             };
-            // Where the ring is full a thousand changes were not read: this one is lost, too.
+            // If the ring is full a thousand changes are unread: this one is lost, too.
             let _ = self.changes.push(change);
         }
     }
 
-    /// Takes the orders that wait, up to one request to the guards for each cycle.
+    /// Executes the queued orders, at most one guard request per cycle.
     fn asked(&mut self, overrunning: bool) -> Asked {
         let mut asked = Asked {
             request: None,
@@ -488,15 +484,15 @@ impl Control {
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
                         Ok(()) => asked.request = Some(Request::Switched),
-                        // Where the ring is full, sixty-three others report the same.
+                        // If the ring is full, 63 others report the same.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
-                    // There is room: the loop looked for it.
+                    // The loop checked that there is room.
                     let _ = self.retired.push(Retired::Model(replacement));
                 }
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
-                        // Other limits are reached by a ramp, as another model is.
+                        // New limits are reached by a ramp, like a new model.
                         Ok(()) => asked.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
@@ -509,8 +505,7 @@ impl Control {
 }
 
 impl Sent {
-    /// Whether a request is still to be carried out at `now`, when disarming was ordered `disarms` times so far.
-    /// Disarming never expires.
+    /// Whether a request is still valid at `now`, after `disarms` disarm orders so far. Disarming never expires.
     fn holds(&self, request: Request, now: Instant, disarms: u64) -> bool {
         match request {
             Request::Disarm | Request::End => true,
@@ -524,7 +519,7 @@ fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Asks for SCHED_FIFO and a processor for this thread. Gives in words what was refused.
+/// Requests SCHED_FIFO and a processor for this thread. Returns the rejected parts, in words.
 pub fn schedule(wanted: Realtime) -> Vec<String> {
     let mut lacking = Vec::new();
     if let Some(cpu) = wanted.cpu {
@@ -553,7 +548,7 @@ pub fn schedule(wanted: Realtime) -> Vec<String> {
     lacking
 }
 
-/// Touches the pages of the stack, so that none is fetched in a cycle.
+/// Touches the pages of the stack, so that no page fault occurs in a cycle.
 #[inline(never)]
 #[expect(
     clippy::large_stack_arrays,
@@ -567,7 +562,7 @@ fn touch_stack() {
     std::hint::black_box(&mut stack);
 }
 
-/// The coefficients 1 / (k + 1), 4 KB: so that what is read comes from memory as the model's tables do.
+/// Coefficients 1 / (k + 1), 4 KB: read from memory like the tables of the model.
 static COEFFICIENTS: [f64; DEGREE + 1] = {
     let mut coefficients = [0.0; DEGREE + 1];
     let mut power = 0;
@@ -579,10 +574,9 @@ static COEFFICIENTS: [f64; DEGREE + 1] = {
     coefficients
 };
 
-/// A fixed computation whose time shows how fast a computer is at the moment: the times of the cycle's own work are stated
-/// beside it, so that those of two computers can be compared. It is the polynomial of degree 511 with the coefficients
-/// 1 / (k + 1) by Horner's rule: 511 multiplications and additions, each of which needs the result of the one before. It
-/// never changes, so that results stay comparable.
+/// A fixed computation that measures the present speed of a computer: compute times of the cycle are stated next to it, so that those of two
+/// computers can be compared. It evaluates the polynomial of degree 511 with the coefficients 1 / (k + 1) by Horner's rule: 511 multiplications and
+/// additions, each depending on the previous result. It must never change, so that results stay comparable.
 #[must_use]
 pub fn reference_work(x: f64) -> f64 {
     let powers = COEFFICIENTS.iter().rev();

@@ -1,4 +1,4 @@
-//! A model with what belongs to it in a cycle: what is exchanged when the model is.
+//! A model with its data in a cycle, to be replaced as a whole.
 
 use std::{ops::Deref, time::Duration};
 
@@ -6,16 +6,16 @@ use volcomp_guard::{MAX_SENSORS, SensorReport};
 
 use crate::model::Model;
 
-/// A model with the places of its sensors among the temperatures of a cycle.
+/// A model with the indices of its sensors among the temperatures of a cycle.
 pub struct Replacement {
     model: Box<Model>,
-    /// For each sensor of the model its place among the temperatures.
+    /// Temperature index of each sensor of the model.
     places: Vec<Option<usize>>,
     degc: Vec<Option<f64>>,
 }
 
 impl Replacement {
-    /// A model for temperatures of these names.
+    /// A model for temperatures with these names.
     pub fn new(model: Box<Model>, names: &[String]) -> Self {
         let wanted = model.sensors();
         let places = wanted
@@ -28,13 +28,13 @@ impl Replacement {
         }
     }
 
-    /// Goes on with the lags of the model that it replaces. Allocates nothing.
+    /// Takes over the thermal lags of the replaced model. Does not allocate.
     pub(crate) fn carry_over(&mut self, from: &Self) {
         self.model.carry_over(&from.model);
     }
 
-    /// Lets the thermal terms go on by `dt` with the temperatures of a cycle, after the program has stood for `stood`
-    /// besides. Whether a term has to do without its sensor. Allocates nothing.
+    /// Advances the thermal terms by `dt` with the temperatures of a cycle, after a pause of the program of `stood`. Returns whether the sensor of
+    /// a term is missing. Does not allocate.
     pub(crate) fn warm(
         &mut self,
         dt: Duration,

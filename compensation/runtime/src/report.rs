@@ -1,4 +1,4 @@
-//! What goes into a cycle and comes out of it: plain data of fixed size, copied without a lock.
+//! Inputs and outputs of a cycle: plain data of fixed size, copied without a lock.
 
 use std::time::Duration;
 
@@ -7,14 +7,14 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::PerAxis;
 
-/// The requests that a cycle receives from outside. The default asks for nothing.
+/// Requests to a cycle. The default requests nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Asked {
     /// A request to the guard, such as arming.
     pub request: Option<Request>,
-    /// Why arming is forbidden; empty where it is allowed.
+    /// Why arming is forbidden; empty if it is allowed.
     pub forbids: Reasons,
-    /// Further reasons to report, which forbid nothing.
+    /// Additional reasons to report, which do not forbid arming.
     pub notes: Reasons,
 }
 
@@ -29,70 +29,67 @@ pub struct ToolError {
     pub axis_rad: [f64; 3],
 }
 
-/// How one path is.
+/// State of one path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathReport {
-    /// How long ago it answered last; `None`: never.
+    /// Time since its last answer; `None`: it never answered.
     pub answered: Option<Duration>,
-    /// The age of its positions; `None`: it has not reported any.
+    /// Age of its positions; `None`: it has not reported any.
     pub positions: Option<Duration>,
-    /// How long ago the correction that it applies was confirmed last; `None`: never.
+    /// Time since its applied correction was last confirmed; `None`: never.
     pub confirmed: Option<Duration>,
     /// How its correction is confirmed.
     pub scheme: Scheme,
-    /// Whether it applies a correction other than zero, as far as that is known.
+    /// Whether it is known to apply a correction other than zero.
     pub holds: bool,
-    /// What is to be known of it.
+    /// Reasons reported for it.
     pub reasons: Reasons,
 }
 
 /// The report of one cycle. Values by axis are in machine order: mm for linear axes, rad for rotary ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// The number of the cycle, from 1.
+    /// Number of the cycle, from 1.
     pub cycle: u64,
-    /// When the cycle began, since the clock of the cycle began.
+    /// Begin of the cycle, since the start of its clock.
     pub now: Duration,
     /// The state of the guard.
     pub state: State,
-    /// Why the state is what it is, and what else is to be known.
+    /// Reasons for the state, and further ones to report.
     pub reasons: Reasons,
-    /// The place of the path that corrects.
+    /// Index of the active path.
     pub active: usize,
     /// Positions without correction, mm and rad.
     pub positions: PerAxis<f64>,
-    /// Which positions are known: bit 0 is the first axis of the machine.
+    /// Bit mask of the known positions: bit 0 is the first axis of the machine.
     pub known: u16,
-    /// Which of them are too far outside the travel to be believed: bit 0 is the first axis of the machine.
+    /// Bit mask of the positions rejected as too far outside the travel: bit 0 is the first axis of the machine.
     pub outside_travel: u16,
-    /// Which of them are where the axis cannot have come to: bit 0 is the first axis of the machine.
+    /// Bit mask of the positions rejected as unreachable since the last one: bit 0 is the first axis of the machine.
     pub jumped: u16,
-    /// The correction that the model asks for, mm and rad.
+    /// The correction by the model, mm and rad.
     pub wanted: PerAxis<f64>,
-    /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is reported for the axes in
-    /// `written`, and zero for all others.
+    /// The correction that the control is known to apply, mm and rad; see `correction_known`. Set for the axes in `written`, zero for all others.
     pub correction: PerAxis<f64>,
-    /// The axes that the path which corrects writes: bit 0 is the first axis of the machine.
+    /// Bit mask of the axes written by the active path: bit 0 is the first axis of the machine.
     pub written: u16,
-    /// Whether that was confirmed within the time for which positions may be held. Otherwise `correction` is what was
-    /// confirmed last.
+    /// Whether `correction` was confirmed within the time for which positions may be held. Otherwise it is the last confirmed value.
     pub correction_known: bool,
-    /// The correction that was sent last without a failure, mm and rad; `None`: none since the start.
+    /// The correction last sent without an error, mm and rad; `None`: none since the start.
     pub sent: Option<PerAxis<f64>>,
-    /// What the last test shift showed of each axis that the active path corrects; `None`: the axis is not corrected.
+    /// Result of the last test shift for each axis that the active path corrects; `None`: the axis is not corrected.
     pub proven: PerAxis<Option<Proven>>,
-    /// The paths in the order of preference, then the controllers that are only read; places beyond are not used.
+    /// The paths in order of preference, then the read-only controllers; further entries are unused.
     pub paths: [PathReport; MAX_PATHS],
-    /// The error of the model without correction; `None` while a position is not known.
+    /// Error by the model without correction; `None` while a position is unknown.
     pub error: Option<ToolError>,
-    /// The error that the model leaves with `correction`, axes that are not written holding none; `None` while a position is
-    /// not known.
+    /// Residual error by the model with `correction`, which is zero on axes that are not written; `None` while a position is unknown.
     pub residual: Option<ToolError>,
-    /// Cycles so far in which slew or acceleration limits held the output back.
+    /// Number of cycles so far in which slew or acceleration limited the output.
     pub held_back: u64,
-    /// Exchanges so far that failed, of every path.
+    /// Number of failed exchanges so far, on all paths.
     pub faults: u64,
-    /// Periods so far that were missed.
+    /// Number of missed periods so far.
     pub overruns: u64,
     /// Temperatures in the order of the thermometers and their sensors.
     pub sensors: [SensorReport; MAX_SENSORS],
@@ -130,29 +127,29 @@ impl Default for Report {
 /// A change of the guard's state or of the active path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
-    /// The number of the cycle that changed it.
+    /// Number of the cycle with the change.
     pub cycle: u64,
     /// The state from that cycle on.
     pub state: State,
     /// Why the state is what it is.
     pub reasons: Reasons,
-    /// The place of the path that corrects from that cycle on.
+    /// Index of the active path from that cycle on.
     pub active: usize,
 }
 
-/// How long one cycle took, ns.
+/// Durations of one cycle, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// From the deadline to the first instruction of the cycle.
+    /// Wake-up latency: from the deadline to the first instruction of the cycle.
     pub wake_ns: u64,
     /// The whole cycle, exchanges included.
     pub whole_ns: u64,
     /// The exchanges with controllers.
     pub exchange_ns: u64,
-    /// The cycle's own work by the CPU clock of its thread, without exchanges.
+    /// Compute time by the CPU clock of the thread, without exchanges.
     pub own_ns: u64,
-    /// The reference computation by the same clock, where it is made; else 0.
+    /// Duration of the reference computation by the same clock; 0 if it is off.
     pub reference_ns: u64,
-    /// Periods that were missed after this cycle.
+    /// Number of periods missed after this cycle.
     pub missed: u32,
 }

@@ -1,4 +1,4 @@
-//! The temperatures of a cycle: read, judged, and handed to the model's terms. State: the memory of each sensor.
+//! The temperatures of a cycle: read, checked, and passed to the thermal terms. State: the history of each sensor.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use volcomp_guard::{
 };
 use volcomp_port::{Quality, Reason, Temperature, Thermometer};
 
-/// Thermometers, and which of their temperatures are believed.
+/// Thermometers, with the checks of their temperatures.
 pub struct Sensors {
     thermometers: Vec<Box<dyn Thermometer>>,
     limits: SensorLimits,
@@ -15,7 +15,7 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// The sensors of some thermometers, of which the first [`MAX_SENSORS`] count.
+    /// The sensors of these thermometers; only the first [`MAX_SENSORS`] are used.
     pub fn new(thermometers: Vec<Box<dyn Thermometer>>, limits: SensorLimits) -> Self {
         let mut sensors = Self {
             thermometers,
@@ -35,12 +35,12 @@ impl Sensors {
             .collect()
     }
 
-    /// A person confirms that sensors which jumped are right: their next readings are believed.
+    /// The operator confirms the sensors that jumped: their next readings are accepted.
     pub(crate) fn acknowledge(&mut self) {
         self.checks.iter_mut().for_each(SensorCheck::acknowledge);
     }
 
-    /// Takes the latest temperatures and judges them. Allocates nothing.
+    /// Reads and checks the latest temperatures. Does not allocate.
     pub(crate) fn read(
         &mut self,
         now: Duration,

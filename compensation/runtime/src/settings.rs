@@ -1,5 +1,4 @@
-//! The settings of a correction that a person chooses: limits, times, thread. Plain data in the units of the
-//! configuration.
+//! User settings of a correction: limits, times, thread. Plain data in the units of the configuration.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,58 +12,57 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad, Um, Unit, Ur
 /// The limits of the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisSettings<U> {
-    /// The largest correction, in either direction.
+    /// Largest correction, in either direction.
     pub limit: U,
-    /// Corrections above are reported.
+    /// Larger corrections are reported.
     pub warn: U,
-    /// The largest change of the correction in a second.
+    /// Largest change of the correction per second.
     pub slew_per_s: U,
-    /// The largest change of the slew in a second; infinite: not limited.
+    /// Largest change of the slew per second; infinite: unlimited.
     pub accel_per_s2: U,
-    /// A change of model that moves the correction at a corner of the work space by more needs a confirmation.
+    /// A model change that moves the correction by more than this anywhere in the work space needs a confirmation.
     pub confirm: U,
-    /// The shift at arming that shows whether positions contain the correction; 0: not made.
+    /// Shift at arming that proves whether positions contain the correction; 0: none.
     pub test_shift: U,
 }
 
-/// The limits and times that hold for every controller of a machine.
+/// The limits and times common to all controllers of a machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuardSettings {
     /// The limits of linear axes, µm.
     pub linear: AxisSettings<Um>,
-    /// The limits of rotary axes, µrad; `None` where no controller has one.
+    /// The limits of rotary axes, µrad; `None` if no controller has one.
     pub rotary: Option<AxisSettings<Urad>>,
     /// The largest corrections on a path without a barrier.
     pub without_barrier: WithoutBarrier,
-    /// A rotary axis is corrected where half its smallest step moves the tool tip by at most this, anywhere in the work
-    /// space: while such a step is under way, the tool may be off by as much.
+    /// A rotary axis is corrected if half its smallest step moves the tool tip by at most this anywhere in the work space: during such a step the
+    /// tool may be off by as much.
     pub rotary_step: Um,
-    /// Positions that are older are held.
+    /// Age of positions from which the correction is held.
     pub hold: Duration,
-    /// Positions that are older ramp the correction to zero.
+    /// Age of positions from which the correction ramps to zero.
     pub zero_after: Duration,
-    /// The time of a ramp; where 20 cycles take longer, it takes those.
+    /// Duration of a ramp; at least 20 cycles.
     pub ramp: Duration,
-    /// The longest time that a stop of the program may ramp out.
+    /// Maximum time for ramping out when the program stops.
     pub stop: Duration,
-    /// How long a better controller must be usable before it takes over again.
+    /// How long a preferred controller must be usable before it takes over again.
     pub hand_back: Duration,
-    /// The maximum speed of axes: positions that contradict it are not believed.
+    /// Maximum speed of axes: positions that contradict it are rejected.
     pub rapid: Rapid,
-    /// Which temperatures are believed.
+    /// Plausibility limits of temperatures.
     pub temperatures: SensorLimits,
-    /// The times within which thermal terms fade to zero when their sensor is missing.
+    /// Times within which thermal terms fade to zero when their sensor is missing.
     pub fading: Fading,
 }
 
 impl GuardSettings {
-    /// How far half a rotary step may move the tool tip where nothing else is stated: 10 µm, which a step of 0.001°, that of
-    /// most controls, reaches at a lever of 1.15 m.
+    /// Default for the movement of the tool tip by half a rotary step: 10 µm, which a step of 0.001°, that of most controls, reaches at a lever of
+    /// 1.15 m.
     pub const ROTARY_STEP: Um = Um(10.0);
 
-    /// Limits of linear axes, with the defaults of everything else: positions are held for 50 ms and ramp the
-    /// correction to zero after 500 ms, a ramp takes 500 ms, a stop at most 5 s, a better controller is taken back
-    /// after 2 s.
+    /// Limits of linear axes, with the defaults of everything else: positions are held for 50 ms and ramp the correction to zero after 500 ms, a
+    /// ramp takes 500 ms, a stop at most 5 s, a preferred controller takes over again after 2 s.
     pub fn new(linear: AxisSettings<Um>) -> Self {
         Self {
             linear,
@@ -82,8 +80,7 @@ impl GuardSettings {
         }
     }
 
-    /// The limits of axes of the kind of `axis`, as lengths (mm) or angles (rad); `None` without limits for that
-    /// kind.
+    /// The limits for the kind of `axis`, as lengths (mm) or angles (rad); `None` if there are none for that kind.
     pub fn of(&self, axis: AxisName) -> Option<AxisSettings<Displacement>> {
         match axis.kind() {
             AxisKind::Linear => {
@@ -99,18 +96,17 @@ impl GuardSettings {
 }
 
 impl AxisSettings<Um> {
-    /// The test shift of linear axes where a configuration states none, or the limit if that is smaller.
+    /// Default test shift of linear axes; the limit if that is smaller.
     pub const TEST_SHIFT: Um = Um(5.0);
 }
 
 impl AxisSettings<Urad> {
-    /// The test shift of rotary axes where a configuration states none, or the limit if that is smaller.
+    /// Default test shift of rotary axes; the limit if that is smaller.
     pub const TEST_SHIFT: Urad = Urad(20.0);
 }
 
 impl<U: Unit> AxisSettings<U> {
-    /// Limits without a limit of the acceleration, and without a test shift: in [`Um`] for linear, in [`Urad`] for
-    /// rotary axes.
+    /// Limits without an acceleration limit and without a test shift: in [`Um`] for linear, in [`Urad`] for rotary axes.
     pub fn new(limit: U, slew_per_s: U) -> Self {
         Self {
             limit,
@@ -137,17 +133,17 @@ impl<U> AxisSettings<U> {
     }
 }
 
-/// The maximum speed of axes.
+/// Maximum speed of axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rapid {
-    /// Linear axes, m/min.
+    /// Maximum speed of linear axes, m/min.
     pub linear_m_per_min: f64,
-    /// Rotary axes, 1/min.
+    /// Maximum speed of rotary axes, 1/min.
     pub rotary_rpm: f64,
 }
 
 impl Default for Rapid {
-    /// 100 m/min and 200/min: linear motors and torque motors are as fast, and few are faster.
+    /// 100 m/min and 200/min: the speed of linear and torque motors, which few axes exceed.
     fn default() -> Self {
         Self {
             linear_m_per_min: 100.0,
@@ -157,7 +153,7 @@ impl Default for Rapid {
 }
 
 impl Rapid {
-    /// The speed of axes of a kind, by the second.
+    /// Maximum speed of this kind of axis, per second.
     pub(crate) fn per_s(&self, kind: AxisKind) -> Displacement {
         match kind {
             AxisKind::Linear => Displacement::Length(Mm(self.linear_m_per_min * 1000.0 / 60.0)),
@@ -168,22 +164,21 @@ impl Rapid {
     }
 }
 
-/// The barrier of a control, as far as it must be known before anything is read from it.
+/// The settings of a control's barrier that must be known before reading it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BarrierSettings {
-    /// The number of the machine that starts every checksum.
+    /// Machine number, which seeds every checksum.
     pub machine: u16,
-    /// The time of one scan of the control's program.
+    /// Scan period of the control's program.
     pub scan: Duration,
 }
 
-/// The largest corrections, in either direction, on a path without a barrier: a wrong reading or a write that lands late
-/// may make a step as large as this.
+/// Largest corrections, in either direction, on a path without a barrier: a wrong reading or a late write may cause a step of this size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WithoutBarrier {
-    /// Of linear axes.
+    /// Limit of linear axes.
     pub linear: Um,
-    /// Of rotary axes.
+    /// Limit of rotary axes.
     pub rotary: Urad,
 }
 
@@ -197,40 +192,38 @@ impl Default for WithoutBarrier {
     }
 }
 
-/// The settings of one controller path besides those of its driver.
+/// The settings of one controller path apart from those of its driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Machine axes that the controller does not show and that are at this position; rotary axes only those of
-    /// `not_driven`.
+    /// Machine axes that the controller does not report, and their fixed positions; rotary axes only if in `not_driven`.
     pub fixed: BTreeMap<AxisName, Displacement>,
-    /// Rotary axes that no drive turns: they are set by hand, or not at all. Only of these is a stated position believed;
-    /// every other one must be read, since the correction of the linear axes goes round with it.
+    /// Rotary axes without a drive: they are set by hand, or never. Only for these is a fixed position accepted; every other rotary axis must be
+    /// read, since the correction of the linear axes rotates with it.
     pub not_driven: BTreeSet<AxisName>,
-    /// Whether it is accepted that nothing on the control's side notices when the program stops.
+    /// Whether it is accepted that the control has no fail-safe for a stop of the program.
     pub unwatched: bool,
     /// Whether it carries the correction of thermal terms alone, for slow controls: positions may then be held for up to 5 s.
     pub only_thermal: bool,
-    /// Positions that are older are held on this path; `None`: those of [`GuardSettings::hold`]. Where it is longer than
-    /// [`GuardSettings::zero_after`], they ramp the correction to zero at once.
+    /// Age of positions from which the correction is held on this path; `None`: [`GuardSettings::hold`]. If it is longer than
+    /// [`GuardSettings::zero_after`], the correction then ramps to zero at once.
     pub hold: Option<Duration>,
-    /// Whether the test shift at arming is made.
+    /// Whether the test shift is made at arming.
     pub proves: bool,
-    /// The smallest step that the reported position of an axis shows; of an axis that is not named, finer than that of
-    /// the correction.
+    /// Smallest step of the reported position of an axis; for an axis without an entry it is finer than that of the correction.
     pub position_steps: BTreeMap<AxisName, Displacement>,
-    /// How many writes its read-back may be behind, from 1.
+    /// Maximum number of writes by which the read-back lags, from 1.
     pub read_back_cycles: usize,
-    /// The barrier of the control, where there is one.
+    /// The barrier of the control, if it has one.
     pub barrier: Option<BarrierSettings>,
-    /// For how long nothing on a control without a barrier may move before the first write: another gateway would show.
+    /// How long a control without a barrier is observed before the first write: another gateway would show.
     pub watch: Duration,
-    /// What a control that cannot be asked does by itself when nothing is written any more; `None`: it keeps what it has.
+    /// What a control without read-back does on its own without writes; `None`: it keeps its correction.
     pub time_out: Option<ControlTimeOut>,
 }
 
 impl Default for PathSettings {
-    /// Every axis and state is shown, something watches, the test shift is made, the read-back is one write behind, there is
-    /// no barrier, and the control is watched for 2 s before the first write.
+    /// All axes and states are reported, the control monitors the gateway, the test shift is made, the read-back lags by one write, there is no
+    /// barrier, and the control is observed for 2 s before the first write.
     fn default() -> Self {
         Self {
             fixed: BTreeMap::new(),
@@ -255,7 +248,7 @@ pub struct Realtime {
     pub priority: u8,
     /// The processor on which the thread stays; `None`: any.
     pub cpu: Option<usize>,
-    /// Whether the thread makes the computation of [`reference_work`](crate::reference_work) after each cycle and reports how
-    /// long that took: a measure of the computer, to compare times that were taken on different ones.
+    /// Whether the thread times [`reference_work`](crate::reference_work) after each cycle: a measure of the computer, for comparing compute
+    /// times between computers.
     pub reference: bool,
 }

@@ -1,15 +1,15 @@
-//! When frames arrived, from the stamps of the kernel.
+//! Arrival times of frames, from the timestamps of the kernel.
 
 use std::time::{Duration, Instant, SystemTime};
 
-/// How far the wall clock, which the stamps of the kernel are of, may go apart from the monotonic one while a queue is
-/// emptied. Where it is more, somebody set the clock, and the stamps say nothing.
+/// Maximum drift of the wall clock, which the kernel's timestamps use, against the monotonic clock while a queue is emptied. A larger drift means
+/// that the clock was set, and the timestamps are ignored.
 const CLOCK_WAS_SET: Duration = Duration::from_millis(1);
 
-/// How long reading both clocks may take: so far apart they are at the most.
+/// Maximum time for reading both clocks, and so the maximum error between them.
 const BOTH_WITHIN: Duration = Duration::from_micros(100);
 
-/// Both clocks at one instant. A thread that is interrupted between the two reads them again, twice at the most.
+/// Reads both clocks. If the thread is interrupted between the two, they are read again, at most twice.
 pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     let read = || (Instant::now(), SystemTime::now());
     let mut both = read();
@@ -22,7 +22,7 @@ pub(crate) fn both_clocks() -> (Instant, SystemTime) {
     both
 }
 
-/// The last instant at which no frame waited, by both clocks. What waits later arrived after it.
+/// The last time at which no frame was waiting, by both clocks. A frame found waiting later arrived after it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrivals {
     empty: Instant,
@@ -30,14 +30,13 @@ pub(crate) struct Arrivals {
 }
 
 impl Arrivals {
-    /// Nothing waits at this instant.
+    /// No frame is waiting at this time.
     pub(crate) fn empty_at(empty: Instant, wall: SystemTime) -> Self {
         Self { empty, wall }
     }
 
-    /// When a frame arrived that is read at this instant, never later than it did: by its stamp where it has one and the
-    /// clock was not set meanwhile, else the last instant at which no frame waited. So frames that waited while nobody
-    /// read are as old as they can be.
+    /// The arrival time of a frame that is read at `now`, never later than the true one: its timestamp if it has one and the clock was not set
+    /// meanwhile, else the last time at which no frame was waiting. Frames that waited unread thus get their maximum age.
     pub(crate) fn of(&self, stamp: Option<SystemTime>, now: Instant, wall: SystemTime) -> Instant {
         let passed = now.saturating_duration_since(self.empty);
         let by_wall = wall.duration_since(self.wall).unwrap_or_default();

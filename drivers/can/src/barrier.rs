@@ -1,7 +1,6 @@
-//! The words that go to and come from a barrier in the control: `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, …
-//! Words are carried as they are; their meaning is that of the barrier. Only the size of a count is taken from here: the
-//! value words have the unit and the factor of what they count. Words in several messages belong together when these have
-//! the same counter.
+//! Transport of the barrier's words: `FRAME_0`, `FRAME_1`, … and `REPORT_0`, `REPORT_1`, … Words are transported unchanged and interpreted by the
+//! barrier code. Only the size of a count is read here: the value words have the unit and the factor of a count. Words in several messages belong
+//! together if the messages have the same counter.
 
 use std::time::Instant;
 
@@ -21,46 +20,45 @@ const FRAME_HEAD: usize = 4;
 const REPORT_HEAD: usize = 8;
 /// Applied, limit, rate.
 const REPORT_OF_AXIS: usize = 3;
-/// Two words of checksum at the end of both.
+/// Number of checksum words at the end of both.
 const CHECK: usize = 2;
 
-/// A message that is sent, and whether it was put together.
+/// A message to send, and whether its words were set.
 struct Sent {
     message: Message,
     frame: Frame,
 }
 
-/// A word of the frame: which message that is sent, and the signal in it.
+/// A word of the frame: the index of its message, and its signal.
 struct Word {
     sent: usize,
     signal: Signal,
 }
 
-/// The words of a barrier on a bus.
+/// The transport of a barrier's words on a bus.
 pub(crate) struct Barrier {
     frame: Vec<Word>,
     sent: Vec<Sent>,
     report: Vec<Place>,
-    /// The last report whose messages belong together, and when the oldest of them came.
+    /// The last report whose messages belong together, and the arrival of the oldest one.
     last: Option<(Words, Instant)>,
     counter: u64,
 }
 
-/// The largest count of a value word.
+/// Largest count of a value word.
 const LARGEST_COUNT: f64 = 32767.0;
 
-/// One step of the correction of an axis, and the largest correction, mm or rad.
+/// The size of one count of an axis, and the largest correction, mm or rad.
 pub(crate) struct Count {
     pub(crate) step: f64,
     pub(crate) largest: f64,
 }
 
 impl Barrier {
-    /// The barrier of a table for these axes; `None` where the table has no words.
+    /// The transport of a table for these axes; `None` if the table has no words.
     ///
     /// # Errors
-    /// Words that are missing, or of which there are too few or too many for the axes, that are not of 16 bits, or whose
-    /// units are not those of a count.
+    /// Words that are missing, too few or too many for the axes, not of 16 bits, or whose units do not match their axes.
     pub(crate) fn of(
         table: &SignalTable,
         axes: &[AxisName],
@@ -99,7 +97,7 @@ impl Barrier {
         counted_together(table, &report)?;
         let mut sent: Vec<Sent> = Vec::new();
         let mut parts = Vec::new();
-        // The message with the last word is the last one: when it has come, the frame is whole.
+        // The message with the last word is sent last, so that the frame is complete when it arrives.
         let mut order: Vec<usize> = Vec::new();
         for (message, _) in frame.iter().rev() {
             if !order.contains(message) {
@@ -119,7 +117,7 @@ impl Barrier {
         for at in &frame {
             let place = order.iter().position(|message| *message == at.0);
             parts.push(Word {
-                // Every message of a word is in the order.
+                // The order contains every message of a word.
                 sent: place.unwrap_or(0),
                 signal: signal(at).clone(),
             });
@@ -135,7 +133,7 @@ impl Barrier {
         Ok(Some((barrier, counts)))
     }
 
-    /// Puts the words of a frame into their messages and sends these in order, the one with the last word last.
+    /// Writes the words of a frame into their messages and sends these in order, the one with the last word last.
     pub(crate) fn post(
         &mut self,
         port: &mut impl CanPort,
@@ -158,8 +156,7 @@ impl Barrier {
         Ok(())
     }
 
-    /// Takes note of a message that was whole and new: when it is the last part of a report whose parts have the same
-    /// counter, this is the last report.
+    /// Processes a complete and new message: if it is the last part of a report whose parts have the same counter, stores the report.
     pub(crate) fn hear(&mut self, heard: &[Heard], index: usize) {
         if !self.report.iter().any(|place| place.heard == index) {
             return;
@@ -182,7 +179,7 @@ impl Barrier {
         self.last = words.map(|words| (words, oldest)).or(self.last);
     }
 
-    /// The words of the last report whose messages came whole and belong together, and when the oldest of these came.
+    /// The last report whose messages were complete and belong together, and the arrival of the oldest one.
     pub(crate) fn report(&self) -> Option<(Words, Instant)> {
         self.last
     }
@@ -196,7 +193,7 @@ pub(crate) fn send(port: &mut impl CanPort, frame: &Frame, deadline: Instant) ->
     port.send(frame, deadline)
 }
 
-/// The places of the words `PREFIX_0`, `PREFIX_1` and so on, in their order.
+/// The signals of the words `PREFIX_0`, `PREFIX_1` and so on, in order.
 fn words(table: &SignalTable, prefix: &str) -> Result<Vec<(usize, usize)>, String> {
     let mut found = Vec::new();
     for (message, of_message) in table.messages.iter().enumerate() {
@@ -234,8 +231,8 @@ fn expect(
     ))
 }
 
-/// Checks that words which come in several messages can be told from those of another time: by a counter in each. The
-/// checksum in the words alone does not tell all mixtures of three and more frames apart.
+/// Checks that words in several messages can be distinguished from those of another time: by a counter in each message. The checksum of the words
+/// alone does not detect all mixtures of three or more frames.
 fn counted_together(table: &SignalTable, words: &[(usize, usize)]) -> Result<(), String> {
     let messages = || words.iter().map(|(message, _)| *message);
     let is_one = messages().all(|message| Some(message) == messages().next());
@@ -283,8 +280,7 @@ fn same_count(found: &Signal, expected: &Signal) -> Result<(), String> {
     ))
 }
 
-/// Whether a signal carries a word as it is: 16 bits without an offset, and without unit and factor where it counts
-/// nothing.
+/// Checks that a signal transports a word unchanged: 16 bits, no offset, and no unit or factor unless it is a count.
 fn check(signal: &Signal, counted: bool) -> Result<(), String> {
     let word = &signal.name;
     if signal.bits != 16 {

@@ -1,6 +1,5 @@
-//! A control whose PLC does the last step: positions and state come in plain frames, corrections go out, as plain values
-//! or as words for a barrier. The names of the signals say what they are, so ids, places and scaling are the user's to
-//! change.
+//! A control whose PLC performs the last step: it sends positions and state in plain frames, and receives corrections as plain values or as words
+//! for a barrier. Signals are found by name, so ids, bit positions and scaling can be chosen freely.
 
 use std::{
     collections::BTreeMap,
@@ -23,24 +22,24 @@ use crate::{
     unopened::Unopened,
 };
 
-/// The signals and axes by which a control on a CAN bus is read and corrected.
+/// The signals and axes for reading and correcting a control on a CAN bus.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BridgeConfig {
     /// The table of signals.
     pub table: SignalTable,
-    /// Name of the channel by which corrections get in.
+    /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// The axes in channel order; signals `X_POS`, and, where there is no barrier, `X_CORR` and perhaps `X_APPLIED`.
+    /// The axes in channel order; signals `X_POS`, and, without a barrier, `X_CORR` and optionally `X_APPLIED`.
     pub axes: Vec<AxisName>,
-    /// Axes of which only the positions are read, `X_POS`. Without `axes` nothing is ever sent.
+    /// Axes whose positions are only read, `X_POS`. Without `axes` nothing is ever sent.
     pub reads: Vec<AxisName>,
     /// Whether positions contain the correction.
     pub includes_correction: bool,
 }
 
 impl BridgeConfig {
-    /// The smallest steps of the positions that the control tells, by axis.
+    /// Smallest steps of the reported positions, by axis.
     pub fn position_steps(&self) -> BTreeMap<AxisName, Displacement> {
         let step = |name: &AxisName| {
             let (message, place) = self.table.find(&format!("{name}_POS"))?;
@@ -52,23 +51,23 @@ impl BridgeConfig {
         axes.filter_map(step).collect()
     }
 
-    /// The description of the controller that this configuration makes, without opening a bus.
+    /// The description of the controller, without opening a bus.
     ///
     /// # Errors
-    /// Axes without signals, units that are not known.
+    /// Axes without signals, unknown units.
     pub fn describe(&self, device: &str) -> Result<Description, DeviceError> {
         let unopened = Unopened(device.to_owned());
         Ok(CanController::new(unopened, self)?.description)
     }
 }
 
-/// How corrections go out.
+/// How corrections are sent.
 enum Way {
     /// As words of a frame for the barrier of the control.
     Barrier(Barrier),
     /// As plain values.
     Plain(Plain),
-    /// Not at all: positions are only read.
+    /// Not sent: positions are only read.
     Nothing,
 }
 
@@ -77,7 +76,7 @@ pub struct CanController<P> {
     ears: Ears<P>,
     description: Description,
     positions: Vec<Place>,
-    /// What is applied, by axis; empty where not every axis has it.
+    /// Signals of the applied corrections, by axis; empty unless every axis has one.
     applied: Vec<Place>,
     states: [Option<Place>; 3],
     way: Way,
@@ -87,7 +86,7 @@ impl<P: CanPort> CanController<P> {
     /// A controller on a bus.
     ///
     /// # Errors
-    /// Axes without signals, units that are not known, words of a barrier that do not fit the axes.
+    /// Axes without signals, unknown units, words of a barrier that do not fit the axes.
     pub fn new(port: P, config: &BridgeConfig) -> Result<Self, DeviceError> {
         let device = port.device().to_owned();
         let refused =
@@ -142,7 +141,7 @@ impl<P: CanPort> CanController<P> {
                 alarm: states[1].is_some(),
                 emergency_stop: states[2].is_some(),
             },
-            // A barrier takes frames of one sender and tells which.
+            // A barrier accepts frames of one sender only and reports which.
             sees_other_gateways: has_barrier,
             shortest_cycle: Duration::from_millis(1),
             device: device.clone(),
@@ -158,12 +157,12 @@ impl<P: CanPort> CanController<P> {
         })
     }
 
-    /// The errors that were noticed on the bus so far.
+    /// The bus errors so far.
     pub fn health(&self) -> Health {
         self.ears.health
     }
 
-    /// How often a correction was larger than its signal can say.
+    /// Number of corrections that exceeded the range of their signal.
     pub fn saturated(&self) -> u64 {
         match &self.way {
             Way::Barrier(_) | Way::Nothing => 0,
@@ -185,7 +184,7 @@ impl<P: CanPort> CanController<P> {
         place.signal.value(heard.data()) * place.to_internal
     }
 
-    /// Whether a state of the control is on; one that came never counts as `forbids`.
+    /// Whether a state of the control is on; `forbids` if it was never received.
     fn state(&self, place: &Place, forbids: bool) -> bool {
         if self.ears.heard(place).taken.is_some() {
             self.value(place) != 0.0
@@ -194,7 +193,7 @@ impl<P: CanPort> CanController<P> {
         }
     }
 
-    /// When signals came, the oldest and the newest of them; `None` while one of them came never.
+    /// The oldest and the newest arrival of these signals; `None` until each was received.
     fn came(&self, places: &[Place]) -> Option<[Instant; 2]> {
         let mut places = places.iter();
         let first = self.ears.heard(places.next()?).taken?;
@@ -210,9 +209,8 @@ impl<P: CanPort> Controller for CanController<P> {
         &self.description
     }
 
-    /// The last positions, states and applied correction or report from the control, however long ago they came; waits only
-    /// until every position has come once. `taken` is when the oldest of the positions arrived, `uncertainty` how far the
-    /// others are from it.
+    /// The positions, states and applied correction or report received last, whatever their age; waits only until every position was received once.
+    /// `taken` is the arrival of the oldest position, `uncertainty` its distance from the newest.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         self.listen(deadline, false)?;
         let [taken, newest] = loop {
@@ -256,7 +254,7 @@ impl<P: CanPort> Controller for CanController<P> {
             positions,
             taken,
             uncertainty: newest.duration_since(taken),
-            // A state that is not shown at all has been accepted so: the description tells.
+            // States without signals are accepted by the configuration; see the description.
             state: ControllerState {
                 referenced: state(referenced, true, false),
                 alarm: state(alarm, false, true),
@@ -288,7 +286,7 @@ impl<P: CanPort> Controller for CanController<P> {
     }
 }
 
-/// A bridge of which positions are only read takes nothing.
+/// Response of a bridge whose positions are only read.
 const ONLY_READS: Fault = Fault::Unsupported("corrections, where positions are only read");
 
 fn described(config: &BridgeConfig, counts: &[Count]) -> Vec<Axis> {

@@ -8,26 +8,26 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// A DBC file that cannot be used.
+/// An unusable DBC file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DbcError {
-    /// The text is no DBC file.
+    /// The text is not a DBC file.
     #[error("{file}: {message}")]
     Syntax {
         /// The name of the DBC file.
         file: String,
-        /// The message of the parser, which says where the text is wrong.
+        /// The message of the parser, with the position of the error.
         message: String,
     },
-    /// A message or signal cannot be used.
+    /// A message or signal is invalid.
     #[error("{file}:{line}: {place}: found {found}, expected {expected}")]
     Entry {
         /// The name of the DBC file.
         file: String,
         /// The line of the message or signal, from 1.
         line: usize,
-        /// The name of the message, for a signal followed by a dot and its name.
+        /// The name of the message; for a signal followed by a dot and its name.
         place: String,
         /// The entry or value that was found in the file.
         found: String,
@@ -36,7 +36,7 @@ pub enum DbcError {
     },
 }
 
-/// An error in a message or signal whose line in the file is not known yet.
+/// An error in a message or signal, without its line in the file.
 struct Wrong {
     place: String,
     found: String,
@@ -44,7 +44,7 @@ struct Wrong {
 }
 
 impl SignalTable {
-    /// Takes the text of a DBC file that has no name.
+    /// Parses the text of a DBC file without a name.
     ///
     /// # Errors
     /// See [`SignalTable::parse_file`].
@@ -52,12 +52,12 @@ impl SignalTable {
         Self::parse_file("DBC", text)
     }
 
-    /// Takes the text of `file`.
+    /// Parses the text of `file`.
     ///
     /// # Errors
-    /// No DBC file, signals outside their message, lengths that no frame has, and a unit that is missing or that the
-    /// quantity of the signal does not have: positions and corrections of linear axes are in mm or um, of rotary axes
-    /// in deg, rad or urad, temperatures in degC, and the states of the control have no unit or `bool`.
+    /// Not a DBC file, signals outside their message, invalid frame lengths, and a unit that is missing or does not match the quantity of the
+    /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
+    /// of the control have no unit or `bool`.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text).map_err(|e| DbcError::Syntax {
             file: file.to_owned(),
@@ -92,8 +92,7 @@ impl SignalTable {
     }
 }
 
-/// Checks the signals of a message that are used: each is a whole number in bits of its own, and a state is off where
-/// its bits are 0.
+/// Checks the used signals of a message: each is an integer whose bits no other signal shares, and a state is off if its bits are 0.
 fn check_meant(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Wrong> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));
@@ -131,7 +130,7 @@ fn wrong(place: &str, found: &str, expected: &str) -> Wrong {
     }
 }
 
-/// The line of a message, or of a signal within its message; 1 where it cannot be found.
+/// The line of a message, or of a signal within its message; 1 if it is not found.
 fn line_of(text: &str, place: &str) -> usize {
     let (message, signal) = match place.split_once('.') {
         Some((message, signal)) => (message, Some(signal)),

@@ -1,4 +1,4 @@
-//! The messages that are received over one port: the last whole data of each, and the errors on the bus.
+//! Reception of messages from one port: the last valid data of each, and the bus errors.
 
 use std::time::{Duration, Instant};
 
@@ -10,30 +10,30 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// The errors that were noticed on the bus so far: counts of frames, and whether the controller is off the bus.
+/// Bus errors so far: counts of frames, and whether the interface is bus-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Health {
-    /// Frames of other lengths or with a wrong checksum.
+    /// Frames with a wrong length or checksum.
     pub broken: u64,
-    /// Frames with the counter of the one before, or of an earlier one: the sender stands still, somebody repeats it, or it
-    /// was overtaken on its way.
+    /// Frames with the counter of the previous frame, or an earlier one: the sender has stopped, something repeats its frame, or it arrived out of
+    /// order.
     pub repeated: u64,
-    /// Counters left out: frames were lost.
+    /// Frames lost, by gaps of the counter.
     pub lost: u64,
-    /// Error frames of the bus's controller.
+    /// Error frames of the bus controller.
     pub errors: u64,
-    /// The controller has left the bus, and nothing came since.
+    /// The controller is bus-off, and no frame arrived since.
     pub bus_off: bool,
 }
 
-/// A counter of 16 numbers that is so far ahead lies behind: the frame was overtaken, or doubled, on its way.
+/// A 16-step counter that is this far ahead counts as behind: the frame arrived out of order or twice.
 const BEHIND: u64 = 8;
-/// A frame that was overtaken comes within this time of the one that overtook it. This judges no age: it tells a frame that
-/// comes out of turn from the first one after a silence, in which the counter may have gone round.
+/// Maximum delay of a frame that arrives out of order. It does not bound the age of data: it distinguishes such a frame from the first one after a
+/// silence, in which the counter may have wrapped.
 const OVERTAKEN_WITHIN: Duration = Duration::from_millis(100);
 
-/// A message that is received: the last data that were whole.
+/// A received message and its last valid data.
 pub(crate) struct Heard {
     message: Message,
     data: [u8; 64],
@@ -51,23 +51,23 @@ impl Heard {
         }
     }
 
-    /// The data of the last whole frame; zeros before it.
+    /// The data of the last valid frame; zeros before the first.
     pub(crate) fn data(&self) -> &[u8] {
         &self.data[..self.message.length]
     }
 
-    /// The counter of the last whole frame, where the message has one.
+    /// The counter of the last valid frame, if the message has one.
     pub(crate) fn counter(&self) -> Option<u64> {
         self.counter
     }
 
-    /// Whether the last whole frame came no longer than this before another one.
+    /// Whether the last valid frame arrived no more than `within` before another one.
     fn came_before(&self, other: Instant, within: Duration) -> bool {
         self.taken
             .is_some_and(|taken| other.saturating_duration_since(taken) <= within)
     }
 
-    /// Takes a frame of this message. Whether it was whole and new.
+    /// Processes a frame of this message. Returns whether it was valid and new.
     fn hear(&mut self, frame: &Frame, taken: Instant, health: &mut Health) -> bool {
         if !self.message.is_whole(frame.data()) {
             health.broken += 1;
@@ -79,7 +79,7 @@ impl Heard {
                     health.repeated += 1;
                     return false;
                 }
-                // After a silence nothing tells how far the counter went.
+                // After a silence the counter may have wrapped any number of times.
                 ahead if ahead >= BEHIND && self.came_before(taken, OVERTAKEN_WITHIN) => {
                     health.repeated += 1;
                     return false;
@@ -94,7 +94,7 @@ impl Heard {
     }
 }
 
-/// Everything that is received over one port.
+/// The messages received from one port.
 pub(crate) struct Ears<P> {
     pub(crate) port: P,
     heard: Vec<Heard>,
@@ -102,7 +102,7 @@ pub(crate) struct Ears<P> {
 }
 
 impl<P: CanPort> Ears<P> {
-    /// Listens for these messages.
+    /// Receives these messages.
     pub(crate) fn new(port: P, heard: Vec<Heard>) -> Self {
         Self {
             port,
@@ -116,8 +116,8 @@ impl<P: CanPort> Ears<P> {
         &self.heard[place.heard]
     }
 
-    /// Takes what there is; waits for one frame until the deadline where `wait`. Whether one came. `whole` is called with
-    /// each message that was whole and new, among all of them.
+    /// Processes the waiting frames; with `wait` it waits for one until the deadline. Returns whether one arrived. Calls `whole` with each message
+    /// that was valid and new, and all messages.
     pub(crate) fn listen(
         &mut self,
         deadline: Instant,
@@ -154,7 +154,7 @@ impl<P: CanPort> Ears<P> {
     }
 }
 
-/// Where a signal is: which message that is heard, and it itself.
+/// A signal, and the index of its received message.
 #[derive(Clone)]
 pub(crate) struct Place {
     pub(crate) heard: usize,
@@ -163,11 +163,10 @@ pub(crate) struct Place {
     pub(crate) to_internal: f64,
 }
 
-/// Adds the message of a signal to those that are heard.
+/// Adds the message of a signal to the received ones.
 ///
 /// # Errors
-/// A unit that the quantity of the signal does not have. [`SignalTable::parse`] refuses it already; a table may come from
-/// elsewhere.
+/// A unit that does not match the quantity of the signal. [`SignalTable::parse`] rejects it already, but a table may be built otherwise.
 pub(crate) fn hear(
     table: &SignalTable,
     heard: &mut Vec<Heard>,

@@ -1,4 +1,4 @@
-//! Frames, and what carries them.
+//! Frames and the interface of a bus.
 
 use std::time::Instant;
 
@@ -18,8 +18,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame. `None` for a length that there is not: above 8, or of an FD frame other than 12, 16, 20, 24,
-    /// 32, 48, 64.
+    /// A frame. `None` for an invalid length: above 8, or of an FD frame other than 12, 16, 20, 24, 32, 48, 64.
     pub fn new(id: u32, extended: bool, fd: bool, data: &[u8]) -> Option<Self> {
         let length = u8::try_from(data.len()).ok()?;
         let known = match length {
@@ -42,14 +41,14 @@ impl Frame {
         })
     }
 
-    /// The data bytes of the frame, as many as its length says.
+    /// The data bytes of the frame.
     pub fn data(&self) -> &[u8] {
         self.bytes
             .get(..usize::from(self.length))
             .unwrap_or_default()
     }
 
-    /// Its data, to be changed.
+    /// The data bytes of the frame, mutable.
     pub fn data_mut(&mut self) -> &mut [u8] {
         self.bytes
             .get_mut(..usize::from(self.length))
@@ -57,36 +56,35 @@ impl Frame {
     }
 }
 
-/// A frame or an error report that was received from the bus.
+/// A received frame or error report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// A frame, and when it arrived here: not when it was read, and never later than it came. A frame that waited while
-    /// nobody read is as old as that.
+    /// A frame and its arrival time, which is not the time of reading and never later than the true one. A frame that waited unread has the age of
+    /// that wait.
     Frame(Frame, Instant),
     /// The controller of the bus reports errors.
     Error,
-    /// The controller has left the bus.
+    /// The controller is bus-off.
     BusOff,
 }
 
-/// The most frames that are taken from a bus at once: a flooded bus must not hold a cycle up.
+/// Maximum number of frames processed at once: a flooded bus must not delay a cycle.
 pub(crate) const AT_ONCE: usize = 256;
 
-/// A bus. Calls of a cycle: no allocation, bounded by their deadline.
+/// A bus. Calls are for real-time cycles: no allocation, bounded by their deadline.
 pub trait CanPort: Send {
     /// The device as the configuration names it.
     fn device(&self) -> &str;
 
-    /// The next frame; `None` when none came before the deadline. A deadline that has passed takes what is
-    /// there already.
+    /// Receives the next frame; `None` if none arrived before the deadline. After the deadline it still returns a frame that is waiting.
     ///
     /// # Errors
-    /// [`Fault::Disconnected`] when the interface is down or gone.
+    /// [`Fault::Disconnected`] if the interface is down or gone.
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault>;
 
     /// Sends a frame.
     ///
     /// # Errors
-    /// [`Fault::Disconnected`], or [`Fault::TimedOut`] when the bus takes none.
+    /// [`Fault::Disconnected`], or [`Fault::TimedOut`] if the bus accepts no frame.
     fn send(&mut self, frame: &Frame, deadline: Instant) -> Result<(), Fault>;
 }

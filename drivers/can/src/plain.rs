@@ -12,9 +12,8 @@ use crate::{
     signals::{Message, Signal, SignalTable},
 };
 
-/// The correction of one axis.
 struct OfAxis {
-    /// Which message that is sent.
+    /// Index of the message to send.
     sent: usize,
     signal: Signal,
     to_internal: f64,
@@ -32,7 +31,7 @@ impl Plain {
     /// The corrections of these axes, and the steps of each.
     ///
     /// # Errors
-    /// An axis without its signal, a unit that it does not have.
+    /// An axis without its signal, a unit that does not match it.
     pub(crate) fn of(
         table: &SignalTable,
         names: &[AxisName],
@@ -68,7 +67,7 @@ impl Plain {
         Ok((plain, counts))
     }
 
-    /// Every message with a counter lets the control notice that no new one comes.
+    /// Watched if every message has a counter, with which the control can detect that no new ones arrive.
     pub(crate) fn heartbeat(&self) -> Heartbeat {
         let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
         if self.sent.iter().all(counted) {
@@ -78,7 +77,7 @@ impl Plain {
         }
     }
 
-    /// How often a correction was larger than its signal can say.
+    /// Number of corrections that exceeded the range of their signal.
     pub(crate) fn saturated(&self) -> u64 {
         self.saturated
     }
@@ -106,7 +105,7 @@ impl Plain {
     }
 }
 
-/// The place of a message among those that are sent; it is added where it is missing.
+/// Index of a message among those to send; it is added if it is missing.
 fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize> {
     let known = sent
         .iter()
@@ -116,7 +115,7 @@ fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize
     }
     let mut frame = message.frame()?;
     for signal in &message.signals {
-        // Corrections of axes that are not written here are zero, whatever bits that is.
+        // Corrections of axes that are not written here are zero, which need not be raw 0.
         if signal.name.ends_with("_CORR") && !signal.put(frame.data_mut(), 0.0) {
             return None;
         }
@@ -125,7 +124,7 @@ fn place_in(sent: &mut Vec<(Message, Frame)>, message: &Message) -> Option<usize
     Some(sent.len() - 1)
 }
 
-/// The place of a signal of an axis that must be there.
+/// The required signal of an axis.
 pub(crate) fn needed(
     table: &SignalTable,
     name: AxisName,

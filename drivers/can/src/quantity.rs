@@ -1,24 +1,22 @@
-//! The quantity that a signal carries, by its name, and the units that are accepted for it: the one place that turns
-//! units of a DBC file into mm, rad and °C.
+//! The quantity of a signal, by its name, and the units accepted for it: the only place that converts units of a DBC file to mm, rad and °C.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-/// The signals that tell the state of a control: whether every axis was sent to its reference, an alarm is on, the
-/// emergency stop is pressed.
+/// The state signals of a control: whether every axis is referenced, an alarm is active, the emergency stop is pressed.
 pub(crate) const STATES: [&str; 3] = ["REFERENCED", "ALARM", "EMERGENCY_STOP"];
 
-/// The quantity that a signal carries, where the drivers use it.
+/// The quantity of a signal that the drivers use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Quantity {
     /// A position or correction of an axis.
     Of(AxisName),
     /// A temperature in °C.
     Temperature,
-    /// A state of the control, 0 or not.
+    /// A state of the control: on unless 0.
     State,
 }
 
-/// A unit that the quantity of a signal does not have.
+/// A unit that does not match the quantity of a signal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found {found}, expected {expected}")]
 pub(crate) struct WrongUnit {
@@ -27,8 +25,7 @@ pub(crate) struct WrongUnit {
 }
 
 impl Quantity {
-    /// The quantity that the name of a signal stands for: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None`
-    /// for every other signal.
+    /// The quantity of a signal by its name: `X_POS`, `X_CORR`, `X_APPLIED`, `…_TEMP` and the states; `None` for every other signal.
     pub(crate) fn of_signal(name: &str) -> Option<Self> {
         if STATES.contains(&name) {
             return Some(Self::State);
@@ -42,7 +39,7 @@ impl Quantity {
         letter.parse().ok().map(Self::Of)
     }
 
-    /// The units that it may have, each with the factor to mm, rad or °C.
+    /// The accepted units, each with the factor to mm, rad or °C.
     fn units(self) -> &'static [(&'static str, f64)] {
         const DEG: f64 = std::f64::consts::PI / 180.0;
         match self {
@@ -65,7 +62,7 @@ impl Quantity {
     /// The factor from a unit to mm, rad or °C.
     ///
     /// # Errors
-    /// This quantity does not have such a unit.
+    /// The unit does not match this quantity.
     pub(crate) fn factor(self, unit: &str) -> Result<f64, WrongUnit> {
         let known = self.units().iter().find(|(name, _)| *name == unit);
         known.map(|(_, factor)| *factor).ok_or_else(|| WrongUnit {
@@ -77,7 +74,7 @@ impl Quantity {
         })
     }
 
-    /// The units as a message names them.
+    /// The accepted units, for messages.
     fn expected(self) -> &'static str {
         match self {
             Self::Of(name) => match name.kind() {
@@ -90,10 +87,10 @@ impl Quantity {
     }
 }
 
-/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal whose name stands for no quantity.
+/// The factor from the unit of a signal to mm, rad or °C; 1 for a signal without a known quantity.
 ///
 /// # Errors
-/// A unit that the quantity does not have.
+/// A unit that does not match the quantity.
 pub(crate) fn to_internal(name: &str, unit: &str) -> Result<f64, WrongUnit> {
     Quantity::of_signal(name).map_or(Ok(1.0), |quantity| quantity.factor(unit))
 }

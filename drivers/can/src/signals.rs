@@ -1,4 +1,4 @@
-//! Signals in the data of frames: which bits of which frame are which number.
+//! Signals in the data of frames: bit positions, scaling and value access.
 
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -10,19 +10,19 @@ use crate::{frame::Frame, quantity::Quantity};
 pub struct Signal {
     /// The name of the signal, without that of its message.
     pub name: String,
-    /// Its unit as the file has it.
+    /// Unit, as written in the file.
     pub unit: String,
     /// Whether it is signed.
     pub signed: bool,
-    /// Number of its bits, 1 to 64.
+    /// Number of bits, 1 to 64.
     pub bits: u32,
     /// Value = raw · factor + offset.
     pub factor: f64,
     /// The offset in the unit of the signal, added to raw · factor.
     pub offset: f64,
     pub(crate) big_endian: bool,
-    /// Place of the lowest bit: little-endian counted up through the bytes, big-endian with bytes turned
-    /// round in the whole message.
+    /// Position of the lowest bit: little-endian counted up through the bytes; big-endian the same with the byte order of the whole message
+    /// reversed.
     pub(crate) shift: u32,
 }
 
@@ -34,15 +34,15 @@ pub struct Message {
     pub name: String,
     /// Identifier of its frames.
     pub id: u32,
-    /// Whether that has 29 bits.
+    /// Whether `id` has 29 bits.
     pub extended: bool,
-    /// Bytes of data: up to 8 classic, more FD.
+    /// Number of data bytes: up to 8 classic, more for FD.
     pub length: usize,
     /// The signals in the data of the message.
     pub signals: Vec<Signal>,
-    /// The place of the signal that counts the frames.
+    /// Index of the signal that counts the frames.
     pub(crate) counter: Option<usize>,
-    /// The place of the signal that holds the checksum.
+    /// Index of the signal that holds the checksum.
     pub(crate) checksum: Option<usize>,
 }
 
@@ -55,14 +55,14 @@ pub struct SignalTable {
 }
 
 impl SignalTable {
-    /// The message of a frame.
+    /// Index of the message that a frame belongs to.
     pub fn message_of(&self, frame: &Frame) -> Option<usize> {
         self.messages
             .iter()
             .position(|m| (m.id, m.extended) == (frame.id, frame.extended))
     }
 
-    /// Message and place of a signal.
+    /// Index of the message and of the signal in it.
     pub fn find(&self, signal: &str) -> Option<(usize, usize)> {
         self.messages
             .iter()
@@ -75,7 +75,7 @@ impl SignalTable {
 }
 
 impl Signal {
-    /// Byte `k` from the end that holds the lowest bits; past the data where these are too short.
+    /// Index of byte `k`, counted from the one with the lowest bits; past the end if the data are too short.
     #[inline]
     fn byte(&self, length: usize, k: usize) -> usize {
         if self.big_endian {
@@ -85,7 +85,7 @@ impl Signal {
         }
     }
 
-    /// The bits as they stand in the data.
+    /// The raw bits in the data.
     #[inline]
     pub fn raw(&self, data: &[u8]) -> u64 {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -106,7 +106,7 @@ impl Signal {
         raw & (u64::MAX >> (64 - self.bits))
     }
 
-    /// The value: signed where it is, scaled.
+    /// The scaled value.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     pub fn value(&self, data: &[u8]) -> f64 {
@@ -120,7 +120,7 @@ impl Signal {
         number * self.factor + self.offset
     }
 
-    /// Puts bits into the data.
+    /// Writes raw bits into the data.
     #[inline]
     pub fn put_raw(&self, data: &mut [u8], raw: u64) {
         let (first, within) = ((self.shift / 8) as usize, self.shift % 8);
@@ -140,8 +140,7 @@ impl Signal {
         }
     }
 
-    /// Puts the nearest value that the bits can say; what is no number is the raw 0. Returns whether it was
-    /// within the range.
+    /// Writes the nearest value in range; NaN becomes raw 0. Returns whether the value was in range.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
@@ -161,7 +160,7 @@ impl Signal {
         (low..=high).contains(&wanted)
     }
 
-    /// Whether both have a bit in common in data of so many bytes.
+    /// Whether both have a bit in common in data of `length` bytes.
     pub(crate) fn shares_bits(&self, other: &Self, length: usize) -> bool {
         let bits = |signal: &Self| {
             let mut data = [0; 64];
@@ -172,26 +171,25 @@ impl Signal {
         both.into_iter().any(|(one, two)| one & two != 0)
     }
 
-    /// The factor from the value to mm, rad or °C; `None` for a signal that is no position, correction or temperature.
+    /// The factor from the value to mm, rad or °C; `None` for a signal that is not a position, correction or temperature.
     pub(crate) fn to_internal(&self) -> Option<f64> {
         Quantity::of_signal(&self.name)?.factor(&self.unit).ok()
     }
 
-    /// The axis and place that the data say, where this is the position of an axis (`X_POS`).
+    /// The axis and its position in the data, if this is a position signal (`X_POS`).
     pub fn position(&self, data: &[u8]) -> Option<(AxisName, Displacement)> {
         let name: AxisName = self.name.strip_suffix("_POS")?.parse().ok()?;
         let mm_or_rad = self.value(data) * self.to_internal()?;
         Some((name, Displacement::new(name.kind(), mm_or_rad)))
     }
 
-    /// The temperature that the data say, °C, where this is one (`BED_TEMP`), with the name of its sensor in small
-    /// letters.
+    /// The sensor name in lower case and its temperature in the data, °C, if this is a temperature signal (`BED_TEMP`).
     pub fn temperature(&self, data: &[u8]) -> Option<(String, f64)> {
         let name = self.name.strip_suffix("_TEMP")?.to_lowercase();
         Some((name, self.value(data) * self.to_internal()?))
     }
 
-    /// The lowest and the highest number that the bits can say.
+    /// Lowest and highest raw number.
     #[inline]
     #[expect(clippy::cast_precision_loss, reason = "as precise as a number can be")]
     fn raw_range(&self) -> [f64; 2] {
@@ -203,14 +201,13 @@ impl Signal {
         }
     }
 
-    /// The largest value that the bits can say with either sign, in the unit of the signal; 0 where they can say only
-    /// one sign.
+    /// Largest value that fits with either sign, in the unit of the signal; 0 if only one sign fits.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)
     }
 
-    /// The step between two values, in the unit of the signal.
+    /// Step between two values, in the unit of the signal.
     pub fn step(&self) -> f64 {
         self.factor.abs()
     }
@@ -227,12 +224,12 @@ impl Message {
         )
     }
 
-    /// The counter of a frame's data, where the message has one.
+    /// The counter in a frame's data, if the message has one.
     pub fn counter(&self, data: &[u8]) -> Option<u64> {
         Some(self.signals[self.counter?].raw(data))
     }
 
-    /// Whether the length and, where the message has one, the checksum of data are right.
+    /// Whether the length and, if the message has one, the checksum of the data are correct.
     pub fn is_whole(&self, data: &[u8]) -> bool {
         data.len() == self.length
             && self.checksum.is_none_or(|place| {
@@ -241,7 +238,7 @@ impl Message {
             })
     }
 
-    /// Sets counter and checksum of data that are ready otherwise.
+    /// Sets counter and checksum after all other signals.
     pub fn seal(&self, data: &mut [u8], counter: u64) {
         if let Some(place) = self.counter {
             self.signals[place].put_raw(data, counter);
@@ -254,8 +251,8 @@ impl Message {
     }
 }
 
-/// CRC-8 SAE J1850 (polynomial 1d, start ff, result inverted) over the identifier, four bytes, high first, and
-/// the data with the bits of the checksum itself 0.
+/// CRC-8 SAE J1850 (polynomial 1d, start ff, result inverted) over the identifier (four bytes, high byte first) and the data, with the bits of the
+/// checksum itself set to 0.
 pub fn checksum(id: u32, data: &[u8], own: &Signal) -> u8 {
     let mut plain = [0; 64];
     let length = data.len().min(64);

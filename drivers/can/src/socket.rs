@@ -20,7 +20,7 @@ use crate::{
     frame::{CanPort, Frame, Received},
 };
 
-/// The class of an error frame that says that the controller has left the bus.
+/// Error class of an error frame that reports bus-off.
 const BUS_OFF: u32 = 0x40;
 
 /// A CAN interface of Linux.
@@ -32,7 +32,7 @@ pub struct CanSocket {
 }
 
 impl CanSocket {
-    /// The device of an interface as messages name it.
+    /// The device name of an interface in messages.
     pub fn device_of(interface: &str) -> String {
         format!("can://{interface}")
     }
@@ -40,7 +40,7 @@ impl CanSocket {
     /// Opens an interface such as `can0` or `vcan0`.
     ///
     /// # Errors
-    /// An interface that is not there, or a kernel without CAN.
+    /// An interface that does not exist, or a kernel without CAN.
     pub fn open(interface: &str) -> Result<Self, DeviceError> {
         let device = Self::device_of(interface);
         let failed = |e: Error| {
@@ -56,7 +56,7 @@ impl CanSocket {
         let socket = CanFdSocket::open(interface).map_err(failed)?;
         socket.set_nonblocking(true).map_err(failed)?;
         socket.set_error_filter_accept_all().map_err(failed)?;
-        // A kernel that does not stamp frames leaves them as old as they can be.
+        // Without timestamps, frames get their maximum age.
         let _ = socket.set_recv_timestamp(true);
         Ok(Self {
             device,
@@ -108,7 +108,7 @@ impl CanPort for CanSocket {
         loop {
             match self.socket.write_frame(&raw) {
                 Ok(()) => return Ok(()),
-                // A full queue: the bus takes nothing, or slowly.
+                // The queue is full: the bus accepts no frames, or slowly.
                 Err(e) if is_full(&e) => {
                     if Instant::now() >= deadline || !self.wait(PollFlags::OUT, deadline)? {
                         return Err(Fault::TimedOut);
@@ -126,7 +126,7 @@ fn is_full(error: &Error) -> bool {
         || error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error())
 }
 
-/// `None` for remote frames, which nobody here asks for.
+/// `None` for remote frames, which are not supported.
 fn received(frame: &CanAnyFrame, arrived: Instant) -> Option<Received> {
     let (fd, data) = match frame {
         CanAnyFrame::Normal(frame) => (false, frame.data()),

@@ -11,7 +11,7 @@ use crate::{
     unopened::Unopened,
 };
 
-/// The names of the temperatures of a table, in the order in which [`CanThermometer`] tells them.
+/// The names of the temperatures of a table, in the order of [`CanThermometer`].
 ///
 /// # Errors
 /// A table without temperatures.
@@ -20,10 +20,9 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
     Ok(CanThermometer::new(unopened, table, &[])?.names)
 }
 
-/// Temperatures in plain frames: signals that end in `_TEMP`, named by what stands before, in small letters.
-/// Raw 0 stands for a shorted sensor, the highest raw number for a broken one. Reading takes what has come:
-/// it does not wait. A temperature that does not come any more stays what it was, and when it came; there is none while the
-/// interface is down.
+/// Temperatures in plain frames: signals that end in `_TEMP`, named by the part before it, in lower case. Raw 0 encodes a shorted sensor, the
+/// highest raw number a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps its
+/// value and time; all are missing while the interface is down.
 pub struct CanThermometer<P> {
     ears: Ears<P>,
     names: Vec<String>,
@@ -35,7 +34,7 @@ impl<P: CanPort> CanThermometer<P> {
     /// The temperatures of a table with these names, in their order; without names all of the table.
     ///
     /// # Errors
-    /// A table without temperatures, a name that it does not have or that stands twice.
+    /// A table without temperatures, an unknown name, or a duplicate.
     pub fn new(port: P, table: &SignalTable, names: &[String]) -> Result<Self, DeviceError> {
         let refused =
             |what: String| DeviceError::option(port.device(), what, "correct the DBC file");
@@ -74,7 +73,7 @@ impl<P: CanPort> CanThermometer<P> {
         })
     }
 
-    /// The errors that were noticed on the bus so far.
+    /// The bus errors so far.
     pub fn health(&self) -> Health {
         self.ears.health
     }

@@ -1,4 +1,4 @@
-//! Buses that are described without being opened.
+//! A bus that is described without being opened.
 
 use std::time::Instant;
 
@@ -6,7 +6,7 @@ use volcomp_port::Fault;
 
 use crate::frame::{CanPort, Frame, Received};
 
-/// A bus that is only named: what is built on it can be checked, and never hears a frame.
+/// A bus that is only named, for checks before opening: it never receives a frame.
 pub(crate) struct Unopened(pub(crate) String);
 
 impl CanPort for Unopened {

@@ -1,4 +1,4 @@
-//! Device URLs, taken apart, and the devices that they reach.
+//! Parsing of device URLs, and the canonical names of the devices that they reach.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,11 +13,11 @@ use volcomp_port::DeviceError;
 pub(crate) struct Scheme {
     /// The word before `://`.
     pub(crate) name: &'static str,
-    /// The form of its URLs in messages.
+    /// The form of its URLs, for messages.
     pub(crate) form: &'static str,
-    /// The feature of this crate that has its driver.
+    /// The cargo feature of this crate that enables its driver.
     pub(crate) feature: &'static str,
-    /// The keys behind the question mark, blanks between.
+    /// The query keys, separated by blanks.
     pub(crate) keys: &'static str,
 }
 
@@ -30,7 +30,7 @@ const fn scheme([name, form, feature, keys]: [&'static str; 4]) -> Scheme {
     }
 }
 
-/// Every scheme, also those whose drivers this build does not have.
+/// All schemes, including those whose drivers are not in this build.
 pub(crate) const SCHEMES: [Scheme; 7] = [
     scheme(["focas", "focas://HOST", "focas", "path"]),
     scheme(["can", "can://INTERFACE", "can", "dbc"]),
@@ -52,22 +52,22 @@ pub(crate) const SCHEMES: [Scheme; 7] = [
 ];
 
 impl Scheme {
-    /// The scheme of this name.
+    /// Finds a scheme by name.
     pub(crate) fn named(name: &str) -> Option<Self> {
         SCHEMES.into_iter().find(|scheme| scheme.name == name)
     }
 }
 
-/// The URL of a device, taken apart into scheme, host, port, path and keys.
+/// A parsed device URL: scheme, host, port, path and query keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
-    /// As it was written.
+    /// The URL as written.
     pub text: String,
     /// The scheme before `://`, which names the bus.
     pub scheme: &'static str,
-    /// Host or interface; empty where there is none.
+    /// Host or interface; empty if the scheme has none.
     pub host: String,
-    /// The TCP port; `None` where the URL gives none.
+    /// The TCP port; `None` if the URL states none.
     pub port: Option<u16>,
     /// Path of a device file.
     pub path: String,
@@ -75,10 +75,10 @@ pub struct Address {
 }
 
 impl Address {
-    /// Takes a URL apart.
+    /// Parses a URL.
     ///
     /// # Errors
-    /// No URL, an unknown scheme or key, a host or path that is missing.
+    /// Not a URL, an unknown scheme or key, a missing host or path.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
         let [forms @ .., last] = SCHEMES.map(|scheme| scheme.form);
@@ -127,12 +127,12 @@ impl Address {
         Ok(address)
     }
 
-    /// An error in what the URL or the configuration states about this device.
+    /// An error for an invalid value in the URL or the configuration of this device.
     pub fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> DeviceError {
         DeviceError::option(&*self.text, found, expected)
     }
 
-    /// The error that the device, or this build, cannot do what is asked.
+    /// The error that the device, or this build, does not support a request.
     pub fn unsupported(
         &self,
         found: impl Into<String>,
@@ -151,7 +151,7 @@ impl Address {
         DeviceError::no_answer(&*self.text, found, expected)
     }
 
-    /// The error of an exchange that failed.
+    /// The error of a failed exchange.
     #[cfg(any(feature = "can", feature = "gpio"))]
     pub(crate) fn failed(
         &self,
@@ -161,15 +161,15 @@ impl Address {
         DeviceError::of_fault(&*self.text, fault, expected)
     }
 
-    /// The text of a key after the question mark; `None` where the URL does not have it.
+    /// The value of a query key; `None` if the URL does not have it.
     pub fn get(&self, key: &str) -> Option<&str> {
         self.keys.get(key).map(String::as_str)
     }
 
-    /// A key's number.
+    /// The value of a numeric query key.
     ///
     /// # Errors
-    /// No number in its range.
+    /// Not a number in the range of the key.
     pub fn number<N: std::str::FromStr + PartialOrd + std::fmt::Display>(
         &self,
         key: &str,
@@ -189,7 +189,7 @@ impl Address {
         })
     }
 
-    /// A key's list of words, commas between.
+    /// The comma-separated values of a query key.
     pub fn list(&self, key: &str) -> Vec<String> {
         let words = self.get(key).unwrap_or_default().split(',');
         words
@@ -199,11 +199,11 @@ impl Address {
     }
 }
 
-/// The host and port of a URL by the addresses to which the name leads, names that do not depend on the spelling: `localhost`,
-/// `127.0.0.1` and a second name in the DNS are one device. `usual`: the port of a URL that names none.
+/// The host and port of a URL by the addresses to which the name resolves, so that the result does not depend on the spelling: `localhost`,
+/// `127.0.0.1` and a DNS alias are one device. `usual` is the default port.
 pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     let (host, port) = (&*address.host, address.port.unwrap_or(usual));
-    // URLs put IPv6 addresses into brackets.
+    // URLs enclose IPv6 addresses in brackets.
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let found: Vec<IpAddr> = match (host, port).to_socket_addrs() {
         Ok(found) => found.map(|address| address.ip()).collect(),
@@ -219,11 +219,11 @@ pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     found.into_iter().map(of).collect()
 }
 
-/// One address for all by which this computer reaches itself; IPv4 in IPv6 is IPv4.
+/// Maps all addresses of this computer to one, and IPv4-mapped IPv6 addresses to IPv4.
 fn canonical(ip: IpAddr) -> IpAddr {
     let ip = ip.to_canonical();
     let is_this_computer = match ip {
-        // The others of 127.0.0.0/8 are addresses of their own, as tests use them.
+        // Other addresses of 127.0.0.0/8 stay distinct; tests use them.
         IpAddr::V4(v4) if v4.is_loopback() => v4 == Ipv4Addr::LOCALHOST,
         // The unspecified address reaches this computer.
         ip => ip.is_loopback() || ip.is_unspecified() || is_own(ip),
@@ -235,7 +235,7 @@ fn canonical(ip: IpAddr) -> IpAddr {
     }
 }
 
-/// Whether an address is one of this computer: packets to it would come from itself. Nothing is sent.
+/// Whether an address belongs to this computer: packets to it would have it as their source. Nothing is sent.
 fn is_own(ip: IpAddr) -> bool {
     let any: IpAddr = match ip {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),

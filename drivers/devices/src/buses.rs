@@ -1,4 +1,4 @@
-//! The buses of this build: the driver of each scheme, and what is asked of the driver of an address.
+//! The buses of this build: the driver of each scheme, and the calls that are dispatched to it.
 
 use std::{collections::BTreeSet, time::Duration};
 
@@ -12,10 +12,10 @@ use crate::{
     probe::Probe,
 };
 
-/// The keys that every controller uses.
+/// Keys common to all controllers.
 const KEYS: [&str; 4] = ["url", "axes", "reads", "unseen"];
 
-/// The keys that every controller uses whose axes are written.
+/// Keys common to all controllers with written axes.
 const WRITER_KEYS: [&str; 6] = [
     "channel",
     "fixed",
@@ -26,7 +26,7 @@ const WRITER_KEYS: [&str; 6] = [
 ];
 
 impl Scheme {
-    /// The driver; `None` where this build does not have it.
+    /// The driver; `None` if it is not in this build.
     pub(crate) fn driver(self) -> Option<&'static Driver> {
         match self.feature {
             #[cfg(feature = "focas")]
@@ -50,7 +50,7 @@ impl Address {
     /// The driver of its bus.
     ///
     /// # Errors
-    /// A bus that this build does not have.
+    /// A bus that is not in this build.
     pub fn driver(&self) -> Result<&'static Driver, DeviceError> {
         let scheme = Scheme::named(self.scheme);
         scheme.and_then(Scheme::driver).ok_or_else(|| {
@@ -64,14 +64,14 @@ impl Address {
 }
 
 impl ControllerConfig {
-    /// Its driver; `None`: its URL is none, or this build does not have its bus.
+    /// Its driver; `None` if its URL is invalid or its bus is not in this build.
     pub fn driver(&self) -> Option<&'static Driver> {
         Address::parse(&self.url).ok()?.driver().ok()
     }
 }
 
 impl ThermometerConfig {
-    /// Reports what is wrong in it. `at` is its table.
+    /// Reports all mistakes in the table, which `at` names.
     pub fn validate(&self, at: &str, found: &mut Mistakes<'_>) {
         found.require(at, "names");
         let Some((address, _)) = address(at, &self.url, found) else {
@@ -85,8 +85,8 @@ impl ThermometerConfig {
 }
 
 impl ThermometerDevice {
-    /// Whether both are the same module, however their URLs are written: the same unit at the same host or serial
-    /// device, or the same signals of the same CAN interface.
+    /// Whether both are the same module, however their URLs are written: the same unit at the same host or serial device, or the same signals of
+    /// the same CAN interface.
     pub fn is_same(&self, other: &Self) -> bool {
         let module = |Self { address, .. }: &Self| {
             let port = address.driver().map_or(0, |driver| driver.port);
@@ -104,7 +104,7 @@ impl ThermometerDevice {
 }
 
 impl MapKeys {
-    /// Checks the URL of the control and the tables of its bus, for so many words of a frame and of a report.
+    /// Checks the URL of the control and the tables of its bus; `sizes` are the numbers of words of a frame and of a report.
     pub fn validate_control(&self, sizes: [usize; 2], found: &mut Mistakes<'_>) {
         let address = Address::parse(&self.url);
         let driver = address.as_ref().ok().map(Address::driver);
@@ -141,7 +141,7 @@ impl MapKeys {
 /// The controller of a `[[controller]]`, not opened.
 ///
 /// # Errors
-/// A URL or keys that make no sense, a bus that this build does not have.
+/// An invalid URL or key, a bus that is not in this build.
 pub fn controller(own: &ControllerConfig) -> Configured {
     let address = Address::parse(&own.url)?;
     (address.driver()?.controller)(address, own)
@@ -150,7 +150,7 @@ pub fn controller(own: &ControllerConfig) -> Configured {
 /// The thermometer of a `[[thermometer]]`, not opened.
 ///
 /// # Errors
-/// A URL or names that make no sense, a device without temperatures, a bus that this build does not have.
+/// An invalid URL or name, a device without temperatures, a bus that is not in this build.
 pub fn thermometer(own: &ThermometerConfig) -> Result<ThermometerDevice, DeviceError> {
     let address = Address::parse(&own.url)?;
     (address.driver()?.thermometer)(address, own)
@@ -159,16 +159,16 @@ pub fn thermometer(own: &ThermometerConfig) -> Result<ThermometerDevice, DeviceE
 /// The control of a map sender, not connected.
 ///
 /// # Errors
-/// A file that cannot be read, a control that takes no map, a bus that this build does not have.
+/// A file that cannot be read, a control that accepts no map, a bus that is not in this build.
 pub fn map_device(keys: &MapKeys) -> Result<MapDevice, DeviceError> {
     let address = Address::parse(&keys.url)?;
     (address.driver()?.map)(&address, keys)
 }
 
-/// Reads a device once. Nothing is written but what opening needs; GPIO outputs are taken as they are.
+/// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
 ///
 /// # Errors
-/// A device that is not there or does not answer, a bus that this build does not have.
+/// A device that does not exist or does not answer, a bus that is not in this build.
 pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     (address.driver()?.probe)(address, at_most)
 }
@@ -179,8 +179,8 @@ pub fn uses(driver: &Driver, is_reader: bool, key: &str) -> bool {
     KEYS.contains(&key) || driver.keys.contains(&key) || (!is_reader && is_writer_key)
 }
 
-/// Checks the URL of a controller, and refuses keys that its driver does not use: whoever wrote one relies on it. `at` is
-/// its table. `None`: the URL is wrong.
+/// Checks the URL of a controller, and rejects keys that its driver does not use, since they would be ignored silently. `at` is its table. `None`
+/// if the URL is invalid.
 pub fn check_keys(
     own: &ControllerConfig,
     at: &str,
@@ -225,7 +225,7 @@ pub fn check_keys(
     Some(driver)
 }
 
-/// The address of a device and its driver; a URL that is none is a mistake.
+/// The address of a device and its driver; an invalid URL is reported as a mistake.
 fn address(at: &str, url: &str, found: &mut Mistakes<'_>) -> Option<(Address, &'static Driver)> {
     let key = format!("{at}.url");
     if !found.states(&key) {

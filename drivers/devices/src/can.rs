@@ -54,7 +54,7 @@ fn thermometer(
     })
 }
 
-/// A bridge on an interface.
+/// A bridge on an interface, not opened.
 struct Bridge {
     interface: String,
     config: BridgeConfig,
@@ -105,7 +105,7 @@ impl ControllerDevice for Bridge {
     }
 }
 
-/// A network interface by its number: it may have several names.
+/// A network interface by its number, since it may have several names.
 fn interface(name: &str) -> String {
     let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
         .and_then(|socket| name_to_index(socket, name));
@@ -115,10 +115,10 @@ fn interface(name: &str) -> String {
     )
 }
 
-/// The signals of a URL: the DBC file it names, else the shipped one.
+/// The signals of a URL: those of the DBC file that it names, else of the shipped one.
 ///
 /// # Errors
-/// A file that cannot be read or is no DBC.
+/// A file that cannot be read or is not a DBC file.
 fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),

@@ -1,4 +1,4 @@
-//! What a bus has to have: its driver as data, and the traits of what that makes of a configuration.
+//! The interface of a bus driver: its table of functions, and the traits of the devices that it creates from a configuration.
 
 use std::{
     any::Any,
@@ -18,43 +18,43 @@ use crate::{
     probe::Probe,
 };
 
-/// The driver of a bus as data: what its URLs and its keys of a configuration mean, and how its devices are made of them.
+/// The driver of a bus: what its URLs and configuration keys mean, and how its devices are created from them.
 pub struct Driver {
     /// Its controllers in words, with the schemes of their URLs.
     pub name: &'static str,
-    /// The keys of `[[controller]]` that it uses besides those of every controller, also where nothing is written.
+    /// The keys of `[[controller]]` that it uses in addition to the common ones, even if nothing is written.
     pub keys: &'static [&'static str],
-    /// The same, only where axes are written.
+    /// Additional keys that it uses only if axes are written.
     pub writer_keys: &'static [&'static str],
-    /// The tables of a map sender's file that it uses; none: its controls take no map.
+    /// The tables of a map sender's file that it uses; empty: its controls accept no map.
     pub map_tables: &'static [&'static str],
-    /// The port of a URL that names none.
+    /// Default port of a URL.
     pub port: u16,
-    /// The names of the devices that an address reaches, the same for all its spellings. One that cannot be found now,
-    /// such as a host whose name nobody resolves, has the name by which it is called.
+    /// The names of the devices that an address reaches, independent of its spelling. A device that cannot be resolved now, such as a host without
+    /// a DNS entry, keeps the name in the URL.
     pub devices: fn(&Address) -> BTreeSet<String>,
-    /// Whether one program alone can read from an address.
+    /// Whether only one program can read from an address.
     pub is_exclusive: fn(&Address) -> bool,
-    /// Checks the keys of `[[controller]]` that it alone uses.
+    /// Checks the keys of `[[controller]]` that are specific to it.
     pub validate: fn(&ControllerConfig, &Rules<'_>, &mut Mistakes<'_>),
-    /// Fills in the tables that it alone uses, and makes their paths relative to the folder of the file.
+    /// Completes the tables that are specific to it, and makes their paths relative to the folder of the file.
     pub complete: fn(&mut ControllerConfig, &Path),
     /// The controller of a `[[controller]]`, not opened.
     pub controller: fn(Address, &ControllerConfig) -> Configured,
     /// The thermometer of a `[[thermometer]]`, not opened.
     pub thermometer: fn(Address, &ThermometerConfig) -> Result<ThermometerDevice, DeviceError>,
-    /// Checks the tables of a map sender's file, for so many words of a frame and of a report.
+    /// Checks the tables of a map sender's file, given the numbers of words of a frame and of a report.
     pub validate_map: fn(&MapKeys, [usize; 2], &mut Mistakes<'_>),
     /// The control of a map sender, not connected.
     pub map: fn(&Address, &MapKeys) -> Result<MapDevice, DeviceError>,
-    /// Reads a device once. Nothing is written but what opening needs; GPIO outputs are taken as they are.
+    /// Reads a device once. Nothing is written beyond what opening requires; GPIO outputs keep their levels.
     pub probe: fn(&Address, Duration) -> Result<Probe, DeviceError>,
 }
 
-/// A controller as it is configured, or what is wrong with it.
+/// A configured controller, or why it is invalid.
 pub type Configured = Result<Box<dyn ControllerDevice>, DeviceError>;
 
-/// What a driver has that says nothing else: devices at hosts, no keys, no temperatures, no maps.
+/// Defaults of a driver: devices at hosts, no keys, no temperatures, no maps.
 pub(crate) const USUAL: Driver = Driver {
     name: "",
     keys: &[],
@@ -77,94 +77,94 @@ pub(crate) const USUAL: Driver = Driver {
     probe: |address, _| Err(address.unsupported("this device cannot be probed", "name another")),
 };
 
-/// What the keys of a driver are checked against besides themselves.
+/// The context in which the keys of a driver are checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules<'a> {
-    /// The table of the controller.
+    /// Name of the controller's table, for messages.
     pub at: &'a str,
-    /// The longest hold of a path that carries thermal terms alone.
+    /// Maximum hold time of a path that carries thermal terms alone.
     pub longest_hold: Duration,
-    /// Whether a controller of the configuration has a barrier.
+    /// Whether any controller of the configuration has a barrier.
     pub has_barrier: bool,
 }
 
-/// The ends of the travel of a machine axis.
+/// Looks up the travel of a machine axis (lower and upper end).
 pub type Travels<'a> = dyn Fn(AxisName) -> Option<[Displacement; 2]> + 'a;
 
-/// One controller as it is configured, not opened. What a method does without a device fails where the configuration
-/// makes no sense, the others where the device cannot be reached or contradicts it.
+/// A configured controller, not opened. Methods that need no device fail if the configuration is invalid; the others fail if the device cannot be
+/// reached or contradicts it.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait ControllerDevice: Any + Send + Sync {
-    /// The description of the controller by its driver, without opening it.
+    /// The description of the controller, without opening it.
     fn describe(&self) -> Result<Description, DeviceError>;
 
-    /// Opens it. Connections are made in the background; a CAN interface and GPIO lines must be there.
+    /// Opens the controller. Connections are made in the background; a CAN interface and GPIO lines must exist.
     fn open(&self) -> Result<Box<dyn Controller>, DeviceError>;
 
-    /// What its readings mean to whoever judges them.
+    /// Properties of its readings that the guard needs.
     fn settings(&self) -> Settings;
 
-    /// Reads the properties of a control, and compares them with the configuration and the limits of its guard (`None`:
-    /// it is only read); `None` where its bus has nothing to compare. Nothing is written.
+    /// Reads the properties of a control, and compares them with the configuration and the requirements of its guard (`None` if it is only read).
+    /// Returns `None` if its bus has nothing to compare. Nothing is written.
     fn inspect(&self, _needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
         Ok(None)
     }
 
-    /// Checks the file of the control that the configuration names, for the limits of its guard (`None`: it is only read).
+    /// Checks the control's own file that the configuration names against the requirements of its guard (`None` if it is only read).
     fn check_file(&self, _needs: Option<&Needs>) -> Result<(), DeviceError> {
         Ok(())
     }
 
-    /// Checks that every position within the travel of an axis can be shown.
+    /// Checks that every position within the travel of an axis can be reported.
     fn check_travel(&self, _travel: &Travels<'_>) -> Result<(), DeviceError> {
         Ok(())
     }
 
-    /// Two blocks of a control's memory that this controller uses and that share a byte; `None`: there are none.
+    /// Two memory blocks of this controller in the control that share a byte; `None` if there are none.
     fn overlap(&self) -> Option<[Block; 2]> {
         None
     }
 
-    /// A block that this controller uses and one of another controller of the same control that share a byte which one of
-    /// them writes; `None`: there are none.
+    /// A memory block of this controller and one of another controller of the same control that share a byte which one of them writes; `None` if
+    /// there are none.
     fn overlap_with(&self, _other: &dyn Any) -> Option<[Block; 2]> {
         None
     }
 
-    /// What follows from the configuration for the memory of the control.
+    /// The memory of the control that this configuration uses.
     fn memory(&self) -> ControlMemory {
         ControlMemory::default()
     }
 }
 
-/// A bridge tells what is applied in messages of its own, which it sends when it likes: so late at the most a correction
-/// shows in them. How old such a message may be is for the guard to judge.
+/// Maximum delay until a correction shows in the messages of a bridge, which it sends on its own schedule. The guard judges the age of such
+/// messages.
 #[cfg(any(feature = "can", feature = "linuxcnc"))]
 pub(crate) const REPORTED_WITHIN: Duration = Duration::from_millis(100);
 
-/// What the readings of a controller mean to whoever judges them.
+/// Properties of a controller's readings that the guard needs.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// The longest time until a correction shows; `None`: it shows in the next cycle.
+    /// Maximum time until a correction shows in readings; `None`: it shows in the next cycle.
     pub shown_within: Option<Duration>,
-    /// The smallest steps of positions that come in steps.
+    /// Smallest steps of quantised positions.
     pub position_steps: BTreeMap<AxisName, Displacement>,
     /// Whether its positions are too coarse for the test shift at arming.
     pub is_coarse: bool,
-    /// The time without an edge of a latch after which the control takes the correction to zero.
+    /// Time without a latch edge after which the control ramps the correction to zero.
     pub time_out: Option<Duration>,
 }
 
-/// What the guard of a controller needs of its control.
+/// Requirements of a controller's guard on its control.
 #[derive(Clone, Debug, Default)]
 pub struct Needs {
-    /// The slew of each axis in channel order, mm/min or rad/min.
+    /// Slew of each axis in channel order, mm/min or rad/min.
     pub slew_per_min: Vec<f64>,
-    /// The largest correction of linear axes, mm, and of rotary ones, rad.
+    /// Largest correction of linear axes, mm, and of rotary ones, rad.
     pub limit: [f64; 2],
-    /// The smallest rate of a barrier, mm/s and rad/s.
+    /// Minimum rate of a barrier, mm/s and rad/s.
     pub rate_per_s: [f64; 2],
-    /// After this time the guard ramps out.
+    /// Time after which the guard ramps out.
     pub zero_after: Duration,
 }
 
@@ -227,22 +227,22 @@ pub struct PmcPlan {
     pub referenced: Option<String>,
 }
 
-/// Bytes of a control's memory that belong together.
+/// A block of a control's memory.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// The key of the configuration that says where they are.
+    /// The configuration key that places it.
     pub key: &'static str,
-    /// What the bytes are for and where they lie, in words.
+    /// Its purpose and location, in words.
     pub text: String,
-    /// Whether it is one byte.
+    /// Whether it is a single byte.
     pub is_byte: bool,
 }
 
-/// Opens a thermometer. Connections are made in the background; a CAN interface must be there.
+/// Opens a thermometer. Connections are made in the background; a CAN interface must exist.
 pub(crate) type OpenThermometer =
     Box<dyn Fn() -> Result<Box<dyn Thermometer>, DeviceError> + Send + Sync>;
 
-/// One thermometer as it is configured, not opened.
+/// A configured thermometer, not opened.
 pub struct ThermometerDevice {
     pub(crate) address: Address,
     /// The names of its sensors, in the order of the device.
@@ -251,7 +251,7 @@ pub struct ThermometerDevice {
 }
 
 impl ThermometerDevice {
-    /// Opens it. Connections are made in the background; a CAN interface must be there.
+    /// Opens the thermometer. Connections are made in the background; a CAN interface must exist.
     ///
     /// # Errors
     /// A device that cannot be opened.
@@ -260,19 +260,19 @@ impl ThermometerDevice {
     }
 }
 
-/// Connects to a control that takes a map.
+/// Connects to a control that accepts a map.
 pub(crate) type OpenMap = Box<dyn Fn() -> Result<Box<dyn MapWords>, MapError>>;
 
-/// A control that takes a map, not connected.
+/// A control that accepts a map, not connected.
 pub struct MapDevice {
-    /// How long to wait between two frames that keep a map.
+    /// Interval of the frames that keep a map active.
     pub period: Duration,
     /// Connects.
     pub open: OpenMap,
 }
 
-/// The words of a map in a control, over an open session. Every exchange ends within its time, and fails where words cannot
-/// be read, were refused, or nobody knows whether they arrived.
+/// Access to the words of a map in a control, over an open session. Every exchange ends within its timeout, and fails if words cannot be read, are
+/// rejected, or may not have arrived.
 #[expect(clippy::missing_errors_doc, reason = "the trait says it once")]
 pub trait MapWords {
     /// Reads the first `count` words of the report, or more.
@@ -284,11 +284,11 @@ pub trait MapWords {
     /// Reads the first `count` words of a buffer, 0 or 1.
     fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError>;
 
-    /// Ends the session in good order.
+    /// Closes the session properly.
     fn close(self: Box<Self>) {}
 }
 
-/// Why words of a map do not get through, as the driver says it.
+/// Why map words cannot be transferred, as reported by the driver.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct MapError(String);

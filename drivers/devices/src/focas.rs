@@ -1,4 +1,4 @@
-//! FANUC controls, reached over Ethernet by FOCAS.
+//! FANUC controls over Ethernet (FOCAS).
 
 use std::{
     any::Any,
@@ -23,10 +23,10 @@ use crate::{
     probe::{ControlFacts, Facts, Probe},
 };
 
-/// Exchanges whose times are told.
+/// Number of exchanges over which round-trip times are measured.
 const TIMED: usize = 100;
 
-/// Between two frames to a PMC: far within every time-out, and little beside the scans of its ladder.
+/// Interval of frames to a PMC: well within every timeout, and little load compared to the scans of its ladder.
 const MAP_PERIOD: Duration = Duration::from_millis(50);
 
 impl From<PmcByte> for PmcAddress {
@@ -155,7 +155,7 @@ impl ControllerDevice for FocasConfig {
     fn settings(&self) -> Settings {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
-            // A control tells three decimals, or as many as it has for corrections.
+            // Resolution of reported positions: three decimals, or as many as corrections have.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),
@@ -218,7 +218,7 @@ impl MapWords for volcomp_focas::MapWords {
     }
 }
 
-/// Two of the three that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
+/// Finds two of the three areas that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
 fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
     let block = |what, first: PmcAddress, words: usize| {
         let end = usize::from(first.at) + 2 * words - 1;
@@ -316,7 +316,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let microseconds = |time: Duration| (time.as_secs_f64() * 1e6).round();
     let mut probe = Probe::of(&address.text);
     for (name, value) in names.iter().zip(positions) {
-        // The control does not say which axes turn; their letters do, as everywhere.
+        // The control does not report which axes are rotary; their letters determine it.
         let known = AxisName::from_letter(*name);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name.to_string(), Displacement::from_coordinate(kind, value));

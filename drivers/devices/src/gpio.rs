@@ -18,7 +18,7 @@ pub(crate) const DRIVER: Driver = Driver {
     ..lines::LINES
 };
 
-/// The chip of `CHIP:LINES` by its device file: it has a label and a name besides.
+/// The chip of `CHIP:LINES` by its device file, since it also has a label and a name.
 fn chip(lines: &str) -> String {
     let file = LineSet::parse(lines).and_then(|set| set.chip_file());
     let named = || lines.rsplit_once(':').map_or(lines, |(chip, _)| chip);
@@ -29,13 +29,13 @@ fn chip(lines: &str) -> String {
 /// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
 ///
 /// # Errors
-/// Keys that are missing, lines that cannot be taken.
+/// Missing keys, lines that cannot be taken.
 fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)
 }
 
-/// The port that [`gpio_port`] would open, described without opening it.
+/// Describes the port of [`gpio_port`] without opening it.
 fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let [position, correction] = line_sets(address)?;
     Ok(GpioPort::describe(&position, &correction))
@@ -52,7 +52,7 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
     Ok([lines("position")?, lines("correction")?])
 }
 
-/// Reads the inputs; the outputs are taken too, as they are, and given back.
+/// Reads the inputs; the outputs are taken with their present levels, and released again.
 fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
@@ -64,7 +64,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
         .map(|line| levels >> line & 1 == 1)
         .collect();
     if port.inputs() == 15 {
-        // As the published scheme reads them.
+        // Decoded by the published scheme.
         let word = Wiring::published().position_word(levels);
         if let Some(word) = word {
             let position = PositionWord::PUBLISHED.decode(word).position;

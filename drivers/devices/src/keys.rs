@@ -31,39 +31,39 @@ use crate::address::Address;
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
     pub url: String,
-    /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
+    /// Name of the channel through which its corrections reach the axes; `None`: the driver's default.
     pub channel: Option<String>,
     pub axes: Vec<AxisName>,
     pub reads: Vec<AxisName>,
     pub fixed: BTreeMap<AxisName, f64>,
     pub not_driven: Vec<AxisName>,
     pub includes_correction: bool,
-    /// The terms that it carries; `["thermal"]`, `None`: all.
+    /// The terms that it carries: `["thermal"]`; `None`: all.
     pub terms: Option<Vec<String>>,
-    /// Older positions are held on this path; `None`: `hold_ms` of `[guard]`.
+    /// Age of positions from which the correction is held on this path; `None`: `hold_ms` of `[guard]`.
     pub hold_ms: Option<f64>,
-    /// Whether the test shift at arming is made; `None`: where positions are fine enough.
+    /// Whether the test shift is made at arming; `None`: if positions are fine enough.
     pub test_shift: Option<bool>,
     pub unwatched: bool,
     pub unseen: Vec<StateKey>,
-    /// The smallest step of a correction of a linear axis; `None`: the driver's own.
+    /// Smallest step of a correction of a linear axis; `None`: the driver's default.
     pub resolution_um: Option<f64>,
-    /// The smallest step of a correction of a rotary axis; `None`: the driver's own.
+    /// Smallest step of a correction of a rotary axis; `None`: the driver's default.
     pub resolution_urad: Option<f64>,
-    /// The words of the shifts in the PMC; `None`: the driver's own place.
+    /// Location of the shift words in the PMC; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub area: Option<AreaConfig>,
     #[cfg(feature = "focas")]
     pub heartbeat: Option<PmcByte>,
-    /// The byte whose bits say which axes are referenced; `None`: the driver's own.
+    /// Location of the byte with the reference bits of the axes; `None`: the driver's default.
     #[cfg(feature = "focas")]
     pub referenced: Option<Referenced>,
     /// The barrier in the control that receives frames; `None`: corrections are written as plain values.
     pub barrier: Option<BarrierConfig>,
-    /// The words on digital lines; `None`: another device.
+    /// The words on digital lines; `None` for other devices.
     #[cfg(any(feature = "gpio", feature = "modbus"))]
     pub digital: Option<DigitalConfig>,
-    /// How the server is reached, and its nodes; `None`: another device.
+    /// Connection settings of the server, and its nodes; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
     #[cfg(feature = "linuxcnc")]
@@ -78,12 +78,12 @@ pub struct ThermometerConfig {
     pub names: Vec<String>,
     #[cfg(feature = "sinumerik")]
     pub nodes: Vec<String>,
-    /// How the server is reached; `None`: another device.
+    /// Connection settings of the server; `None` for other devices.
     #[cfg(feature = "sinumerik")]
     pub sinumerik: Option<SinumerikTable>,
 }
 
-/// A state of the control, by its key.
+/// A state of the control, by its configuration key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StateKey {
@@ -92,7 +92,7 @@ pub enum StateKey {
     EmergencyStop,
 }
 
-/// The table `[controller.barrier]`: the barrier in the control, as its program is set.
+/// The table `[controller.barrier]`: the settings of the barrier in the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarrierConfig {
@@ -104,7 +104,7 @@ pub struct BarrierConfig {
     pub report: Option<PmcByte>,
 }
 
-/// The keys of controllers to which plain values are written in steps.
+/// The keys of controllers to which plain values in steps are written.
 pub(crate) const PLAIN_KEYS: &[&str] = &[
     "includes_correction",
     "unwatched",
@@ -112,12 +112,12 @@ pub(crate) const PLAIN_KEYS: &[&str] = &[
     "resolution_urad",
 ];
 
-/// The keys of a table in `[[controller]]` that mean nothing in the same table of `[[thermometer]]` and of a map sender.
+/// Keys of a table in `[[controller]]` that are meaningless in the same table of `[[thermometer]]` and of a map sender.
 pub const CONTROLLER_ONLY: [&str; 3] = ["numbers", "sign", "nodes"];
 
-/// Refuses a key whose unit none of the axes has.
+/// Rejects a key whose unit matches none of the axes.
 pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistakes<'_>) {
-    // Without axes there is another mistake.
+    // Missing axes are reported elsewhere.
     if !axes.is_empty() && !axes.iter().any(|name| name.kind() == kind) {
         let names: Vec<String> = axes.iter().map(ToString::to_string).collect();
         found.add(
@@ -130,7 +130,7 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Refuses one of two keys without the other.
+/// Rejects one of two keys without the other.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -142,7 +142,7 @@ pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 
     }
 }
 
-/// Refuses a path that is empty.
+/// Rejects an empty path.
 pub fn path(key: &str, path: &Path, found: &mut Mistakes<'_>) {
     if path.as_os_str().is_empty() {
         found.add(key, "found an empty text, expected a path");
@@ -156,18 +156,18 @@ pub fn join<'a>(folder: &Path, paths: impl IntoIterator<Item = &'a mut PathBuf>)
     }
 }
 
-/// Milliseconds to the nanosecond, as they are written by hand.
+/// Milliseconds without floating-point noise, exact to the nanosecond.
 pub fn ms(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e9).round() / 1e6
 }
 
-/// A time that was checked to be positive.
+/// Converts milliseconds that were checked to be positive.
 pub fn of_ms(ms: f64) -> Duration {
     Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
 }
 
 impl BarrierConfig {
-    /// The time from one scan of the control's program to the next.
+    /// The scan period of the control's program.
     pub fn scan(&self) -> Duration {
         of_ms(self.scan_ms)
     }
@@ -186,7 +186,7 @@ impl ThermometerConfig {
 }
 
 impl ControllerConfig {
-    /// The states that are accepted as missing.
+    /// The states whose absence is accepted.
     pub fn unseen(&self) -> ShownStates {
         let has = |state| self.unseen.contains(&state);
         ShownStates {
@@ -196,7 +196,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The smallest step of a correction that the configuration states for this kind of axis.
+    /// The configured smallest step of a correction for this kind of axis.
     pub fn resolution(&self, kind: AxisKind) -> Option<Displacement> {
         let micro = match kind {
             AxisKind::Linear => self.resolution_um,
@@ -205,12 +205,12 @@ impl ControllerConfig {
         micro.map(|micro| Displacement::from_micro(kind, micro))
     }
 
-    /// The axes whose positions it shows.
+    /// The axes whose positions it reports.
     pub(crate) fn shown(&self) -> impl Iterator<Item = AxisName> {
         self.axes.iter().chain(&self.reads).copied()
     }
 
-    /// Refuses another channel than the only one of a control.
+    /// Rejects a channel other than the only one of a control.
     pub(crate) fn only_channel(
         &self,
         address: &Address,
@@ -226,7 +226,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The name of the channel, that of the driver where the configuration states none.
+    /// The channel name; that of the driver if the configuration states none.
     pub(crate) fn channel_or(&self, default: &str) -> String {
         self.channel.as_deref().unwrap_or(default).to_owned()
     }
@@ -277,7 +277,7 @@ impl MapKeys {
     }
 }
 
-/// The areas of the PMC that a configuration can name.
+/// The PMC areas that a configuration can name.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PmcLetter {
@@ -315,7 +315,7 @@ fn word() -> u16 {
     2
 }
 
-/// `false`, or the byte of the PMC whose bits say which axes are referenced.
+/// `false`, or the PMC byte with the reference bits of the axes.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
@@ -326,7 +326,7 @@ pub enum Referenced {
 
 #[cfg(feature = "focas")]
 impl<'de> Deserialize<'de> for Referenced {
-    // What serde derives for `untagged` loses the place of a mistake in the byte.
+    // The derived `untagged` implementation loses the position of an error in the byte.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either;
         impl<'de> Visitor<'de> for Either {
@@ -348,7 +348,7 @@ impl<'de> Deserialize<'de> for Referenced {
     }
 }
 
-/// The table `pmc` of a map sender's file: the places of its words.
+/// The table `pmc` of a map sender's file: the locations of its words.
 #[cfg(feature = "focas")]
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -388,9 +388,9 @@ pub struct DigitalConfig {
     pub position_code: PositionCode,
     pub correction_bits: u32,
     pub correction_code: CorrectionCode,
-    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
+    /// The line that toggles when the correction word has settled, from 0; `None` without a latch.
     pub latch: Option<u32>,
-    /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
+    /// Time without a latch edge after which the control ramps the correction to zero; `None`: never.
     pub time_out_ms: Option<f64>,
     #[serde(with = "CoherenceKey")]
     pub coherence: Coherence,
@@ -435,7 +435,7 @@ pub struct LinuxCncTable {
     pub ini: Option<PathBuf>,
 }
 
-/// The tables `sinumerik`: how the OPC UA server of a control is reached, and the nodes of a controller.
+/// The tables `sinumerik`: connection settings of a control's OPC UA server, and the nodes of a controller.
 #[cfg(feature = "sinumerik")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

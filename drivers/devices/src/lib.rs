@@ -49,7 +49,7 @@ pub mod config {
     };
 }
 
-/// The file of a map sender, and the words of a map in a control.
+/// The file of a map sender, and access to the words of a map in a control.
 pub mod map {
     pub use crate::{
         driver::{MapDevice, MapError, MapWords},

@@ -1,4 +1,4 @@
-//! The words of one axis on digital lines, whichever port has them: the table `[controller.digital]`.
+//! One axis on digital lines, on any port: the table `[controller.digital]`.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ use crate::{
     keys::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
 };
 
-/// What every driver of lines has.
+/// The part of the driver that is common to all ports with digital lines.
 pub(crate) const LINES: Driver = Driver {
     name: "digital lines (gpio://, modbus://, modbus-rtu://)",
     keys: &["digital"],
@@ -25,10 +25,10 @@ pub(crate) const LINES: Driver = Driver {
     ..USUAL
 };
 
-/// The step of a correction of a rotary axis where the configuration states none.
+/// Default correction step of a rotary axis.
 const LINE_STEP: Deg = Deg(1e-3);
 
-/// Checks the table `digital`, and that there is a latch where the control needs its edges.
+/// Checks the table `digital`, and that there is a latch if the control needs its edges.
 fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     latch(own, rules, found);
     let Some(digital) = &own.digital else {
@@ -71,7 +71,7 @@ fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>)
     }
 }
 
-/// Refuses lines without a latch beside a barrier: without an edge it never takes their words.
+/// Rejects lines without a latch if there is a barrier: without an edge it never accepts their words.
 fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let latch = own.digital.and_then(|digital| digital.latch);
     if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {
@@ -86,10 +86,10 @@ fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
 }
 
 impl ControllerConfig {
-    /// The words of one axis on digital lines. No position is published for a rotary axis, so its step must be stated.
+    /// The words of one axis on digital lines. The published scheme has no position of a rotary axis, so its step must be stated.
     ///
     /// # Errors
-    /// A key that is missing.
+    /// A missing key.
     pub fn digital_axis(&self, name: AxisName) -> Result<DigitalAxis, DeviceError> {
         let (kind, digital) = (name.kind(), self.digital.unwrap_or_default());
         let (step, zero) = match kind {
@@ -126,7 +126,7 @@ impl ControllerConfig {
     }
 }
 
-/// One axis on the lines of a port.
+/// One axis on the lines of a port, not opened.
 struct Lines<D> {
     address: Address,
     open: fn(&Address) -> Result<D, DeviceError>,
@@ -141,7 +141,7 @@ struct Lines<D> {
 /// One axis on the lines of a port.
 ///
 /// # Errors
-/// More axes than one, a key that is missing.
+/// More than one axis, a missing key.
 pub(crate) fn controller<D: DigitalIo + 'static>(
     address: Address,
     config: &ControllerConfig,

@@ -1,4 +1,4 @@
-//! LinuxCNC controls, by their bridge.
+//! LinuxCNC controls, through their bridge.
 
 use std::{
     path::{Path, PathBuf},
@@ -18,10 +18,10 @@ use crate::{
     probe::Probe,
 };
 
-/// How long a bridge may take to answer.
+/// Response timeout of a bridge.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Between two reports by which the scans of a bridge are counted.
+/// Interval between two reports over which the scans of a bridge are counted.
 const COUNTED_FOR: Duration = Duration::from_millis(500);
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -60,12 +60,12 @@ impl ControllerDevice for Control {
     fn settings(&self) -> Settings {
         Settings {
             shown_within: Some(REPORTED_WITHIN),
-            // Commanded positions are floating numbers.
+            // Commanded positions are floating-point numbers, hence without steps.
             ..Settings::default()
         }
     }
 
-    /// What the bridge tells now. Where its barrier is compared there are two reports, some scans apart.
+    /// Reads the current state of the bridge. If its barrier is compared there are two reports, some scans apart.
     fn inspect(&self, needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
         let config = &self.config;
         let state = look(
@@ -90,7 +90,7 @@ impl ControllerDevice for Control {
         }
         Ok(Some(Inspected {
             axes: state.axes().map(|axis| axis.name.to_string()).collect(),
-            // Another one is an error of the answer.
+            // Any other version would have failed to decode.
             protocol: Some(VERSION),
             state: Some(state.flags.to_string()),
             reports,
@@ -98,7 +98,7 @@ impl ControllerDevice for Control {
         }))
     }
 
-    /// Names everything that is wrong or missing in the INI file of the control.
+    /// Reports every wrong or missing setting in the INI file of the control.
     fn check_file(&self, needs: Option<&Needs>) -> Result<(), DeviceError> {
         let Some(file) = &self.ini else { return Ok(()) };
         let shown = file.display();
@@ -123,7 +123,7 @@ impl ControllerDevice for Control {
     }
 }
 
-/// What the guard needs of the bridge, in the units of the INI file.
+/// The guard's requirements on the bridge, in the units of the INI file.
 fn least(needs: &Needs) -> Least {
     let milli = |[linear, rotary]: [f64; 2]| [linear * 1e3, rotary.to_degrees() * 1e3];
     Least {
@@ -136,7 +136,7 @@ fn least(needs: &Needs) -> Least {
 /// The control of a `[[controller]]`.
 ///
 /// # Errors
-/// No table of the barrier, steps that are not whole numbers, no key.
+/// A missing table of the barrier, steps that are not whole numbers, no key.
 fn control(address: &Address, config: &ControllerConfig) -> Result<Control, DeviceError> {
     let machine = match &config.barrier {
         Some(barrier) => barrier.machine,
@@ -170,7 +170,7 @@ fn control(address: &Address, config: &ControllerConfig) -> Result<Control, Devi
     })
 }
 
-/// The key that the gateway shares with the bridge.
+/// The key shared with the bridge.
 fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError> {
     if address.get("key_file").is_some() {
         return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
@@ -187,10 +187,10 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
     })
 }
 
-/// Whether the URL lets the bridge be on another computer.
+/// Whether the URL allows the bridge to run on another computer.
 ///
 /// # Errors
-/// Another value than `true` or `false`.
+/// A value other than `true` or `false`.
 fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     match address.get("remote") {
         None | Some("false") => Ok(false),

@@ -1,5 +1,4 @@
-//! The interfaces of this computer to which machines can be connected: serial ports, CAN interfaces, GPIO chips and
-//! their lines.
+//! The interfaces of this computer to which machines can be connected: serial ports, CAN interfaces, GPIO chips and their lines.
 
 use std::{fs, path::Path};
 
@@ -65,7 +64,7 @@ pub struct GpioLine {
     pub used_by: Option<String>,
 }
 
-/// Lists what this computer has. A kind of device that this build or the kernel does not know gives an empty list.
+/// Lists the interfaces of this computer. Kinds that this build or the kernel does not support yield empty lists.
 pub fn list() -> LocalDevices {
     LocalDevices {
         serial_ports: serial_ports(),
@@ -74,7 +73,7 @@ pub fn list() -> LocalDevices {
     }
 }
 
-/// The serial ports of this computer, by name.
+/// The serial ports of this computer, sorted by name.
 pub(crate) fn serial_ports() -> Vec<SerialPort> {
     #[cfg(feature = "modbus")]
     {
@@ -97,11 +96,11 @@ pub(crate) fn serial_ports() -> Vec<SerialPort> {
     Vec::new()
 }
 
-/// The network interfaces of the kernel whose hardware is CAN.
+/// The network interfaces of the kernel with CAN hardware.
 fn can_interfaces(folder: &Path) -> Vec<CanInterface> {
-    /// The kernel's number of CAN among the kinds of network hardware (ARPHRD_CAN).
+    /// Hardware type of CAN (ARPHRD_CAN).
     const CAN: u32 = 280;
-    /// The flag of an interface that is up (IFF_UP).
+    /// Flag of an interface that is up (IFF_UP).
     const UP: u32 = 1;
     let Ok(entries) = fs::read_dir(folder) else {
         return Vec::new();
@@ -128,7 +127,7 @@ fn can_interfaces(folder: &Path) -> Vec<CanInterface> {
     found
 }
 
-/// The GPIO chips of this computer, with lines where this user may open the chip.
+/// The GPIO chips of this computer; their lines are included if this user may open the chip.
 fn gpio_chips() -> Vec<GpioChip> {
     #[cfg(feature = "gpio")]
     {

@@ -39,7 +39,7 @@ pub(crate) const DRIVER: Driver = Driver {
         let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());
         [format!("serial {path}")].into()
     },
-    // Two programs cannot ask on one serial line; other modules may be asked by many.
+    // A serial line has a single master; modules on TCP can be shared.
     is_exclusive: |address| address.scheme == RTU,
     controller: |address, own| lines::controller(address, own, digital_modules, unopened),
     thermometer,
@@ -56,7 +56,7 @@ fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDe
     })
 }
 
-/// The profile that a URL names: one from disk where it ends in `.toml`, else a shipped one by its name.
+/// The profile that a URL names: a file if it ends in `.toml`, else a shipped one.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
     let name = address.get("profile").ok_or_else(|| {
         let known: Vec<String> = Profile::shipped().into_iter().map(|p| p.name).collect();
@@ -97,7 +97,7 @@ fn profile(address: &Address) -> Result<Profile, DeviceError> {
     Ok(found)
 }
 
-/// How long the module may take for an answer.
+/// Response timeout of the module.
 fn answer_within(address: &Address) -> Result<Duration, DeviceError> {
     let usual = u32::try_from(ANSWER_WITHIN.as_millis()).unwrap_or(u32::MAX);
     let ms = address.number("answer_ms", [10, 10_000], usual)?;
@@ -158,13 +158,13 @@ fn thermometer_config(
 /// The digital lines of a URL.
 ///
 /// # Errors
-/// Keys that make no sense, a profile without digital lines.
+/// Invalid keys, a profile without digital lines.
 fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::new(bus, &[module], answer_within(address)?, Backoff::default())
 }
 
-/// The port that [`digital_modules`] would open, described without connecting.
+/// Describes the port of [`digital_modules`] without connecting.
 fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::describe(&bus, &[module])

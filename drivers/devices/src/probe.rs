@@ -1,4 +1,4 @@
-//! The values and properties that a device reports when it is asked once. Plain data.
+//! The values and properties of a device from a single reading.
 
 use std::collections::BTreeMap;
 
@@ -53,7 +53,7 @@ pub struct ProbedTemperature {
     feature = "sinumerik"
 ))]
 impl Probe {
-    /// A report of the device at this URL without any value yet.
+    /// An empty result for the device at this URL.
     pub(crate) fn of(device: &str) -> Self {
         Self {
             device: device.to_owned(),
@@ -61,7 +61,7 @@ impl Probe {
         }
     }
 
-    /// Adds a position; of an axis that a device names twice the last one counts.
+    /// Adds a position; if a device names an axis twice, the last position counts.
     pub(crate) fn add_position(&mut self, name: String, at: Displacement) {
         let positions = match at.kind() {
             AxisKind::Linear => &mut self.positions_mm,

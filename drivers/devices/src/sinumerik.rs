@@ -1,4 +1,4 @@
-//! SINUMERIK controls, reached over OPC UA.
+//! SINUMERIK controls over OPC UA.
 
 use std::{collections::BTreeMap, path::Path, time::Duration};
 
@@ -23,7 +23,7 @@ use crate::{
     probe::Probe,
 };
 
-/// The speed for which a message says how far a correction would lag behind, mm/s: 10 m/min.
+/// Speed used in messages about the lag of a correction, mm/s: 10 m/min.
 const LAG_SPEED_MM_PER_S: f64 = 10_000.0 / 60.0;
 
 pub(crate) const DRIVER: Driver = Driver {
@@ -116,7 +116,7 @@ impl ControllerDevice for SinumerikConfig {
         let axes = self.axes.iter().chain(&self.reads);
         Settings {
             shown_within: Some(self.server.read_back()),
-            // A control tells three decimals, or as many as it has for corrections.
+            // Resolution of reported positions: three decimals, or as many as corrections have.
             position_steps: axes
                 .map(|name| (*name, self.position_step(*name)))
                 .collect(),
@@ -134,7 +134,7 @@ impl ControllerDevice for SinumerikConfig {
             };
             fastest.insert(axis.axis.to_string(), per_min);
             let slew = needs.and_then(|needs| needs.slew_per_min.get(place));
-            // Where a revolution a minute is meant nothing is compared: the slews of rotary axes are tiny.
+            // Rotary axes, in rev/min, are not compared: their slews are tiny.
             if let Some(slew) =
                 slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
             {
@@ -177,7 +177,7 @@ impl MapWords for volcomp_sinumerik::MapWords {
 /// The control of a `[[controller]]`.
 ///
 /// # Errors
-/// A password file that others may read or that cannot be read.
+/// A password file that is readable by others or cannot be read.
 fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConfig, DeviceError> {
     let table = config.sinumerik.clone().unwrap_or_default();
     let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);
@@ -196,10 +196,10 @@ fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConf
     Ok(control)
 }
 
-/// How the server of a control is reached.
+/// The connection settings of a control's server.
 ///
 /// # Errors
-/// A password file that others may read or that cannot be read.
+/// A password file that is readable by others or cannot be read.
 pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Server, DeviceError> {
     let mut server = Server::new(&*address.text);
     server.namespace.clone_from(&config.namespace);
@@ -218,7 +218,7 @@ pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Serve
     Ok(server)
 }
 
-/// The first line of a file that nobody but its owner may read.
+/// The first line of a file that must be readable by its owner only.
 fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
     let text = volcomp_document::private::read(file).map_err(|error| {
         let expected = "expected a file with the password in its first line";
@@ -229,7 +229,7 @@ fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
     Ok(text.lines().next().unwrap_or_default().to_owned())
 }
 
-/// How the OPC UA server of a SINUMERIK control is reached. `at` is its table.
+/// Checks the connection settings of the OPC UA server of a SINUMERIK control. `at` is its table.
 pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mistakes<'_>) {
     let key = |name: &str| format!("{at}.{name}");
     let user = [table.user.is_some(), table.password_file.is_some()];
@@ -268,8 +268,7 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     }
 }
 
-/// Refuses a path through SD43900 that is to carry more than thermal terms, and one that holds too early or does not say
-/// when.
+/// Rejects a path through SD43900 for more than thermal terms, and one with a hold time that is too short or missing.
 fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let at = rules.at;
     let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;
@@ -341,7 +340,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let found = look(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;
     let mut probe = Probe::of(&address.text);
     for (name, at) in found {
-        // The letter with which a name begins says whether the axis turns, as everywhere.
+        // The first letter of a name determines whether the axis is rotary.
         let known = name.chars().next().and_then(AxisName::from_letter);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
         probe.add_position(name, Displacement::from_coordinate(kind, at));

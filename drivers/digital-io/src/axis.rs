@@ -1,4 +1,4 @@
-//! An axis of a control that shows positions on lines: its words, and how they are followed.
+//! One axis of a control with digital lines: its words, and the tracking of its position.
 
 use std::time::Duration;
 
@@ -10,31 +10,31 @@ use crate::words::{CorrectionWord, PositionWord};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalAxis {
-    /// The letter of the axis, which also says whether it slides or turns.
+    /// Axis letter; it also determines whether the axis is linear or rotary.
     pub name: AxisName,
-    /// The word in which the control shows the position.
+    /// The word with which the control reports the position.
     pub position: PositionWord,
-    /// How the position is followed where only its low bits are shown. `None`: the word holds the whole position.
+    /// Tracking parameters if only the low bits of the position are reported. `None`: the word holds the whole position.
     pub low_bits: Option<LowBits>,
-    /// The word in which the control takes the correction.
+    /// The word with which the control receives the correction.
     pub correction: CorrectionWord,
-    /// Whether shown positions contain the correction.
+    /// Whether reported positions contain the correction.
     pub includes_correction: bool,
 }
 
-/// How a position is followed of which only the low bits are shown. It is known as long as the axis cannot have moved by
-/// half of what the word can say between two words that were read.
+/// Tracking of a position of which only the low bits are reported. It stays known as long as the axis cannot have moved by half of the word's range
+/// between two readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowBits {
-    /// The position at which the axis stands when the first word is read, such as its reference.
+    /// Position of the axis at the first reading, such as its reference.
     pub from: Displacement,
-    /// The most that the axis moves in one second.
+    /// Maximum travel of the axis in one second.
     pub most_per_s: Displacement,
 }
 
 impl LowBits {
-    /// The longest time between two words after which the position is still known.
+    /// Longest time between two words after which the position is still known.
     pub(crate) fn within(&self, word: &PositionWord) -> Duration {
         let seconds = 0.5 * word.range() / self.most_per_s.mm_or_rad();
         Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
@@ -42,8 +42,8 @@ impl LowBits {
 }
 
 impl DigitalAxis {
-    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary
-    /// axis, set steps that are angles, or [`DigitalController::new`](crate::DigitalController::new) refuses the axis.
+    /// The published scheme: 15 bits of 1/32 mm from 0 to 1024 mm, 8 bits of 1 µm. Its steps are lengths: for a rotary axis, set steps that are
+    /// angles, or [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
     pub fn published(name: AxisName) -> Self {
         Self {
             name,
@@ -54,8 +54,7 @@ impl DigitalAxis {
         }
     }
 
-    /// Whether everything about the position is of the kind of the axis; the correction's step is checked with the
-    /// description.
+    /// Checks that all position settings have the unit of the axis (length or angle). The correction's step is checked with the description.
     pub(crate) fn check(&self) -> Result<(), String> {
         let (kind, position) = (self.name.kind(), self.position);
         let known = self.low_bits.map_or(position.zero, |low| low.from);

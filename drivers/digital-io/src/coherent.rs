@@ -1,4 +1,4 @@
-//! Reading lines that do not switch at the same instant.
+//! Coherent reading of lines that do not switch at the same instant.
 
 use std::time::Instant;
 
@@ -6,24 +6,23 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::wiring::Wiring;
 
-/// When a word counts as whole.
+/// When a word counts as coherent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Coherence {
-    /// Two readings one after the other agree. Lines that stay skewed for longer than a reading takes can
-    /// still agree on a wrong word, and so does a port that tells one image until its next exchange (Modbus): use Gray
-    /// code, a parity or a strobe.
+    /// Two consecutive readings agree. Lines that stay skewed for longer than one reading can still agree on a wrong word, and so can a port that
+    /// returns the same image until its next exchange (Modbus): use Gray code, a parity or a strobe.
     TwoAgree,
-    /// The strobe stands at 1, before and after, and the readings agree.
+    /// The strobe is 1 before and after, and the readings agree.
     Strobe,
-    /// One reading is enough: the port latches its inputs together.
+    /// A single reading: the port latches its inputs together.
     Latched,
 }
 
-/// Levels of the inputs that a word was whole on, the lines that carry nothing at 0, and when these levels came.
+/// Returns input levels with a coherent word, unused lines set to 0, and the time of these levels.
 ///
 /// # Errors
-/// [`Fault::TimedOut`] when no word held still before the deadline, or a fault of the port.
+/// [`Fault::TimedOut`] if no word was stable before the deadline, or a fault of the port.
 pub fn read_coherent(
     io: &mut impl DigitalIo,
     wiring: &Wiring,

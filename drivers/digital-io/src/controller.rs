@@ -1,4 +1,4 @@
-//! A control without a bus, corrected over lines.
+//! A control without a bus, corrected through digital lines.
 
 use std::time::{Duration, Instant};
 
@@ -17,16 +17,14 @@ use crate::{
     words::Unwrapper,
 };
 
-/// A control that shows positions on lines and takes corrections on others. Where several axes share the
-/// lines, each is read and corrected when the control shows it, and writing fails with [`Fault::Unfinished`] until all of
-/// them have what was asked for.
+/// A control that outputs positions on digital lines and receives corrections on others. If several axes share the lines, each is read and
+/// corrected when the control selects it, and writing fails with [`Fault::Unfinished`] until all of them have the requested correction.
 ///
-/// A position of low bits that was not read for too long is not known any more, and reading it fails: the axis goes to its
-/// reference and the controller is made anew.
+/// A position of low bits that was not read for too long becomes unknown, and reading it fails: move the axis to its reference and create the
+/// controller anew.
 ///
-/// Lines say nothing of the control's state: the description shows no state, which whoever corrects must accept, and the
-/// snapshots have it as referenced and without alarm. Lines have no memory that a second gateway could be seen in, and
-/// nothing watches them unless the control's side does.
+/// Lines carry no state of the control: the description reports none, which the configuration must accept, and snapshots have it as referenced and
+/// without alarm. A second gateway on the same lines cannot be detected, and nothing monitors the lines unless the control does.
 pub struct DigitalController<D> {
     io: D,
     wiring: Wiring,
@@ -34,10 +32,10 @@ pub struct DigitalController<D> {
     axes: Vec<DigitalAxis>,
     description: Description,
     seen: Vec<Option<Seen>>,
-    /// The axis that was shown last.
+    /// Index of the axis that was selected last.
     shown: usize,
     outputs: Outputs,
-    /// Whether a correction was written since this was made.
+    /// Whether a correction was written since the start.
     wrote: bool,
     saturated: u32,
 }
@@ -93,7 +91,7 @@ impl<D: DigitalIo> DigitalController<D> {
             tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
-            // The readings and one writing, for each axis in turn.
+            // The readings and one write, for each axis in turn.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
             device: device.clone(),
         };
@@ -115,18 +113,18 @@ impl<D: DigitalIo> DigitalController<D> {
         })
     }
 
-    /// The corrections of the last writes that the device confirmed, axis by axis, `None` for an axis that was not written
-    /// yet; with a latch, those at whose levels it was turned. A write that failed changes nothing here.
+    /// The corrections of the last confirmed writes, by axis; `None` for an axis that was not written yet. With a latch: those present when it was
+    /// toggled. A failed write changes nothing here.
     pub fn sent(&self) -> &PerChannel<Option<f64>> {
         self.outputs.taken()
     }
 
-    /// How often a correction was larger than its word can say.
+    /// Number of corrections that exceeded the range of their word.
     pub fn saturated(&self) -> u32 {
         self.saturated
     }
 
-    /// Whether every axis was written with its correction.
+    /// Whether every axis has its correction.
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
         let asked = self.axes.iter().zip(corrections);
         asked
@@ -137,13 +135,13 @@ impl<D: DigitalIo> DigitalController<D> {
             })
     }
 
-    /// Takes note of what the device confirmed of our writes.
+    /// Updates the corrections by what the device has confirmed.
     fn note(&mut self) {
         self.outputs
             .note(&self.io, &self.wiring, &self.axes, self.wrote);
     }
 
-    /// Reads the axis that is shown.
+    /// Reads the selected axis.
     fn look(&mut self, deadline: Instant) -> Result<(), Fault> {
         let InputLevels { levels, taken } =
             read_coherent(&mut self.io, &self.wiring, self.coherence, deadline)?;
@@ -154,7 +152,7 @@ impl<D: DigitalIo> DigitalController<D> {
         };
         let mut unwrapper = None;
         if let Some(low) = &axis.low_bits {
-            // After too long a pause it stays unknown, since what was seen last grows older still.
+            // After too long a pause it stays unknown, since the last position only gets older.
             let is_lost = |seen: &Seen| {
                 taken.saturating_duration_since(seen.taken) >= low.within(&axis.position)
             };
@@ -209,20 +207,19 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             state_taken: oldest,
             correction_taken: oldest,
             uncertainty: begun.elapsed().max(Duration::from_nanos(1)),
-            // None of these is shown, which the description says: whoever reads this must have accepted that.
+            // No state is reported, as the description states; the configuration must have accepted that.
             state: ControllerState {
                 referenced: true,
                 ..ControllerState::default()
             },
-            // What the lines carry; whether the control applies it, they do not tell.
+            // The correction on the lines. Whether the control applies it is unknown.
             applied: self.outputs.carried(),
             report: None,
         })
     }
 
-    /// Writes the correction of the axis that is shown; the others follow when they are, and until all of them have it the
-    /// answer is [`Fault::Unfinished`]. With a latch a correction takes two calls: its word with the first, the latch with
-    /// the next.
+    /// Writes the correction of the selected axis; the others follow when they are selected, and until all have it the call returns
+    /// [`Fault::Unfinished`]. With a latch a correction takes two calls: its word, then the latch.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         if Instant::now() >= deadline {
             return Err(Fault::TimedOut);

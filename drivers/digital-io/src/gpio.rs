@@ -12,7 +12,7 @@ use gpiocdev::{
 };
 use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
-/// Lines of one chip, in the order of their bits.
+/// Lines of one chip, lowest bit first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LineSet {
@@ -23,10 +23,10 @@ pub struct LineSet {
 }
 
 impl LineSet {
-    /// From `panel-out:0-14` or `gpiochip0:3,5,9-11`.
+    /// Parses `panel-out:0-14` or `gpiochip0:3,5,9-11`.
     ///
     /// # Errors
-    /// Another text.
+    /// Any other text.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = || {
             let what = format!("found `{text}` as lines");
@@ -52,10 +52,10 @@ impl LineSet {
         })
     }
 
-    /// The device file of the chip, by whichever of its names it is called.
+    /// Device file of the chip, found by label, name or path.
     ///
     /// # Errors
-    /// No chip of that name, or none that this user may look at.
+    /// No such chip, or none that this user may open.
     pub fn chip_file(&self) -> Result<PathBuf, DeviceError> {
         find(self)
     }
@@ -68,17 +68,17 @@ pub struct GpioPort {
     input_lines: Vec<Offset>,
     outputs: Request,
     output_lines: Vec<Offset>,
-    /// Room for the levels of the inputs and of the outputs, so that no call needs more.
+    /// Preallocated levels of the inputs and of the outputs.
     input_values: Values,
     output_values: Values,
     confirmed: u64,
 }
 
-/// The shortest time of an exchange: calls of the kernel.
+/// Shortest time of an exchange, which consists of system calls.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(50);
 
 impl GpioPort {
-    /// The lines of a port, without taking them.
+    /// Describes a port on these lines, without taking them.
     pub fn describe(control_outputs: &LineSet, control_inputs: &LineSet) -> UnopenedLines {
         let count = |set: &LineSet| u32::try_from(set.lines.len()).unwrap_or(u32::MAX);
         UnopenedLines {
@@ -89,12 +89,12 @@ impl GpioPort {
         }
     }
 
-    /// Takes the lines that a control drives as inputs, and those that it reads as outputs. The outputs are taken as they
-    /// are: their present levels are read first and driven from then on, so that nothing changes at the control.
+    /// Takes the lines that a control drives as inputs, and those that it reads as outputs. The outputs keep their present levels, which are read
+    /// first and then driven, so that nothing changes at the control.
     ///
     /// # Errors
-    /// A chip or line that is not there, or taken by another program; output lines whose present levels the chip cannot
-    /// tell, since driving them could change a correction in one step.
+    /// A chip or line that does not exist or is used by another program; output lines whose present levels the chip cannot read, since driving them
+    /// could change a correction in one step.
     pub fn open(control_outputs: &LineSet, control_inputs: &LineSet) -> Result<Self, DeviceError> {
         let inputs = Request::builder()
             .on_chip(find(control_outputs)?)
@@ -146,7 +146,7 @@ fn levels_of(values: &Values, lines: &[Offset]) -> u64 {
     levels
 }
 
-/// Puts levels into values that have all of these lines already, so that nothing is allocated.
+/// Sets levels in values that already contain all of these lines, so that nothing is allocated.
 fn put_levels(values: &mut Values, lines: &[Offset], levels: u64) {
     for (bit, line) in lines.iter().enumerate() {
         values.set(*line, Value::from(levels >> bit & 1 == 1));
@@ -163,7 +163,7 @@ fn refused(set: &LineSet, error: &gpiocdev::Error) -> DeviceError {
     DeviceError::open(format!("gpio {}", set.chip), what, remedy)
 }
 
-/// The chip of a label, name or path.
+/// Finds the chip by label, name or path.
 fn find(set: &LineSet) -> Result<PathBuf, DeviceError> {
     let missing = |what: String| {
         let remedy = "check its name (gpiodetect) and the group of this user";
@@ -205,7 +205,7 @@ impl DigitalIo for GpioPort {
         SHORTEST_CYCLE
     }
 
-    /// One call of the kernel for all lines; whether the chip latches them together is its own affair.
+    /// Reads all lines with one system call; whether they are latched together depends on the chip.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let taken = Instant::now();
         let read = self.inputs.values(&mut self.input_values);

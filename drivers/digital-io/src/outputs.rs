@@ -1,4 +1,4 @@
-//! The outputs with the correction: which levels are written next, and which correction the control has taken.
+//! The outputs that carry the correction: the next levels to write, and the correction that the control has received.
 
 use std::time::Instant;
 
@@ -7,24 +7,24 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// How far a correction is on its way over lines with a latch.
+/// Progress of a correction over lines with a latch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Latching {
-    /// The latch stands where it was when the last correction was taken.
+    /// The latch is unchanged since the last correction was received.
     Taken,
-    /// These levels were written; the latch turns when they are confirmed.
+    /// These levels were written; the latch is toggled when they are confirmed.
     Settling(u64),
-    /// The latch was turned with these levels, and nothing else.
+    /// The latch was toggled with these levels unchanged.
     Turned(u64),
 }
 
 /// The outputs of a controller on lines.
 pub(crate) struct Outputs {
     latching: Latching,
-    /// The last level of the latch that was written, as a bit.
+    /// The last written level of the latch, as a bit.
     latch: u64,
     taken: PerChannel<Option<f64>>,
-    /// What the control has taken of the only axis, as far as the device tells the levels of its outputs.
+    /// The correction received for the only axis, if the device reports its output levels.
     carried: Option<PerChannel<f64>>,
 }
 
@@ -38,24 +38,22 @@ impl Outputs {
         }
     }
 
-    /// The corrections that the control's inputs carried last with a confirmed write, axis by axis; `None` for an axis
-    /// that was not written yet.
+    /// The corrections that the lines carried with the last confirmed write, by axis; `None` for an axis that was not written yet.
     pub(crate) fn taken(&self) -> &PerChannel<Option<f64>> {
         &self.taken
     }
 
-    /// The correction that the lines carry now, from before the first write on, as far as the device tells; where several
-    /// axes share the lines, they carry one of them only.
+    /// The correction on the lines now, also before the first write, if the device reports its output levels. If several axes share the lines, it
+    /// is that of one of them only.
     pub(crate) fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried
     }
 
-    /// Writes a word for an axis. With a latch two writes carry one correction: the word, and, when it is confirmed,
-    /// the latch alone.
+    /// Writes a word for an axis. With a latch, a correction takes two writes: the word, then, when it is confirmed, the latch alone.
     ///
     /// # Errors
-    /// See [`DigitalIo::write`]. What was sent does not advance then. Nothing is written while the levels of outputs that
-    /// carry nothing are not known, unless the device cannot tell them.
+    /// See [`DigitalIo::write`]. The sequence does not advance then. Nothing is written while the levels of unused outputs are unknown, unless the
+    /// device cannot report them.
     pub(crate) fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -76,7 +74,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The levels to write, and where that leads. Lines that carry nothing keep the levels that they were found with.
+    /// The levels to write next, and the state after that. Unused lines keep the levels that they were found with.
     fn next(&self, wiring: &Wiring, word: u64, confirmed: Option<u64>) -> (u64, Latching) {
         let bit = wiring.latch_bit();
         let others = confirmed.unwrap_or(0) & !wiring.used_outputs();
@@ -85,7 +83,7 @@ impl Outputs {
         }
         let turned = match (self.latching, confirmed) {
             (Latching::Settling(levels), Some(found)) if found == levels => Some(levels ^ bit),
-            // Whether it turned is not known, or it did not: nothing else may change with it.
+            // It is unknown whether the latch has toggled, so nothing else may change with it.
             (Latching::Turned(levels), None) => Some(levels),
             (Latching::Turned(levels), Some(found)) if found ^ levels == bit => Some(levels),
             _ => None,
@@ -98,7 +96,7 @@ impl Outputs {
         (levels, Latching::Settling(levels))
     }
 
-    /// Takes note of what the device has confirmed since. `wrote`: whether a write was made.
+    /// Processes the levels confirmed since. `wrote`: whether a write was made.
     pub(crate) fn note(
         &mut self,
         io: &impl DigitalIo,

@@ -1,4 +1,4 @@
-//! A control behind lines in memory: for simulations, examples and tests.
+//! A control behind simulated lines, for simulations, examples and tests.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -9,36 +9,36 @@ use volcomp_port::{DigitalIo, Fault, InputLevels};
 
 use crate::{axis::DigitalAxis, wiring::Wiring};
 
-/// What the lines to a control carry.
+/// The content of the lines to a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PanelWord {
-    /// The level of the line that turns when the others have settled; `false` without one.
+    /// Level of the latch line, which toggles once the others have settled; `false` without one.
     pub latch: bool,
-    /// The place of the axis that the word is for.
+    /// Index of the axis that the word is for.
     pub axis: usize,
-    /// The word, counts of the correction; `None`: one that says nothing.
+    /// The correction word, counts; `None` if it is invalid.
     pub counts: Option<i32>,
 }
 
-/// The lines of a control, and the control's end of them. Clones are the same lines: the one goes to a
-/// [`DigitalController`](crate::DigitalController), the other is looked at and moved.
+/// The lines of a control, with access to the control's end. Clones share the lines: pass one to a [`DigitalController`](crate::DigitalController)
+/// and use the other to inspect and move the control.
 #[derive(Clone)]
 pub struct Panel(Arc<Mutex<Inside>>);
 
 struct Inside {
     wiring: Wiring,
     axes: Vec<DigitalAxis>,
-    /// Where the axes are, mm or rad.
+    /// Positions of the axes, mm or rad.
     positions: Vec<f64>,
-    /// The axis that is shown.
+    /// Index of the selected axis.
     shown: usize,
     outputs: u64,
     takes: Box<dyn FnMut(PanelWord) + Send>,
 }
 
 impl Panel {
-    /// Lines of this wiring to a control with these axes, which stand at 0 and of which the first is shown.
+    /// Lines of this wiring to a control with these axes, all at 0, the first one selected.
     pub fn new(wiring: Wiring, axes: Vec<DigitalAxis>) -> Self {
         Self(Arc::new(Mutex::new(Inside {
             wiring,
@@ -54,13 +54,12 @@ impl Panel {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls this with what the lines carry after every write.
+    /// Sets a callback that receives the content of the lines after every write.
     pub fn on_write(&self, takes: impl FnMut(PanelWord) + Send + 'static) {
         self.inside().takes = Box::new(takes);
     }
 
-    /// The axis at this place stands at a position, mm or rad, and is the one that is shown. Without effect for a place
-    /// where no axis is.
+    /// Moves the axis at this index to a position, mm or rad, and selects it. No effect if there is no such axis.
     pub fn shows(&self, axis: usize, position: f64) {
         let mut inside = self.inside();
         if let Some(place) = inside.positions.get_mut(axis) {
@@ -69,7 +68,7 @@ impl Panel {
         }
     }
 
-    /// The lines to the control have these levels, as another program has left them.
+    /// Sets the levels of the lines to the control, as if left by another program.
     pub fn left_at(&self, levels: u64) {
         self.inside().outputs = levels;
     }
@@ -79,13 +78,12 @@ impl Panel {
         self.inside().outputs
     }
 
-    /// What the lines to the control carry.
+    /// The content of the lines to the control.
     pub fn word(&self) -> PanelWord {
         self.inside().word()
     }
 
-    /// The correction that the lines to the control carry, mm or rad; `None`: a word that says nothing, or an axis that is
-    /// not there.
+    /// The correction on the lines to the control, mm or rad; `None` if the word is invalid or there is no such axis.
     pub fn correction(&self) -> Option<f64> {
         let inside = self.inside();
         let (word, axis) = inside.wiring.control_inputs(inside.outputs);

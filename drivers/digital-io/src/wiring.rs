@@ -1,36 +1,36 @@
-//! Which line carries what.
+//! The assignment of bits to lines.
 
 use crate::words::{CorrectionWord, PositionWord, mask};
 
-/// Which line carries which bit. Named from the control: its outputs show the position and are our inputs,
-/// its inputs take the correction and are our outputs.
+/// The assignment of bits to lines. Named from the control: its outputs carry the position and are our inputs, its inputs carry the correction and
+/// are our outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wiring {
-    /// Our inputs with the bits of the position, lowest first.
+    /// Our inputs with the position bits, lowest first.
     pub position: Vec<u32>,
-    /// Our input that makes the number of ones among the position, the axis selection and itself even.
+    /// Our input for even parity over the position, the axis selection and itself.
     pub parity: Option<u32>,
-    /// Our input that stands at 1 while the word holds still.
+    /// Our input that is 1 while the word is stable.
     pub strobe: Option<u32>,
-    /// Our inputs with the number of the axis that is shown, lowest bit first.
+    /// Our inputs with the index of the selected axis, lowest bit first.
     pub select: Vec<u32>,
-    /// Our outputs with the bits of the correction, lowest first.
+    /// Our outputs with the correction bits, lowest first.
     pub correction: Vec<u32>,
-    /// Our outputs that say for which axis the correction is, lowest bit first: as many as `select`. The
-    /// control takes a correction only while they agree with what it shows.
+    /// Our outputs with the index of the axis that the correction is for, lowest bit first: as many as `select`. The control accepts a correction
+    /// only while they match its selection.
     pub echo: Vec<u32>,
-    /// Our output that changes its level one write after the correction, so that a control which takes the correction at
-    /// its edges, rising and falling, never takes one whose lines have not settled.
+    /// Our output that toggles one write after the correction, so that a control which samples the correction at its edges, rising and falling,
+    /// never reads lines that have not settled.
     #[cfg_attr(feature = "serde", serde(default))]
     pub latch: Option<u32>,
-    /// Inputs that are inverted on the way.
+    /// Bit mask of inverted inputs.
     pub inverted_inputs: u64,
-    /// Outputs that are inverted on the way.
+    /// Bit mask of inverted outputs.
     pub inverted_outputs: u64,
 }
 
-/// A wiring that makes no sense.
+/// An invalid wiring.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}: {found}, expected {expected}")]
 pub struct WiringError {
@@ -42,12 +42,12 @@ pub struct WiringError {
     pub expected: String,
 }
 
-/// The position word and the axis that the inputs show.
+/// The position word and the selected axis on the inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shown {
     pub(crate) word: u32,
     pub(crate) axis: u32,
-    /// Whether the parity is right and the word holds still.
+    /// Whether the parity is correct and the word is stable.
     pub(crate) valid: bool,
 }
 
@@ -64,7 +64,7 @@ impl Wiring {
     /// Checks the wiring against a port and the words.
     ///
     /// # Errors
-    /// A line that is not there or used twice, words of another length, axes that cannot be told apart.
+    /// A line that does not exist or is used twice, words of another length, too few selection lines for the axes.
     pub fn check(
         &self,
         inputs: u32,
@@ -112,20 +112,20 @@ impl Wiring {
         Ok(())
     }
 
-    /// Our inputs that carry something.
+    /// Our used inputs.
     fn inputs(&self) -> impl Iterator<Item = u32> {
         let single = self.parity.iter().chain(&self.strobe);
         let words = self.position.iter().chain(&self.select);
         words.chain(single).copied()
     }
 
-    /// Our outputs that carry something.
+    /// Our used outputs.
     fn outputs(&self) -> impl Iterator<Item = u32> {
         let words = self.correction.iter().chain(&self.echo);
         words.chain(&self.latch).copied()
     }
 
-    /// The outputs that carry something, as bits.
+    /// Bit mask of the used outputs.
     pub(crate) fn used_outputs(&self) -> u64 {
         self.outputs().fold(0, |used, line| used | 1 << line)
     }
@@ -135,7 +135,7 @@ impl Wiring {
         self.latch.map_or(0, |line| 1 << line)
     }
 
-    /// Whether some of so many outputs carry nothing.
+    /// Whether any of this number of outputs is unused.
     pub(crate) fn leaves_outputs(&self, outputs: u32) -> bool {
         let there = u64::MAX.checked_shr(64 - outputs.min(64)).unwrap_or(0);
         there & !self.used_outputs() != 0
@@ -146,7 +146,7 @@ impl Wiring {
         self.inputs().fold(0, |used, line| used | 1 << line)
     }
 
-    /// The position word and the axis that these levels of the inputs show.
+    /// Decodes the position word and the selected axis from the input levels.
     #[inline]
     pub(crate) fn shown(&self, levels: u64) -> Shown {
         let levels = levels ^ self.inverted_inputs;
@@ -162,21 +162,21 @@ impl Wiring {
         }
     }
 
-    /// The word of the position on the inputs; `None` where the parity is wrong or it moves.
+    /// The position word on the inputs; `None` if the parity is wrong or the word is not stable.
     #[inline]
     pub fn position_word(&self, levels: u64) -> Option<u32> {
         let shown = self.shown(levels);
         shown.valid.then_some(shown.word)
     }
 
-    /// The levels of the outputs for a correction of an axis, the latch at 0.
+    /// The output levels for a correction of an axis, with the latch at 0.
     #[inline]
     pub fn levels(&self, word: u32, axis: u32) -> u64 {
         let bits = scatter(word, &self.correction) | scatter(axis, &self.echo);
         (bits ^ self.inverted_outputs) & !self.latch_bit()
     }
 
-    /// The levels of a control's outputs while it shows a word of an axis: for simulated controls and tests.
+    /// Levels of a control's outputs while it reports a word of an axis: for simulated controls and tests.
     pub fn control_outputs(&self, word: u32, axis: u32, strobe: bool) -> u64 {
         let ones = (word & mask(self.position.len().try_into().unwrap_or(32))).count_ones();
         let ones = ones + axis.count_ones();
@@ -193,7 +193,7 @@ impl Wiring {
     }
 }
 
-/// The bits of some lines, the first lowest.
+/// Collects the bits of some lines, the first as the lowest.
 #[inline]
 fn gather(levels: u64, lines: &[u32]) -> u32 {
     let mut word = 0;

@@ -1,25 +1,23 @@
-//! The two words: a position in a number of bits, a correction in a number of bits.
+//! Encoding of positions and corrections in words of some bits.
 //!
-//! The numbers that go in and come out are f64 in mm, for rotary axes in rad, as in the rest of a cycle; which of the
-//! two it is follows from the step of the word.
+//! Values are f64 in mm, or in rad for rotary axes, as everywhere in a cycle; the step of the word determines which.
 
 use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 
-/// The code in which the bits of a position count.
+/// Code of the position bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum PositionCode {
-    /// Plain binary code: the count is an unsigned number.
+    /// Plain binary: the count is unsigned.
     #[default]
     Binary,
-    /// Reflected Gray code: one bit changes from count to count, so that a word read while it changes is one
-    /// of its neighbours.
+    /// Reflected Gray code: one bit changes per count, so that a word read during a change is one of the two neighbours.
     Gray,
 }
 
-/// A position in up to 32 bits. Quantising loses up to half a step; the range is 2^bits steps from `zero` on.
-/// Published: 15 bits of 1/32 mm, 1024 mm, a loss of 15.6 µm at the most, of which an error of 10 µm/m makes 0.2 nm.
+/// A position in up to 32 bits. Quantisation error up to half a step; the range is 2^bits steps from `zero` on. Published: 15 bits of 1/32 mm, 1024
+/// mm; the quantisation error of at most 15.6 µm makes 0.2 nm at an error slope of 10 µm/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PositionWord {
@@ -27,13 +25,13 @@ pub struct PositionWord {
     pub bits: u32,
     /// The code of the bits.
     pub code: PositionCode,
-    /// The distance that one count moves the axis: a length for a linear, an angle for a rotary axis.
+    /// Travel of the axis per count: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
     /// The position of the axis at count 0, of the same kind as the step.
     pub zero: Displacement,
 }
 
-/// The code in which the bits of a correction count.
+/// Code of the correction bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -41,12 +39,12 @@ pub enum CorrectionCode {
     /// Two's complement: the word of a negative count is the count plus 2 to the power of `bits`.
     #[default]
     TwosComplement,
-    /// The highest bit is the sign, the others are the size.
+    /// The highest bit is the sign, the others are the magnitude.
     SignMagnitude,
 }
 
-/// A correction in up to 32 bits. Quantising loses up to half a step; the largest correction is 2^(bits−1) − 1 steps:
-/// the most negative number of two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
+/// A correction in up to 32 bits. Quantisation error up to half a step; the largest correction is 2^(bits−1) − 1 steps: the most negative number of
+/// two's complement is never sent. Published: 8 bits of 1 µm, ±127 µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CorrectionWord {
@@ -54,33 +52,33 @@ pub struct CorrectionWord {
     pub bits: u32,
     /// The code of the bits.
     pub code: CorrectionCode,
-    /// The distance that one count moves the axis: a length for a linear, an angle for a rotary axis.
+    /// Travel of the axis per count: a length for a linear, an angle for a rotary axis.
     pub step: Displacement,
 }
 
-/// A correction as it is sent.
+/// An encoded correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
     /// The bits of the word, lowest first.
     pub word: u32,
-    /// The correction that the word stands for, mm or rad.
+    /// The correction after quantisation, mm or rad.
     pub sent: f64,
-    /// Whether the wanted correction was larger than the word can say, or no number.
+    /// Whether the requested correction was out of range, or not a number.
     pub saturated: bool,
 }
 
-/// A position that a word stands for.
+/// A decoded position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coded {
-    /// The position in the middle of what the word stands for, mm or rad.
+    /// Centre of the interval that the word encodes, mm or rad.
     pub position: f64,
-    /// How far the axis may be from that position, mm or rad.
+    /// Half-width of that interval, mm or rad.
     pub within: f64,
 }
 
-/// A travel that goes beyond what a position word can say.
+/// A travel that exceeds the range of a position word.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "found a travel from {} to {} {unit}, expected one within {} to {} {unit}, which {bits} bits of this step can say",
@@ -90,7 +88,7 @@ pub struct Coded {
 pub struct BeyondWord {
     /// The lower and the upper end of the travel.
     pub travel: [Displacement; 2],
-    /// The first and the last position that the word can say.
+    /// The first and the last position in the range of the word.
     pub word: [Displacement; 2],
     /// The number of lines of the word.
     pub bits: u32,
@@ -115,31 +113,31 @@ impl PositionWord {
         zero: Displacement::Length(Mm(0.0)),
     };
 
-    /// Whether step and zero are those of this kind of axis.
+    /// Whether step and zero have the unit of this kind of axis.
     pub(crate) fn is_of(&self, kind: AxisKind) -> bool {
         self.step.kind() == kind && self.zero.kind() == kind
     }
 
-    /// How many positions the word can say.
+    /// Number of positions that the word can encode.
     pub fn counts(&self) -> f64 {
         f64::from(mask(self.bits)) + 1.0
     }
 
-    /// From the first to the end of the last count, mm or rad.
+    /// Width of the range, including the last count, mm or rad.
     pub fn range(&self) -> f64 {
         self.counts() * self.step.mm_or_rad()
     }
 
-    /// The first and the last position that the word can say, mm or rad: half a count beyond them is still shown as them.
+    /// The first and the last position in range, mm or rad: they also stand for positions up to half a count beyond.
     pub fn ends(&self) -> [f64; 2] {
         [0.0, self.counts() - 1.0].map(|count| self.at(count).position)
     }
 
-    /// Checks that the word can say every position of a travel (mm or rad, lower end first). A position beyond it would
-    /// be shown as another one.
+    /// Checks that the word can encode every position of a travel (mm or rad, lower end first). A position beyond the range would alias to another
+    /// one.
     ///
     /// # Errors
-    /// The travel goes beyond the word by more than half a count.
+    /// The travel exceeds the range by more than half a count.
     pub fn check_travel(&self, travel: [f64; 2]) -> Result<(), BeyondWord> {
         let half = 0.5 * self.step.mm_or_rad();
         let ends = self.ends();
@@ -155,7 +153,7 @@ impl PositionWord {
         })
     }
 
-    /// The count of a word, with Gray code undone.
+    /// The count of a word, converted from Gray code if necessary.
     #[inline]
     pub fn count(&self, word: u32) -> u32 {
         let word = word & mask(self.bits);
@@ -171,7 +169,7 @@ impl PositionWord {
         }
     }
 
-    /// The position that a word stands for.
+    /// Decodes a word to a position.
     #[inline]
     pub fn decode(&self, word: u32) -> Coded {
         self.at(f64::from(self.count(word)))
@@ -185,7 +183,7 @@ impl PositionWord {
         }
     }
 
-    /// The word that a control shows at a position (mm or rad): the nearest count, `None` outside the range.
+    /// Encodes a position (mm or rad), as a control does: the nearest count, `None` outside the range.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -212,12 +210,12 @@ impl CorrectionWord {
         step: Displacement::Length(Mm(0.001)),
     };
 
-    /// The largest correction that the word can say, mm or rad.
+    /// Largest correction in the range of the word, mm or rad.
     pub fn limit(&self) -> f64 {
         f64::from(mask(self.bits.saturating_sub(1))) * self.step.mm_or_rad()
     }
 
-    /// The word for a correction (mm or rad): the nearest count, held within the limit; what is no number is 0.
+    /// Encodes a correction (mm or rad): the nearest count, clamped to the limit; NaN becomes 0.
     #[inline]
     #[expect(
         clippy::cast_possible_truncation,
@@ -227,7 +225,7 @@ impl CorrectionWord {
         let step = self.step.mm_or_rad();
         let most = f64::from(mask(self.bits.saturating_sub(1)));
         let wanted = correction / step;
-        // Rounding half away from zero, without a call.
+        // Rounds half away from zero, without a function call.
         let half = if wanted < 0.0 { -0.5 } else { 0.5 };
         let held = (wanted + half).clamp(-most, most) as i32;
         let size = held.unsigned_abs();
@@ -243,8 +241,7 @@ impl CorrectionWord {
         }
     }
 
-    /// The correction that a word stands for, mm or rad; `None` for the most negative number of two's complement,
-    /// which is never sent, and for −0.
+    /// Decodes a word to a correction, mm or rad; `None` for the most negative number of two's complement, which is never sent, and for −0.
     pub fn decode(&self, word: u32) -> Option<f64> {
         let word = word & mask(self.bits);
         let sign = sign_bit(self.bits);
@@ -262,11 +259,10 @@ impl CorrectionWord {
     }
 }
 
-/// Counts beyond are no position of a machine, and would not be exact in f64.
+/// Counts beyond this are not positions of a machine, and would not be exact in f64.
 const FARTHEST: f64 = 4_503_599_627_370_496.0;
 
-/// Follows a position of which only the low bits are shown: the axis must move less than half of what the
-/// word can say between two words.
+/// Tracks a position of which only the low bits are reported: between two words the axis must move less than half of the word's range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unwrapper {
     word: PositionWord,
@@ -275,7 +271,7 @@ pub struct Unwrapper {
 }
 
 impl Unwrapper {
-    /// Starts from a word and the position (mm or rad) at which the axis is known to be then, such as its reference.
+    /// Starts from a word and the known position of the axis (mm or rad) at that time, such as its reference.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "positions are counted in millions"
@@ -300,7 +296,7 @@ impl Unwrapper {
         }
     }
 
-    /// The position after the next word.
+    /// The position of the next word.
     pub fn follow(&mut self, shown: u32) -> Coded {
         let now = self.word.count(shown);
         let range = i64::from(mask(self.word.bits)) + 1;

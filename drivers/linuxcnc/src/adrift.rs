@@ -1,7 +1,7 @@
-//! Whether the axes have what the bridge tells of them.
+//! Detects axes whose offset differs from what the bridge reports.
 //!
-//! The bridge looks for this itself, and holds. A bridge that is wrong, or does not, is seen here, by the same rule: the
-//! state carries both the value that the barrier applies and the offset that the control's planner has reached.
+//! The bridge checks this itself, and holds. This second check, by the same rule, covers a faulty bridge: each state contains both the value that
+//! the barrier applies and the offset that the control's planner has reached.
 
 use std::time::Duration;
 
@@ -9,42 +9,42 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// How far an offset may be off besides what its value moved in the time of the way: some counts, and what the planner
-/// leaves where it stops (nm or millionths of a degree). So a small correction that never comes is seen as well as a large one.
+/// Tolerance of an offset in addition to the movement of its value within `WAY`: some counts, and the distance at which the planner stops (nm or
+/// millionths of a degree). So a small correction that never arrives is detected as well as a large one.
 const OFF_BY_COUNTS: f64 = 3.0;
 const OFF_BY: f64 = 10.0;
-/// How long the control's planner may take.
+/// Maximum lag of the control's planner.
 const WAY: Duration = Duration::from_millis(250);
-/// For how long an offset has to be off.
+/// How long an offset must be out of tolerance.
 const FOR: Duration = Duration::from_millis(500);
-/// The words of a report before those of the axes, and the words of each axis.
+/// Number of report words before those of the axes, and number of words per axis.
 const HEAD: usize = 8;
 const OF_AXIS: usize = 3;
 
-/// What was applied last, and how much it moved lately.
+/// The value applied last, and its recent movement.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Adrift {
     last: Option<Duration>,
     applied: [f64; MAX_AXES],
-    /// What moved, forgotten with the time of the way.
+    /// Recent movement, which expires after `WAY`.
     moved: [f64; MAX_AXES],
-    /// Since when an axis is off.
+    /// Since when an axis is out of tolerance.
     since: Option<Duration>,
     is_lost: bool,
 }
 
 impl Adrift {
-    /// Whether an axis has for long been farther off than what moved on the way explains.
+    /// Whether an axis has been out of tolerance for `FOR`.
     pub(crate) fn is_lost(&self) -> bool {
         self.is_lost
     }
 
-    /// Takes a state of the same run as the one before, with so many axes that are corrected.
+    /// Processes a state of the same run as the previous one, with `axes` corrected axes.
     pub(crate) fn hear(&mut self, state: &State, axes: usize) {
         let words = state.report.as_slice();
         let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);
         if words.len() < HEAD + OF_AXIS * axes || !applies {
-            // Nothing is told, or nothing moves.
+            // The state has no report, or the machine is off.
             *self = Self::default();
             return;
         }

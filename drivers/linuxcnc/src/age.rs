@@ -1,29 +1,29 @@
-//! How old a state is, by the clock of the bridge.
+//! The age of a state, by the clock of the bridge.
 
 use std::time::{Duration, Instant};
 
-/// The time after which an earlier comparison of the clocks is forgotten: they may go apart by 100 us in it (10 ppm).
+/// Time after which an earlier comparison of the clocks expires: they may diverge by 100 us within it (10 ppm).
 const WINDOW: Duration = Duration::from_secs(10);
 
-/// The difference between the bridge's clock and ours, from the datagrams that came fastest. A datagram that waited on the
-/// way, or here while nobody read, came with a larger difference than these, and is as much older.
+/// The difference between the bridge's clock and ours, from the fastest datagrams. A datagram that was delayed on the network, or queued here,
+/// shows a larger difference and is older by the excess.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clocks {
-    /// The smallest difference in this window and in the one before: ours less the bridge's.
+    /// The smallest difference, ours minus the bridge's, in this window and in the previous one.
     least: [Option<Instant>; 2],
     begun: Option<Instant>,
 }
 
 impl Clocks {
-    /// Forgets: the bridge runs on another computer, or has started anew.
+    /// Forgets all comparisons: the bridge restarted, or moved to another computer.
     pub(crate) fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// When, on our clock, the bridge's clock showed `time`, as far as the datagrams tell; `arrived` is when this one was
-    /// read, and the result is never later.
+    /// Converts `time` of the bridge's clock to our clock, as well as the datagrams so far allow. `arrived` is when this one was read; the result
+    /// is never later.
     pub(crate) fn held(&mut self, time: Duration, arrived: Instant) -> Instant {
-        // The instant at which the bridge's clock would have shown zero; `None` where that lies before all instants.
+        // Our time at which the bridge's clock was zero; `None` if `Instant` cannot represent it.
         let Some(zero) = arrived.checked_sub(time) else {
             return arrived;
         };

@@ -1,4 +1,4 @@
-//! The datagram that a gateway sends.
+//! The datagram sent by a gateway.
 
 use volcomp_port::{MOST_WORDS, Words};
 
@@ -8,37 +8,37 @@ use crate::{
     key::MAC,
 };
 
-/// The first bytes: `VCLF`.
+/// Magic bytes: `VCLF`.
 const MAGIC: [u8; 4] = *b"VCLF";
-/// The bytes before the words.
+/// Number of bytes before the words.
 const HEAD: usize = 20;
 
-/// The room of the largest command.
+/// Maximum size of a command, bytes.
 pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + MAC;
 
-/// What a gateway sends to a bridge. The bridge sends its states to the sender's address for a second.
+/// A command from a gateway to a bridge. The bridge sends its states to the sender's address for a second afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
-    /// The number of the machine.
+    /// Machine number.
     pub machine: u16,
-    /// Run and sequence of the state that it answers: the bridge refuses commands that answer none of its last second. Zeros before
-    /// the first state, which such a command requests.
+    /// Run and sequence of the state that it answers: the bridge rejects commands that answer none of its last second. Zeros before the first
+    /// state; such a command requests states.
     pub answers: [u32; 2],
-    /// What is said.
+    /// Payload.
     pub content: Content,
 }
 
 /// The content of a [`Command`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Nothing but that states are wanted.
+    /// No frame: only keeps the states coming.
     Listen,
     /// A frame for the barrier, which carries its own epoch, tick, owner, sequence and checksum.
     Frame(Words),
 }
 
 impl Command {
-    /// Reads a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
     /// A datagram that is not a command of this version and key.
@@ -66,7 +66,7 @@ impl Command {
                 let expected = HEAD + MAC;
                 return Err(Broken::Length { found, expected });
             }
-            // Not more than there is room for.
+            // The length was checked, so the words fit.
             1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
             found => return Err(Broken::Kind { found }),
         };
@@ -77,7 +77,7 @@ impl Command {
         })
     }
 
-    /// Writes the datagram, and tells how many bytes it has.
+    /// Encodes the datagram and returns its length in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; COMMAND_BYTES]) -> usize {
         let (kind, words): (u16, &[u16]) = match &self.content {
             Content::Listen => (0, &[]),

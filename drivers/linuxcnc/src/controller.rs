@@ -1,4 +1,4 @@
-//! LinuxCNC as a controller: states come from its bridge, frames for the barrier go to it.
+//! LinuxCNC as a controller: receives states from its bridge and sends frames for the barrier to it.
 
 use std::{
     io::ErrorKind,
@@ -24,13 +24,13 @@ use crate::{
     state::AxisState,
 };
 
-/// How often a gateway that sends no frames says that it listens; the bridge forgets it after a second.
+/// Interval of listen commands when no frames are sent; the bridge stops sending states after a second without a command.
 const LISTEN_EVERY: Duration = Duration::from_millis(200);
 
-/// After so long without a state of the run that was heard, one of another run is believed, not before.
+/// Time without a state of the current run after which states of another run are accepted.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(1);
 
-/// The most datagrams that are taken in one read.
+/// Maximum number of datagrams processed per read.
 const AT_ONCE: usize = 256;
 
 /// A LinuxCNC control and its bridge, not opened.
@@ -40,17 +40,17 @@ pub struct LinuxCncConfig {
     pub host: String,
     /// The UDP port of the bridge.
     pub port: u16,
-    /// The key that the bridge has, too.
+    /// The key shared with the bridge.
     pub key: Key,
-    /// Whether the bridge may be on another computer. Datagrams are not encrypted: everyone on that network can read them.
+    /// Whether the bridge may run on another computer. Datagrams are not encrypted: anyone on that network can read them.
     pub remote: bool,
-    /// The name of the channel by which corrections get in.
+    /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// The number of the machine, as the bridge has it; of no account where positions are only read.
+    /// Machine number, as set in the bridge; unused if positions are only read.
     pub machine: u16,
-    /// The axes in channel order, as the bridge has them; none where positions are only read.
+    /// The axes in channel order, as set in the bridge; empty if positions are only read.
     pub axes: Vec<AxisName>,
-    /// Axes of which only the positions are read.
+    /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
     /// The size of a count of linear axes.
     pub step_linear: Displacement,
@@ -59,15 +59,15 @@ pub struct LinuxCncConfig {
 }
 
 impl LinuxCncConfig {
-    /// A nanometre.
+    /// One nanometre.
     pub const STEP_LINEAR: Displacement = Displacement::Length(Mm(1e-6));
 
-    /// The same on a rotary axis: a millionth of a degree.
+    /// One millionth of a degree, for rotary axes.
     pub fn step_rotary() -> Displacement {
         Displacement::Angle(Deg(1e-6).to_rad())
     }
 
-    /// The device as messages name it.
+    /// Device name used in messages.
     pub fn device(&self) -> String {
         device(&self.host, self.port)
     }
@@ -79,7 +79,7 @@ impl LinuxCncConfig {
         }
     }
 
-    /// The size of a count as the bridge is told it: nm, or millionths of a degree.
+    /// Size of a count in the unit of the bridge: nm, or millionths of a degree.
     pub(crate) fn step_nano(&self, kind: AxisKind) -> f64 {
         nano(kind, self.step(kind).mm_or_rad()).round()
     }
@@ -87,7 +87,7 @@ impl LinuxCncConfig {
     /// The description of the controller, without opening it.
     ///
     /// # Errors
-    /// Axes or steps that make no sense.
+    /// Invalid axes or steps.
     pub fn describe(&self) -> Result<Description, DeviceError> {
         let axis = |name: &AxisName| {
             let step = self.step(name.kind());
@@ -136,7 +136,7 @@ impl LinuxCncConfig {
     }
 }
 
-/// A length in mm or an angle in rad, in nm or millionths of a degree.
+/// Converts a length in mm to nm, or an angle in rad to millionths of a degree.
 fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
     match kind {
         AxisKind::Linear => mm_or_rad * 1e6,
@@ -144,18 +144,18 @@ fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
     }
 }
 
-/// What was noticed on the way to the bridge so far.
+/// Counters of irregularities on the connection to the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Datagrams of another key or version, or no states.
+    /// Datagrams with another key or version, or that are not states.
     pub broken: u64,
     /// States of another machine, or of other axes or steps.
     pub foreign: u64,
-    /// States that were overtaken by a later one or came twice.
+    /// States that arrived out of order or twice.
     pub late: u64,
-    /// States that never came.
+    /// States that never arrived.
     pub lost: u64,
-    /// How often the bridge was started anew.
+    /// Number of restarts of the bridge.
     pub restarts: u64,
 }
 
@@ -177,10 +177,10 @@ pub struct LinuxCncController {
 }
 
 impl LinuxCncController {
-    /// Opens the way to a bridge, which need not be there yet.
+    /// Opens the socket to a bridge, which need not run yet.
     ///
     /// # Errors
-    /// Axes or steps that make no sense, a host that cannot be found or is another computer, no socket.
+    /// Invalid axes or steps, a host that cannot be resolved or is another computer, no socket.
     pub fn new(config: &LinuxCncConfig) -> Result<Self, DeviceError> {
         let description = config.describe()?;
         let socket = open(&config.host, config.port, config.remote)?;
@@ -199,12 +199,12 @@ impl LinuxCncController {
         })
     }
 
-    /// What was noticed on the way so far.
+    /// The counters so far.
     pub fn health(&self) -> Health {
         self.health
     }
 
-    /// The last state of the bridge.
+    /// The last state received from the bridge.
     pub fn state(&self) -> Option<&State> {
         self.last.as_ref().map(|(state, _)| state)
     }
@@ -221,13 +221,13 @@ impl LinuxCncController {
         };
         let mut bytes = [0; COMMAND_BYTES];
         let length = command.encode(&self.key, &mut bytes);
-        // One that is refused was told by the system about the datagram before: the next one is on its way again.
+        // A refusal reported by the system concerns the previous datagram: this one is sent again.
         for _ in 0..2 {
             match self.socket.send(&bytes[..length]) {
                 Ok(_) => return Ok(()),
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // A full queue: this one is lost, as others may be on the way.
+                // The queue is full: this datagram is lost, like one lost on the network.
                 Err(e) if e.kind() == ErrorKind::WouldBlock => return Err(Fault::TimedOut),
                 Err(_) => return Err(Fault::Disconnected),
             }
@@ -235,22 +235,22 @@ impl LinuxCncController {
         Err(Fault::Disconnected)
     }
 
-    /// Whether the bridge has to be told that its states are wanted: for some time nothing was sent, or nothing that answers the run
-    /// of the last state, without which the bridge sends no more of them.
+    /// Whether a listen command is due: nothing was sent for some time, or nothing that answers the run of the last state, without which the bridge
+    /// stops sending states.
     fn must_listen(&self) -> bool {
         let run = self.state().map_or(0, |state| state.run);
         self.said
             .is_none_or(|(at, answered)| answered != run || at.elapsed() >= LISTEN_EVERY)
     }
 
-    /// Takes what there is.
+    /// Processes all waiting datagrams.
     fn drain(&mut self) {
         let mut bytes = [0; STATE_BYTES + 1];
         for _ in 0..AT_ONCE {
             match self.socket.recv(&mut bytes) {
                 Ok(length) => self.take(&bytes[..length], Instant::now()),
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                // Nobody listens at that port yet, or any more: the age of the last state tells.
+                // No process listens at that port now; the age of the last state shows it.
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
                 Err(_) => return,
             }
@@ -269,7 +269,7 @@ impl LinuxCncController {
         }
         if let Some((last, _)) = &self.last {
             if last.run == state.run {
-                // Less than half of the range ahead.
+                // The sequence wraps: less than half of its range ahead counts as later.
                 let ahead = state.sequence.wrapping_sub(last.sequence);
                 if ahead == 0 || ahead >= 1 << 31 {
                     self.health.late += 1;
@@ -280,7 +280,7 @@ impl LinuxCncController {
                 let silent = self
                     .heard
                     .is_none_or(|heard| arrived.saturating_duration_since(heard) > FORGOTTEN_AFTER);
-                // A state of an earlier run that someone recorded may have any time.
+                // A recorded state of an earlier run could carry any time.
                 if !silent {
                     self.health.late += 1;
                     return;
@@ -297,9 +297,9 @@ impl LinuxCncController {
         self.last = Some((state, held));
     }
 
-    /// Why a state is none of this machine.
+    /// Why a state does not belong to this machine.
     fn misfit_of(&self, state: &State) -> Option<&'static str> {
-        // Where positions are only read, the configuration has no number of the machine.
+        // If positions are only read, the configuration has no machine number.
         if self.description.barrier && state.machine != self.machine {
             return Some("the bridge belongs to a machine of another number");
         }
@@ -325,7 +325,7 @@ impl LinuxCncController {
         None
     }
 
-    /// Waits until something came. Whether it did.
+    /// Waits for a datagram until the deadline. Returns whether one arrived.
     fn wait(&self, deadline: Instant) -> bool {
         let left = deadline.saturating_duration_since(Instant::now());
         let left = Timespec::try_from(left.min(LISTEN_EVERY)).unwrap_or_default();
@@ -341,7 +341,7 @@ impl Controller for LinuxCncController {
         &self.description
     }
 
-    /// The last state of the bridge, however long ago it was sent; waits only until one has come at all.
+    /// The last state of the bridge, whatever its age; waits only before the first one.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
         let (state, taken) = loop {
             self.drain();
@@ -361,7 +361,7 @@ impl Controller for LinuxCncController {
         };
         let mut positions = PerChannel::ZERO;
         for (position, name) in positions.iter_mut().zip(self.description.shown_axes()) {
-            // Every one of them is among those of the state: others are a misfit.
+            // Each of these axes is in the state: otherwise it was rejected as a misfit.
             let Some(axis) = state.axes().find(|axis| axis.name == name) else {
                 return Err(Fault::Protocol("an axis is missing"));
             };

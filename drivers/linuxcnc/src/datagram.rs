@@ -1,4 +1,4 @@
-//! What states and commands have in common: how a datagram begins and ends, and its numbers.
+//! The common part of states and commands: header, message authentication code and numbers.
 
 use volcomp_port::MOST_WORDS;
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -9,7 +9,7 @@ use crate::{Key, VERSION, key::MAC};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Broken {
-    /// There are too few or too many bytes.
+    /// The length in bytes is wrong.
     #[error("found {found} bytes, expected {expected}")]
     Length {
         /// The number of bytes that were found.
@@ -17,33 +17,33 @@ pub enum Broken {
         /// The number that was expected.
         expected: usize,
     },
-    /// The datagram begins with other bytes.
+    /// The magic bytes are wrong.
     #[error("found another beginning than that of a datagram of this protocol, VCLS or VCLF")]
     Magic,
-    /// The other side speaks another version of the protocol.
+    /// The other side uses another version of the protocol.
     #[error("found version {found} of the protocol, expected {VERSION}")]
     Version {
         /// The version that was found.
         found: u8,
     },
-    /// The message authentication code is not that of our key.
+    /// The message authentication code does not match our key.
     #[error(
         "found another message authentication code than that of our key: the other side has another key, or bytes were changed on the way"
     )]
     Mac,
-    /// The number of axes is beyond the largest.
+    /// The number of axes exceeds the maximum.
     #[error("found {found} axes, expected {MAX_AXES} at the most")]
     Axes {
         /// The number that was found.
         found: usize,
     },
-    /// The number of words is beyond the largest.
+    /// The number of words exceeds the maximum.
     #[error("found {found} words, expected {MOST_WORDS} at the most")]
     Words {
         /// The number that was found.
         found: usize,
     },
-    /// A letter is no axis, or comes twice.
+    /// A letter is not an axis, or occurs twice.
     #[error("found the letter {:?}, expected those of axes, each once", char::from(*found))]
     Letter {
         /// The byte that was found.
@@ -57,15 +57,15 @@ pub enum Broken {
         /// The axis whose numbers these are.
         axis: AxisName,
     },
-    /// The content is of a kind that there is not.
+    /// The content is of an unknown kind.
     #[error("found the kind {found} of content, expected 0 (states are wanted) or 1 (a frame)")]
     Kind {
-        /// The number that was found.
+        /// The kind that was found.
         found: u16,
     },
 }
 
-/// The datagram without its code, where it begins with these four bytes, is of our version and our key, and has at least its head.
+/// Checks magic bytes, version, authentication code and minimum length of a datagram, and returns it without the code.
 pub(crate) fn opened<'a>(
     bytes: &'a [u8],
     magic: [u8; 4],
@@ -92,7 +92,7 @@ pub(crate) fn opened<'a>(
     Ok(body)
 }
 
-/// Appends bytes to a datagram of fixed room.
+/// Appends bytes to a datagram of fixed capacity.
 pub(crate) struct Writer<'a> {
     bytes: &'a mut [u8],
     length: usize,
@@ -103,7 +103,7 @@ impl<'a> Writer<'a> {
         Self { bytes, length: 0 }
     }
 
-    /// Appends these bytes; the room of every datagram is that of its largest content.
+    /// Appends these bytes; the capacity of every datagram is that of its largest content.
     pub(crate) fn put(&mut self, more: &[u8]) {
         let end = self.length + more.len();
         if let Some(room) = self.bytes.get_mut(self.length..end) {
@@ -112,7 +112,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Appends the code of this key. How many bytes there are.
+    /// Appends the authentication code. Returns the total length in bytes.
     pub(crate) fn seal(mut self, key: &Key) -> usize {
         let code = key.mac(&self.bytes[..self.length]);
         self.put(&code);
@@ -120,11 +120,11 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Takes bytes from a datagram whose length was checked.
+/// Reads bytes from a datagram whose length was checked.
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {
-    /// The next bytes; zeros where there are none left.
+    /// The next bytes; zeros past the end.
     pub(crate) fn take<const N: usize>(&mut self) -> [u8; N] {
         let Some((head, rest)) = self.0.split_first_chunk::<N>() else {
             return [0; N];

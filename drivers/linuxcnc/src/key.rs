@@ -1,14 +1,14 @@
-//! The key that gateway and bridge share, and the code that it gives to a datagram.
+//! The key shared by gateway and bridge, and the message authentication code.
 
 use std::{fmt, path::Path};
 
 use siphasher::sip::SipHasher24;
 use volcomp_document::{PrivateError, private};
 
-/// The bytes of a message authentication code.
+/// Length of a message authentication code, bytes.
 pub(crate) const MAC: usize = 8;
 
-/// The key that the gateway and the bridge share: with it both write and check the message authentication code of every datagram.
+/// The key shared by the gateway and the bridge; it authenticates every datagram in both directions.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Key([u8; 16]);
 
@@ -16,10 +16,10 @@ pub struct Key([u8; 16]);
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum KeyError {
-    /// The file cannot be read, or others may read it.
+    /// The file cannot be read, or is readable by others.
     #[error(transparent)]
     Private(#[from] PrivateError),
-    /// The file holds something else.
+    /// The content is not a key.
     #[error("{}: expected 32 hexadecimal digits and nothing else", .0.display())]
     Malformed(std::path::PathBuf),
 }
@@ -34,13 +34,13 @@ impl Key {
     /// Reads a key from a file of mode 600: 32 hexadecimal digits, as `openssl rand -hex 16` prints them.
     ///
     /// # Errors
-    /// A file that cannot be read, that others may read, or that holds something else.
+    /// A file that cannot be read, is readable by others, or does not contain a key.
     pub fn read(file: &Path) -> Result<Self, KeyError> {
         let text = private::read(file)?;
         Self::parse(&text).ok_or_else(|| KeyError::Malformed(file.to_owned()))
     }
 
-    /// The bytes of 32 hexadecimal digits, with blanks after them.
+    /// Parses 32 hexadecimal digits, which blanks may follow.
     fn parse(text: &str) -> Option<Self> {
         let digits = text.trim_end_matches([' ', '\t', '\r', '\n']).as_bytes();
         let (pairs, []) = digits.as_chunks::<2>() else {
@@ -64,7 +64,7 @@ impl Key {
     }
 }
 
-/// Nothing of the key.
+/// Never prints the key.
 impl fmt::Debug for Key {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Key")

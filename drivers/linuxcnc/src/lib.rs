@@ -18,8 +18,8 @@ pub use key::{Key, KeyError};
 pub use look::look;
 pub use state::{AxisState, Flag, Flags, STATE_BYTES, State};
 
-/// The UDP port of a bridge whose configuration names none.
+/// Default UDP port of a bridge.
 pub const PORT: u16 = 47_001;
 
-/// The version of the protocol.
+/// Protocol version.
 pub const VERSION: u8 = 2;

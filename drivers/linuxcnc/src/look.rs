@@ -1,4 +1,4 @@
-//! The way to a bridge, and one look at it.
+//! The socket to a bridge, and a single reading of its state.
 
 use std::{
     net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket},
@@ -9,15 +9,15 @@ use volcomp_port::DeviceError;
 
 use crate::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 
-/// How often a bridge that does not answer is asked again.
+/// Retry interval of requests to a bridge that does not answer.
 const ASK_EVERY: Duration = Duration::from_millis(100);
 
-/// The device as messages name it.
+/// Device name used in messages.
 pub(crate) fn device(host: &str, port: u16) -> String {
     format!("linuxcnc://{host}:{port}")
 }
 
-/// A socket that hears only the bridge, and does not wait.
+/// Opens a non-blocking socket that receives from the bridge only.
 pub(crate) fn open(host: &str, port: u16, remote: bool) -> Result<UdpSocket, DeviceError> {
     let bridge = resolve(host, port, remote)?;
     let own: IpAddr = match (bridge.ip(), bridge.ip().is_loopback()) {
@@ -64,10 +64,10 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     })
 }
 
-/// One state of a bridge, whatever its machine and axes are.
+/// Requests one state of a bridge, whatever its machine and axes are.
 ///
 /// # Errors
-/// A host that cannot be found or is another computer, a bridge that does not answer or has another version or key.
+/// A host that cannot be resolved or is another computer, a bridge that does not answer or has another version or key.
 pub fn look(
     host: &str,
     port: u16,
@@ -96,7 +96,7 @@ pub fn look(
     let end = Instant::now() + at_most;
     let mut found = "the bridge does not answer".to_owned();
     while Instant::now() < end {
-        // One that is refused tells that nobody was there; somebody may come.
+        // A refusal means that no bridge was listening; one may start.
         let _ = socket.send(&bytes[..length]);
         let mut state = [0; STATE_BYTES + 1];
         match socket.recv(&mut state) {
@@ -104,7 +104,7 @@ pub fn look(
                 Ok(state) => return Ok(state),
                 Err(broken) => found = broken.to_string(),
             },
-            // Nobody is there: not asked again at once.
+            // No bridge is listening: wait before the next request.
             Err(e) if e.kind() == std::io::ErrorKind::ConnectionRefused => {
                 std::thread::sleep(ASK_EVERY.min(at_most));
             }

@@ -11,17 +11,17 @@ use crate::{
     key::MAC,
 };
 
-/// The first bytes: `VCLS`.
+/// Magic bytes: `VCLS`.
 const MAGIC: [u8; 4] = *b"VCLS";
-/// The bytes before the axes.
+/// Number of bytes before the axes.
 const HEAD: usize = 36;
-/// The bytes of each axis.
+/// Number of bytes per axis.
 const OF_AXIS: usize = 32;
 
-/// The room of the largest state.
+/// Maximum size of a state, bytes.
 pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + MAC;
 
-/// What the control is doing.
+/// Operating state of the control, as bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags(pub u16);
 
@@ -36,8 +36,8 @@ impl Flags {
     pub const LIMITED: u16 = 1 << 3;
     /// The control probes: probed positions contain the offset.
     pub const PROBING: u16 = 1 << 4;
-    /// The control's offset is not what the bridge has asked for: the control has taken it into its position, or somebody
-    /// cleared or froze it. The bridge holds for a while, and begins anew from what is there.
+    /// The control's offset differs from the one that the bridge requested: the control has absorbed it into its position, or it was cleared or
+    /// frozen. The bridge holds for a while, and starts again from the actual offset.
     pub const LOST: u16 = 1 << 5;
 
     /// Every flag, as the table of the protocol has it.
@@ -55,14 +55,14 @@ impl Flags {
         ),
     ];
 
-    /// Whether one of these flags is set.
+    /// Whether any of these flags is set.
     #[must_use]
     pub fn has(self, flag: u16) -> bool {
         self.0 & flag != 0
     }
 }
 
-/// The words of all flags: `on, homed, probing`.
+/// The texts of all flags: `on, homed, probing`.
 impl fmt::Display for Flags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let words = Self::ALL.iter().map(|flag| {
@@ -80,16 +80,16 @@ impl fmt::Display for Flags {
     }
 }
 
-/// One flag, and what is said of it.
+/// One flag and its texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
-    /// Its bit.
+    /// Bit mask.
     pub bit: u16,
     /// Its name in the protocol.
     pub name: &'static str,
-    /// The words where it is set.
+    /// Text if set.
     pub set: &'static str,
-    /// The words where it is not set; none where nothing is said then.
+    /// Text if not set; empty for none.
     pub unset: &'static str,
 }
 
@@ -104,7 +104,7 @@ impl Flag {
     }
 }
 
-/// One axis as the control has it.
+/// One axis in the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisState {
     /// The letter of the axis.
@@ -119,29 +119,29 @@ pub struct AxisState {
     pub offset: i64,
 }
 
-/// What the bridge tells once per servo cycle.
+/// The state reported by the bridge once per servo cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// The number of the machine.
     pub machine: u16,
-    /// A number that the bridge draws at its start.
+    /// Random number drawn by the bridge at its start.
     pub run: u32,
-    /// The number of states that were sent since the start of the bridge; it wraps around.
+    /// Number of states sent since the start of the bridge; it wraps.
     pub sequence: u32,
     /// What the control is doing.
     pub flags: Flags,
-    /// The monotonic clock of the bridge's computer when the positions were read.
+    /// The monotonic clock of the bridge's computer when the positions were sampled.
     pub time: Duration,
-    /// The time from one scan of the barrier to the next.
+    /// Scan period of the barrier.
     pub scan: Duration,
-    /// The axes; `None` behind the last.
+    /// The axes; `None` after the last.
     axes: [Option<AxisState>; MAX_AXES],
     /// The report of the barrier, which carries its own checksum.
     pub report: Words,
 }
 
 impl State {
-    /// A state of these axes, with everything else zero; `None` when they are more than there can be.
+    /// A state of these axes, with everything else zero; `None` if there are more than [`MAX_AXES`].
     #[must_use]
     pub fn of(axes: &[AxisState]) -> Option<Self> {
         let mut room = [None; MAX_AXES];
@@ -165,7 +165,7 @@ impl State {
         self.axes.iter().map_while(Option::as_ref)
     }
 
-    /// Reads a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
     /// A datagram that is not a state of this version and key.
@@ -179,7 +179,7 @@ impl State {
         let words = usize::from(reader.u16());
         let nanos = u64::from_le_bytes(reader.take());
         let scan = Duration::from_nanos(reader.u32().into());
-        // Room for what a later version of the protocol may say.
+        // Reserved for later versions of the protocol.
         reader.take::<4>();
         if count > MAX_AXES {
             return Err(Broken::Axes { found: count });
@@ -217,15 +217,15 @@ impl State {
             time: Duration::from_nanos(nanos),
             scan,
             axes,
-            // Not more than there is room for.
+            // The length was checked, so the words fit.
             report: Words::new(&report[..words]).unwrap_or_default(),
         })
     }
 
-    /// Writes the datagram, and tells how many bytes it has.
+    /// Encodes the datagram and returns its length in bytes.
     pub fn encode(&self, key: &Key, bytes: &mut [u8; STATE_BYTES]) -> usize {
         let words = self.report.as_slice();
-        // Both are small numbers.
+        // Both counts fit: their maxima are small.
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);

@@ -1,4 +1,4 @@
-//! The line to the modules: serial or TCP, one question at a time, drained after one that was not answered.
+//! The line to the modules, serial or TCP: one request at a time; after a timeout the line is drained.
 
 use std::{
     collections::VecDeque,
@@ -21,8 +21,7 @@ use tokio_modbus::{
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
 use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
-/// How long a module may take for an answer where nothing else is asked for. This judges no age: a module that is slower does
-/// not answer.
+/// Default response timeout of a module. It does not bound the age of data: a slower module counts as not answering.
 pub const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 
 /// Parity of a serial line.
@@ -38,7 +37,7 @@ pub enum Parity {
     Odd,
 }
 
-/// How modules are reached.
+/// The transport to the modules.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Bus {
@@ -63,7 +62,7 @@ pub enum Bus {
 }
 
 impl Bus {
-    /// The device as messages name it.
+    /// Device name used in messages.
     pub fn device(&self) -> String {
         match self {
             Self::Tcp { host, port } => format!("modbus://{host}:{port}"),
@@ -92,8 +91,8 @@ impl Bus {
                     .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
                     .and_then(|stream| {
                         stream.set_nodelay(true)?;
-                        // When it is given up it is reset, not closed: what the kernel still holds of a request must
-                        // not reach the module when the cable is in again.
+                        // On close the socket is reset: what the kernel still holds of a request must not reach the module when the cable is
+                        // plugged in again.
                         stream.set_zero_linger()?;
                         Ok(stream)
                     })
@@ -138,28 +137,28 @@ impl Bus {
     }
 }
 
-/// The error of a driver whose own thread cannot be started.
+/// The error of a driver whose thread cannot be started.
 pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
     let found = format!("no thread for its exchanges: {error}");
     let remedy = "check the limits on threads and memory of this process";
     DeviceError::open(device, found, remedy).caused_by(error)
 }
 
-/// Why a question was not answered with data.
+/// Why a request did not return data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unanswered {
-    /// No answer in time. The line was drained: a late answer is gone.
+    /// Timeout. The line was drained, so a late answer is gone.
     Silent,
-    /// The request came back, and no answer in time: an adapter with local echo, and a silent module.
+    /// The request came back, but no answer in time: an adapter with local echo, and a silent module.
     Echoed,
-    /// The module refused the request with an exception of this code; 0: it answered another request.
+    /// The module rejected the request with this exception code; 0: it answered another request.
     Refused(u8),
-    /// The line is broken.
+    /// The connection is broken.
     Broken,
 }
 
 impl Unanswered {
-    /// Why there is no temperature.
+    /// The corresponding reason for a missing temperature.
     pub(crate) fn reason(self) -> Reason {
         match self {
             Self::Silent | Self::Broken | Self::Refused(0) => Reason::NoAnswer,
@@ -168,7 +167,7 @@ impl Unanswered {
         }
     }
 
-    /// The fault of a write that was answered so.
+    /// The corresponding fault of a write.
     pub(crate) fn fault(self) -> Fault {
         match self {
             Self::Silent | Self::Echoed => Fault::TimedOut,
@@ -189,9 +188,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// How long to wait for the answer to a write. Over TCP no longer than until its deadline: then the connection is reset, so
-    /// that nothing of the write is left in a queue of the kernel. What was given to a serial line is on the wire, and cannot
-    /// be called back.
+    /// How long to wait for the answer to a write. Over TCP no longer than its deadline: then the connection is reset, so that nothing of the write
+    /// stays in a queue of the kernel. A request given to a serial line is on the wire and cannot be cancelled.
     pub(crate) fn patience(&self, at_most: Duration, deadline: Instant) -> Duration {
         if self.serial.is_some() {
             return at_most;
@@ -199,7 +197,7 @@ impl Line {
         at_most.min(deadline.saturating_duration_since(Instant::now()))
     }
 
-    /// Sends a request to the module with this address and waits `at_most` for its answer.
+    /// Sends a request to the module with this address and waits up to `at_most` for its answer.
     pub(crate) async fn ask(
         &mut self,
         unit: u8,
@@ -207,7 +205,7 @@ impl Line {
         at_most: Duration,
     ) -> Result<Response, Unanswered> {
         if self.serial.is_some() {
-            // The line must have been silent before a new frame.
+            // The line must be silent before a new frame.
             tokio::time::sleep(self.gap).await;
         }
         if let Some(serial) = &self.serial {
@@ -217,7 +215,7 @@ impl Line {
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) => Ok(response),
             Ok(Ok(Err(exception))) => Err(Unanswered::Refused(exception.into())),
-            // Nothing in time; on a serial line also a disturbed frame, on TCP a connection that is gone.
+            // Timeout; on a serial line also a corrupted frame, on TCP a lost connection.
             Ok(Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
@@ -230,10 +228,10 @@ impl Line {
         }
     }
 
-    /// Waits until the line has been silent for the time an answer may take, and forgets what came.
+    /// Waits until the line has been silent for the response timeout, and discards what arrives.
     async fn drain(&mut self, at_most: Duration) -> Result<(), Unanswered> {
         let Some(serial) = &mut self.serial else {
-            // TCP numbers its answers, but a connection that does not answer is made anew.
+            // TCP answers carry transaction numbers, but a connection that does not answer is reopened.
             return Err(Unanswered::Broken);
         };
         let silence = at_most.max(self.gap);
@@ -245,17 +243,17 @@ impl Line {
                 Ok(Ok(_)) => {}
             }
         }
-        // Half a frame may stand in the old one's buffer.
+        // The buffer of the old context may hold half a frame.
         self.context = rtu::attach_slave(serial.clone(), Slave(0));
         Ok(())
     }
 }
 
-/// A serial port that takes the echo of its own requests out of what it receives: adapters with local echo send every
-/// request back before the answer. No answer to the requests of this crate begins with the whole request.
+/// A serial port that removes the echo of its own requests from the received data: adapters with local echo return every request before the answer.
+/// No answer to the requests of this crate begins with the whole request.
 ///
-/// State: `sent` is the request as far as it may still be echoed, and `matched` of its bytes have come back. A byte that
-/// differs proves that there is no echo: what was taken for one goes to `received`, which is read first.
+/// Invariant: `sent` is the part of the request that may still be echoed, and `matched` of its bytes have come back. A byte that differs proves
+/// that there is no echo: the bytes taken for one are moved to `received`, which is read first.
 struct Port {
     stream: SerialStream,
     sent: Vec<u8>,
@@ -276,7 +274,7 @@ impl Port {
         }
     }
 
-    /// What was received before belongs to another request.
+    /// Discards received data, which belongs to an earlier request.
     fn begin_request(&mut self) {
         self.sent.clear();
         self.received.clear();
@@ -301,13 +299,13 @@ impl Port {
     }
 }
 
-/// A serial port that is used by a context and drained beside it.
+/// A serial port shared by a context and the code that drains it.
 #[derive(Clone)]
 struct Shared(Arc<Mutex<Port>>);
 
 impl Shared {
     fn port(&self) -> MutexGuard<'_, Port> {
-        // One thread drives the line, so nobody waits here.
+        // Only one thread uses the line, so the lock is never contended.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,4 +1,4 @@
-//! Modules with digital lines, asked in the background; together they are one port.
+//! Modules with digital lines, polled in the background and combined into one port.
 
 use std::{
     sync::{
@@ -17,21 +17,20 @@ use crate::{
     profile::{Digital, Profile},
 };
 
-/// A module with lines.
+/// A module with digital lines.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DigitalModule {
     /// Its address on the line.
     pub unit: u8,
-    /// The profile of the module: where its registers stand.
+    /// The profile of the module: its register addresses.
     pub profile: Profile,
 }
 
-/// The lines of some modules, the first module's lowest. Reading and writing never wait for the bus: inputs
-/// are those of the last exchange, with the time at which they came, however long ago; outputs go out with the next one, once
-/// for each write. A write that cannot begin before its deadline is not sent. One that was not sent, or that a module did not
-/// acknowledge before its deadline, is told as failed by the next call, and what was asked for before a connection was made
-/// is not written over it.
+/// The lines of several modules, those of the first module lowest. Reading and writing never wait for the bus: inputs are those of the last
+/// exchange, with their time of arrival, whatever their age; outputs are sent with the next exchange, once per write. A write that cannot begin
+/// before its deadline is not sent. The next call reports a write as failed if it was not sent, or not acknowledged by every module before its
+/// deadline. Writes requested before a connection was made are not sent over it.
 pub struct ModbusDigital {
     device: String,
     inputs: u32,
@@ -39,22 +38,22 @@ pub struct ModbusDigital {
     exchange: Duration,
     images: Output<Image>,
     wanted: Input<Wanted>,
-    /// The number of the last write that was asked for.
+    /// Number of the last requested write.
     number: u64,
-    /// The last write that has arrived or failed, as far as a call has seen.
+    /// Number of the last write known to have succeeded or failed.
     answered: u64,
-    /// The deadline of the oldest write that was asked for since one was answered.
+    /// Deadline of the oldest unanswered write.
     unanswered: Option<Instant>,
-    /// The last write whose failure was told.
+    /// Number of the last write whose failure was reported.
     told: u64,
     stop: Arc<AtomicBool>,
 }
 
 impl ModbusDigital {
-    /// The lines of some modules, without connecting.
+    /// Describes the lines of these modules, without connecting.
     ///
     /// # Errors
-    /// A configuration that makes no sense.
+    /// An invalid configuration.
     pub fn describe(bus: &Bus, modules: &[DigitalModule]) -> Result<UnopenedLines, DeviceError> {
         let lines = lines(bus, modules)?;
         let count =
@@ -72,10 +71,10 @@ impl ModbusDigital {
         })
     }
 
-    /// Begins to exchange. `answer_within`: what a module takes at the most.
+    /// Starts the exchanges. `answer_within` is the response timeout of a module.
     ///
     /// # Errors
-    /// A configuration that makes no sense.
+    /// An invalid configuration.
     pub fn new(
         bus: Bus,
         modules: &[DigitalModule],
@@ -139,7 +138,7 @@ fn refused(bus: &Bus, what: String) -> DeviceError {
     DeviceError::option(bus.device(), what, "correct the configuration")
 }
 
-/// The address and the lines of each module.
+/// The address and digital lines of each module.
 fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, DeviceError> {
     let line = |module: &DigitalModule| {
         let profile = &module.profile;
@@ -154,7 +153,7 @@ fn lines(bus: &Bus, modules: &[DigitalModule]) -> Result<Vec<(u8, Digital)>, Dev
     modules.iter().map(line).collect()
 }
 
-/// The time that one exchange with all modules takes on the line: characters of 11 bits, gaps, and a turn of 2 ms.
+/// Duration of one exchange with all modules on the line: characters of 11 bits, gaps, and a turnaround of 2 ms.
 fn exchange_time(bus: &Bus, lines: &[(u8, Digital)]) -> Duration {
     let Bus::Rtu { baud, .. } = bus else {
         return Duration::from_millis(2 * lines.len() as u64);
@@ -199,7 +198,7 @@ impl DigitalIo for ModbusDigital {
         self.exchange
     }
 
-    /// The inputs of the last exchange, and when they came: over a connection on which modules fell silent they grow old.
+    /// The inputs of the last exchange with their time of arrival; they age while modules do not answer.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
@@ -209,8 +208,8 @@ impl DigitalIo for ModbusDigital {
         })
     }
 
-    /// Hands the outputs to the next exchange. A fault tells that a write before did not arrive; these are on their way
-    /// then, except without a connection or after the deadline.
+    /// Queues the outputs for the next exchange. A fault reports that an earlier write failed; these outputs are queued nevertheless, except
+    /// without a connection or after the deadline.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let (now, image) = (Instant::now(), *self.images.read());
         if !image.connected {

@@ -1,5 +1,4 @@
-//! The exchanges with modules with lines, on a thread of their own: inputs are read over and over, outputs are written
-//! once for each time that they are asked for.
+//! Exchanges with modules that have digital lines, on a separate thread: inputs are read continuously, outputs are written once per request.
 
 use std::{
     sync::{
@@ -18,47 +17,46 @@ use crate::{
     profile::Digital,
 };
 
-/// So many equal answers tell what the outputs of a module are: one wrong answer is not believed.
+/// Number of equal answers needed to accept output levels: a single one may be wrong.
 const EQUAL_ANSWERS: u32 = 3;
 
-/// So many questions in a row for the levels of the outputs may break their connection or stay without an answer. Then
-/// nobody asks over this connection, or over the next one where this one broke.
+/// Maximum number of consecutive output-level requests that break the connection or time out. After that they are no longer sent over this
+/// connection, or, if it broke, over the next one.
 const OUTPUT_TRIES: u8 = 3;
 
-/// The exceptions by which a module says that it does not have a function, or not for these outputs.
+/// Exception codes with which a module reports that it lacks a function, or lacks it for these outputs.
 const NO_SUCH_FUNCTION: [u8; 2] = [1, 2];
 
-/// Outputs that are to be written.
+/// Requested output levels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
     pub(crate) levels: u64,
-    /// Counts the writes from 1 on; 0: none was asked for.
+    /// Number of the write, from 1; 0: none was requested.
     pub(crate) number: u64,
-    /// The deadline of the write: what has not begun by then is not sent, and what was not answered by then has failed.
+    /// Deadline of the write: it is not sent later, and fails if it is not acknowledged by then.
     pub(crate) until: Instant,
 }
 
-/// What the exchanges have brought so far.
+/// The results of the exchanges so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Image {
-    /// Whether there is a connection.
+    /// Whether a connection is open.
     pub(crate) connected: bool,
-    /// The inputs, and when the oldest part of them came.
+    /// The inputs, and when the oldest part of them arrived.
     pub(crate) inputs: Option<InputLevels>,
-    /// The exception with which a module refused the last reading of its inputs.
+    /// The exception code with which a module rejected the last reading of its inputs.
     pub(crate) refused: Option<u8>,
-    /// The levels that the modules confirmed last: those of the last write that all of them took, before it those that
-    /// they told of themselves.
+    /// The levels that the modules confirmed last: those of the last write that all of them accepted, or before that those that they reported.
     pub(crate) outputs: Option<u64>,
-    /// A module has said that it cannot tell the levels of its outputs.
+    /// A module reported that it cannot read back its outputs.
     pub(crate) cannot_tell: bool,
-    /// The last write that all modules took.
+    /// The last write that all modules accepted.
     pub(crate) taken: u64,
     /// The last write that failed, and why.
     pub(crate) failed: Option<(u64, Fault)>,
 }
 
-/// The side of the exchanges.
+/// The state of the exchange thread.
 pub(crate) struct Exchanger {
     pub(crate) bus: Bus,
     pub(crate) lines: Vec<(u8, Digital)>,
@@ -68,9 +66,9 @@ pub(crate) struct Exchanger {
     pub(crate) images: Input<Image>,
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
-    /// Questions in a row for the levels of the outputs that broke the connection or were not answered.
+    /// Consecutive output-level requests that broke the connection or timed out.
     pub(crate) tries: u8,
-    /// Nobody asks for them over this connection.
+    /// Output levels are not requested over this connection.
     pub(crate) skips: bool,
 }
 
@@ -106,8 +104,7 @@ impl Exchanger {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Begins a connection: what was asked for before it is not written any more, and the modules tell the levels that
-    /// their outputs have.
+    /// Begins a connection: earlier write requests are discarded, and the output levels are read back from the modules.
     async fn begin(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let number = self.wanted.read().number;
         if number > self.image.taken {
@@ -124,8 +121,7 @@ impl Exchanger {
         Ok(())
     }
 
-    /// Asks for the levels of the outputs where they are not known and the modules can tell them: what they tell three
-    /// times in a row is known.
+    /// Reads back the output levels if they are unknown and the modules support it; three equal answers in a row are accepted.
     async fn ask_outputs(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let is_known = self.image.outputs.is_some() || self.image.cannot_tell;
         if is_known || self.skips || self.tries >= OUTPUT_TRIES {
@@ -154,7 +150,7 @@ impl Exchanger {
         Ok(())
     }
 
-    /// The levels of the outputs by the modules.
+    /// Reads the output levels of all modules.
     async fn outputs(&self, line: &mut Line) -> Result<u64, Unanswered> {
         let (mut levels, mut first) = (0, 0_u32);
         for (unit, digital) in self.lines.iter().filter(|(_, d)| d.outputs > 0) {
@@ -169,7 +165,7 @@ impl Exchanger {
         Ok(levels)
     }
 
-    /// Reads all inputs, and writes all outputs where that was asked for since.
+    /// Reads all inputs, and writes all outputs if a write was requested since.
     async fn exchange(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let read = self.inputs(line).await;
         self.image.refused = match read {
@@ -189,12 +185,12 @@ impl Exchanger {
             matches!(found, Err(Unanswered::Silent | Unanswered::Echoed))
         };
         if [read, written].iter().any(is_silent) {
-            // A module that was silent may have been without power: what its outputs are it is asked anew.
+            // A module that did not answer may have lost power: its output levels must be read back again.
             self.image.outputs = None;
             self.tries = 0;
         }
         self.images.write(self.image);
-        // A connection that broke later must not hide behind a refused reading.
+        // A rejected reading must not hide a connection that broke later.
         written.and(asked).and(read)
     }
 
@@ -251,7 +247,7 @@ impl Exchanger {
     }
 }
 
-/// The first `count` bits of an answer as levels from the line `first` on.
+/// The first `count` bits of an answer as levels, starting at line `first`.
 fn gathered(bits: &[bool], count: u16, first: u32) -> u64 {
     let lines = bits.iter().take(usize::from(count)).zip(first..64);
     lines.fold(0, |levels, (level, line)| {

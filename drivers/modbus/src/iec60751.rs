@@ -2,11 +2,11 @@
 
 use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 
-/// A of the standard, 1/°C.
+/// Coefficient A of the standard, 1/°C.
 pub const A: f64 = 3.9083e-3;
-/// B of the standard, 1/°C².
+/// Coefficient B of the standard, 1/°C².
 pub const B: f64 = -5.775e-7;
-/// C of the standard, 1/°C⁴, below 0 °C only.
+/// Coefficient C of the standard, 1/°C⁴; used below 0 °C only.
 pub const C: f64 = -4.183e-12;
 /// The range of the standard, °C.
 pub const RANGE_DEGC: [f64; 2] = [*PLAUSIBLE_DEGC.start(), *PLAUSIBLE_DEGC.end()];
@@ -26,11 +26,11 @@ fn unchecked_ratio(t: f64) -> f64 {
 /// The temperature of a resistance ratio R/R₀, °C; `None` outside the range, also for NaN.
 pub fn temperature(ratio: f64) -> Option<f64> {
     let [low, high] = RANGE_DEGC.map(unchecked_ratio);
-    // Half a nanokelvin beyond the ends, for what rounding does there.
+    // Accepts rounding errors at the ends, 0.5 nK.
     if !((low - 2e-12)..=(high + 2e-12)).contains(&ratio) {
         return None;
     }
-    // From the quadratic of the upper range; below 0 °C a start for Newton.
+    // Solution of the quadratic of the upper range; below 0 °C the start value for Newton's method.
     let discriminant = A * A - 4.0 * B * (1.0 - ratio);
     let mut t = 2.0 * (ratio - 1.0) / (A + discriminant.sqrt());
     if ratio < 1.0 {
@@ -42,8 +42,7 @@ pub fn temperature(ratio: f64) -> Option<f64> {
     Some(t.clamp(RANGE_DEGC[0], RANGE_DEGC[1]))
 }
 
-/// The temperature of a two-wire sensor: the resistance of both leads taken off first. `r0_ohm` is 100 for a
-/// PT100.
+/// Temperature of a two-wire sensor: the lead resistance (both leads) is subtracted first. `r0_ohm` is 100 for a PT100.
 pub fn two_wire(ohm: f64, leads_ohm: f64, r0_ohm: f64) -> Option<f64> {
     temperature((ohm - leads_ohm) / r0_ohm)
 }
@@ -62,7 +61,7 @@ pub enum Class {
 }
 
 impl Class {
-    /// The tolerance at a temperature, ±K. Figures from memory of the standard.
+    /// Tolerance at a temperature, ±K. The figures are from memory, not checked against the standard.
     pub fn tolerance_k(self, degc: f64) -> f64 {
         let (constant, slope) = match self {
             Self::AA => (0.1, 0.0017),

@@ -1,4 +1,4 @@
-//! From registers to a temperature, by a profile.
+//! Converts registers to a temperature, by a profile.
 
 use std::time::Instant;
 
@@ -10,9 +10,8 @@ use crate::{
     profile::{ByteOrder, Channels, NumberType, Unit, WordOrder},
 };
 
-/// The temperature of one channel among the registers that were read from the first channel's on. `status` are its fault
-/// bits, where the module tells them. Bad is only what the module itself says: its codes and bits of faults, the ends of
-/// its range.
+/// The temperature of one channel, from the registers read, which begin with those of the first channel. `status` holds its fault bits, if the
+/// module has any. A temperature is bad only if the module reports so: by fault codes, fault bits, or a value at the end of its range.
 pub fn read_channel(
     channels: &Channels,
     registers: &[u16],
@@ -73,10 +72,10 @@ fn temperature(channels: &Channels, raw: f64, status: Option<u16>, taken: Instan
     let [low, high] = channels.valid_degc;
     match degc {
         None if value.is_nan() => Temperature::bad(Reason::NotANumber, taken),
-        // A resistance beyond the standard's range: a broken wire or a short one.
+        // The resistance is beyond the range of the standard: open or short circuit.
         None if value > 100.0 => Temperature::bad(Reason::Open, taken),
         None => Temperature::bad(Reason::Short, taken),
-        // At the ends of the range modules clamp: what stands there is not known to be a temperature.
+        // Modules clamp at the ends of their range, so a value there is not a reliable temperature.
         Some(degc) if degc <= low => Temperature::bad(Reason::Short, taken),
         Some(degc) if degc >= high => Temperature::bad(Reason::Open, taken),
         Some(degc) => Temperature::good(degc, taken),

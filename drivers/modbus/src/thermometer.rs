@@ -1,5 +1,4 @@
-//! Modules asked in the background, their temperatures published as they tell them: whether a temperature is plausible is
-//! not decided here.
+//! Modules polled in the background, with their temperatures published as reported. Plausibility is not checked here.
 
 use std::{
     sync::{
@@ -20,7 +19,7 @@ use crate::{
     registers::read_channel,
 };
 
-/// A silent module is asked again only after so many rounds at the most.
+/// Maximum number of rounds for which a module that does not answer is skipped.
 const SKIPPED_AT_MOST: u32 = 16;
 
 /// A module on the line.
@@ -31,7 +30,7 @@ pub struct ThermometerUnit {
     pub unit: u8,
     /// The profile of the module: its registers and the scaling of its channels.
     pub profile: Profile,
-    /// Names of its channels from the first on; channels without a name are not used.
+    /// Names of its channels, starting with the first; channels without a name are not used.
     pub names: Vec<String>,
 }
 
@@ -41,18 +40,18 @@ pub struct ThermometerUnit {
 pub struct ThermometerConfig {
     /// The TCP connection or serial line to the modules.
     pub bus: Bus,
-    /// The modules, asked in turn.
+    /// The modules, polled in turn.
     pub units: Vec<ThermometerUnit>,
-    /// From round to round.
+    /// Polling interval.
     pub interval: Duration,
-    /// A module answers within.
+    /// Response timeout of a module.
     pub answer_within: Duration,
-    /// Between tries to connect.
+    /// Delay between connection attempts.
     pub backoff: Backoff,
 }
 
 impl ThermometerConfig {
-    /// One module with these sensors, asked every second.
+    /// One module with these sensors, polled every second.
     pub fn new(bus: Bus, unit: ThermometerUnit) -> Self {
         Self {
             bus,
@@ -63,10 +62,10 @@ impl ThermometerConfig {
         }
     }
 
-    /// The names of all sensors in the order in which they are told, without connecting.
+    /// The names of all sensors, in the order of the temperatures, without connecting.
     ///
     /// # Errors
-    /// A configuration that makes no sense.
+    /// An invalid configuration.
     pub fn names(&self) -> Result<Vec<String>, DeviceError> {
         let device = self.bus.device();
         let refused =
@@ -98,18 +97,17 @@ impl ThermometerConfig {
     }
 }
 
-/// Temperatures from modules on one line, kept up to date by a thread of its own that ends with it.
+/// Temperatures from modules on one line, updated by a separate thread that ends with this object.
 pub struct ModbusThermometer {
     published: Published,
     stop: Arc<AtomicBool>,
 }
 
 impl ModbusThermometer {
-    /// Begins to ask.
+    /// Starts polling. A line that cannot be opened is retried; its sensors are bad until then.
     ///
     /// # Errors
-    /// A configuration that makes no sense. A line that cannot be opened is tried again and again; its
-    /// sensors are bad until then.
+    /// An invalid configuration.
     pub fn new(config: ThermometerConfig) -> Result<Self, DeviceError> {
         let device = config.bus.device();
         let names = config.names()?;
@@ -155,7 +153,7 @@ impl Thermometer for ModbusThermometer {
     }
 }
 
-/// How long a module has been silent, in rounds, and for how many it is left alone.
+/// For how many rounds a module has not answered, and for how many more it is skipped.
 #[derive(Clone, Copy, Default)]
 struct Silence {
     rounds: u32,
@@ -192,7 +190,7 @@ impl Poller {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Sleeps, but not past the end.
+    /// Sleeps, but not past the end of the thread.
     async fn sleep(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.stopped() && Instant::now() < end {
@@ -201,7 +199,7 @@ impl Poller {
         }
     }
 
-    /// Rounds over all modules until the line breaks.
+    /// Polls all modules in rounds until the line breaks.
     async fn rounds(&mut self, line: &mut Line) {
         while !self.stopped() {
             let begun = Instant::now();
@@ -223,7 +221,7 @@ impl Poller {
                     Err(Unanswered::Silent | Unanswered::Echoed | Unanswered::Refused(_)) => {
                         silence.rounds += 1;
                         let skip = 1_u32.checked_shl(silence.rounds - 1).unwrap_or(u32::MAX) - 1;
-                        // With one module alone nobody is held up by asking it.
+                        // A single module is never skipped: its timeout delays no other one.
                         let others = self.config.units.len() > 1;
                         silence.skip = if others { skip.min(SKIPPED_AT_MOST) } else { 0 };
                     }
@@ -234,7 +232,7 @@ impl Poller {
         }
     }
 
-    /// Where the sensors of a module stand among all.
+    /// Index of the first sensor of a module among all sensors.
     fn first_sensor(&self, index: usize) -> usize {
         self.config.units[..index]
             .iter()
@@ -245,7 +243,7 @@ impl Poller {
     async fn ask(&mut self, line: &mut Line, index: usize) -> Result<(), Unanswered> {
         let (first, within) = (self.first_sensor(index), self.config.answer_within);
         let unit = &self.config.units[index];
-        // Checked when it was made.
+        // Checked in the constructor.
         let Some(channels) = &unit.profile.channels else {
             return Ok(());
         };
@@ -271,7 +269,7 @@ impl Poller {
     }
 }
 
-/// The registers of a module's channels, and their fault bits where it has some.
+/// Reads the registers of a module's channels, and their fault bits if it has any.
 async fn read_module(
     line: &mut Line,
     unit: u8,

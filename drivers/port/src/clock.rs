@@ -6,12 +6,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time since some start: the system's monotonic clock, or one that a test sets.
+/// A monotonic clock: the system's, or one that a test advances.
 #[derive(Clone, Debug)]
 pub enum Clock {
     /// The monotonic clock of the system, counted from this instant.
     System(Instant),
-    /// Nanoseconds from some instant on that somebody else counts.
+    /// A manual clock: nanoseconds since this instant, advanced from outside.
     Manual(Instant, Arc<AtomicU64>),
 }
 
@@ -21,7 +21,7 @@ impl Clock {
         Self::System(Instant::now())
     }
 
-    /// A clock that stands at 0 until [`advance`](Self::advance).
+    /// A manual clock, which stays at 0 until [`advance`](Self::advance).
     pub fn manual() -> Self {
         Self::Manual(Instant::now(), Arc::default())
     }
@@ -46,7 +46,7 @@ impl Clock {
         self.start() + self.elapsed()
     }
 
-    /// Moves a manual clock on; the system's goes by itself.
+    /// Advances a manual clock; no effect on the system clock.
     pub fn advance(&self, by: Duration) {
         if let Self::Manual(_, nanos) = self {
             let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);

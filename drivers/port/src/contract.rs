@@ -1,5 +1,4 @@
-//! The tests that every implementation of a trait passes, to be called from its own tests. Each panics with
-//! what is wrong.
+//! Conformance tests for the traits of this crate, to be called from the tests of each implementation. Each panics with the rule that is broken.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +12,7 @@ fn soon() -> Instant {
     Instant::now() + PATIENCE
 }
 
-/// Reads until the condition holds; some devices show what was written only a little later.
+/// Polls until the condition holds: some devices report a write with a delay.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let until = soon();
     while !holds() {
@@ -22,10 +21,10 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// A controller that is connected and stands still: what it describes, reads and applies fits together.
+/// Checks that description, readings and writes of a connected controller at standstill are consistent.
 ///
 /// # Panics
-/// With what is wrong.
+/// If a rule of the trait is broken; the message names it.
 pub fn controller(device: &mut impl Controller) {
     let description = device.description().clone();
     assert!(!description.device.is_empty() && !description.channel.is_empty());
@@ -58,7 +57,7 @@ pub fn controller(device: &mut impl Controller) {
     });
 }
 
-/// What a controller promises that writes plain values: they are applied, and read back where it can be asked.
+/// Checks a controller that takes plain values: they are applied, and read back if the device has a read-back.
 fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     let description = device.description().clone();
     assert_eq!(first.report, None, "a report, but no barrier");
@@ -92,8 +91,8 @@ fn plain_values(device: &mut impl Controller, first: &Snapshot) {
     }
 }
 
-/// What a controller promises that carries frames to a barrier: reports come and move on, frames that make no sense are
-/// carried like others (the barrier refuses them), plain values are refused.
+/// Checks a controller that carries frames to a barrier: reports arrive and advance, invalid frames are carried like valid ones (the barrier
+/// rejects them), and plain values are rejected.
 fn barrier(device: &mut impl Controller, first: &Snapshot) {
     assert_eq!(first.applied, None, "with a barrier only its reports tell");
     let mut earlier = None;
@@ -112,10 +111,10 @@ fn barrier(device: &mut impl Controller, first: &Snapshot) {
     );
 }
 
-/// A digital port whose outputs come back on its inputs where `wired`, line by line.
+/// Checks a digital port; if `wired`, each output is connected to the input of the same number.
 ///
 /// # Panics
-/// With what is wrong.
+/// If a rule of the trait is broken; the message names it.
 pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     assert!(!device.device().is_empty());
     assert!(device.inputs() <= 64 && device.outputs() <= 64);
@@ -152,10 +151,10 @@ pub fn digital_io(device: &mut impl DigitalIo, wired: bool) {
     }
 }
 
-/// A thermometer whose sensors are all well, in the end.
+/// Checks a thermometer all of whose sensors become good within the time limit.
 ///
 /// # Panics
-/// With what is wrong.
+/// If a rule of the trait is broken; the message names it.
 pub fn thermometer(device: &mut impl Thermometer) {
     assert!(!device.device().is_empty() && !device.names().is_empty());
     let mut names = device.names().to_vec();

@@ -1,25 +1,25 @@
-//! What a control's own program does with corrections, for simulated controls.
+//! The interface of the program in a simulated control that receives corrections.
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// The program of a control that decides what its axes get: a barrier. Simulated controls run one, so that what they do
-/// is what a control does that has the barrier in its ladder. Values are whole counts of each axis, in channel order.
+/// The program of a control that decides what its axes get: a barrier. Simulated controls run one so that they behave like a control with the
+/// barrier in its ladder. Values are whole counts of each axis, in channel order.
 pub trait ControlProgram: Send {
-    /// One scan. `mailboxes` are the words of each way that leads here, copied before this call; `holds`: emergency
-    /// stop, alarm or not referenced. Gives the report to be published.
+    /// Runs one scan and returns the report to publish. `mailboxes` holds the words of each incoming path, copied before this call; `holds` is true
+    /// during emergency stop, alarm or while not referenced.
     fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words;
 
-    /// From the next scan on, plain lines that lead here carry this word (counts) for the axis at this place, and this level
-    /// of the line that says when they have settled. A program that takes nothing from lines leaves them.
+    /// Sets the digital lines from the next scan on: `value` (counts) for the axis at this index, and the level of the latch line, which toggles
+    /// once the others have settled. Programs without line inputs ignore it.
     fn lines(&mut self, latch: bool, axis: usize, value: i16) {
         let _ = (latch, axis, value);
     }
 
-    /// The correction that the axes get, counts.
+    /// The correction that is applied to the axes, counts.
     fn applied(&self) -> PerChannel<i16>;
 
-    /// Power-up or a reset of the control: the words of the axes hold these counts.
+    /// Power-up or reset of the control; the words of the axes hold these counts.
     fn restart(&mut self, applied: &PerChannel<i16>);
 }

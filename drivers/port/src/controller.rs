@@ -10,7 +10,7 @@ use crate::{Fault, Words};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Axis {
-    /// The letter of the axis, which also says whether it slides or turns.
+    /// Axis letter; it also determines whether the axis is linear or rotary.
     pub name: AxisName,
     /// Whether reported positions contain the applied correction.
     pub includes_correction: bool,
@@ -32,26 +32,26 @@ impl Axis {
     }
 }
 
-/// Who ramps a correction out when the cycle stops.
+/// Whether the control ramps the correction out when the gateway stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Heartbeat {
-    /// The controller's side watches a word that [`Controller::apply`] moves on.
+    /// The control monitors a word that [`Controller::apply`] advances.
     Watched,
-    /// Nothing: the configuration must accept it.
+    /// No monitoring: the configuration must accept it (`unwatched`).
     Unwatched,
 }
 
-/// Which of its states a controller shows. A state that is not shown is never known: a machine may only be corrected
-/// then if the configuration accepts that.
+/// The operating states that a controller reports. A state that is not reported is never known, and the machine may be corrected only if the
+/// configuration accepts that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShownStates {
-    /// Whether every axis was sent to its reference.
+    /// Whether it reports that every axis is referenced.
     pub referenced: bool,
-    /// Whether an alarm is on.
+    /// Whether it reports an active alarm.
     pub alarm: bool,
-    /// Whether the emergency stop is pressed.
+    /// Whether it reports the emergency stop.
     pub emergency_stop: bool,
 }
 
@@ -70,42 +70,42 @@ impl ShownStates {
     };
 }
 
-/// The properties of a controller that stay the same as long as its configuration does.
+/// The properties of a controller that its configuration fixes.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Description {
     /// The device as the configuration names it.
     pub device: String,
-    /// The name of the way by which corrections reach the axes. Controllers with the same name replace one another; those
-    /// with different names would add up, and are not used together.
+    /// Name of the channel through which corrections reach the axes. Controllers with the same name are alternatives; corrections of different
+    /// channels would add up, so they are never used together.
     pub channel: String,
-    /// The axes in channel order: those that it writes, at most [`MAX_AXES`]. None where it only reports positions.
+    /// The written axes in channel order, at most [`MAX_AXES`]. Empty if it only reports positions.
     pub axes: Vec<Axis>,
-    /// Axes whose positions it reports, after those of `axes`, and which it never writes.
+    /// Axes whose positions it reports but which it never writes; they follow those of `axes`.
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
-    /// Whether the controller's side ramps the correction out when the cycle stops.
+    /// Whether the control ramps the correction out when the gateway stops.
     pub heartbeat: Heartbeat,
-    /// Whether corrections go in frames to a barrier in the control ([`Controller::post`]), which reports what
-    /// it applies; otherwise they are written as plain values ([`Controller::apply`]).
+    /// True if corrections are sent in frames to a barrier in the control ([`Controller::post`]), which reports the applied correction; false if
+    /// they are written as plain values ([`Controller::apply`]).
     pub barrier: bool,
-    /// Whether the correction that is applied can be read back, in values or reports.
+    /// Whether the applied correction can be read back, as values or in reports.
     pub tells_applied: bool,
     /// The states that the controller shows.
     pub shown: ShownStates,
-    /// Whether a second gateway on the same controller is noticed.
+    /// Whether it detects a second gateway on the same controller.
     pub sees_other_gateways: bool,
-    /// The shortest cycle it keeps up with.
+    /// Shortest supported cycle time.
     pub shortest_cycle: Duration,
 }
 
 impl Description {
-    /// The place of an axis in channel order.
+    /// Index of an axis in channel order.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|axis| axis.name == name)
     }
 
-    /// All axes whose positions it reports, in the order of the positions: first those that it writes.
+    /// All axes whose positions it reports, in the order of the positions: written axes first.
     pub fn shown_axes(&self) -> impl Iterator<Item = AxisName> {
         let written = self.axes.iter().map(|axis| axis.name);
         written.chain(self.reads.iter().copied())
@@ -116,9 +116,9 @@ impl Description {
         self.shown_axes().any(|shown| shown == name)
     }
 
-    /// Checks what every driver promises: 1 to [`MAX_AXES`] axes, those that are only read among them, each once; each
-    /// that is written with a positive resolution of its own kind, and a largest correction of at least that much.
-    /// Drivers call it when they are set up, before any device is opened.
+    /// Checks the rules for every driver: 1 to [`MAX_AXES`] axes (read-only ones included), each once; every written axis has a positive resolution
+    /// in its own unit, and a largest correction of at least one resolution step. Drivers call it during configuration, before any device is
+    /// opened.
     ///
     /// # Errors
     /// The first rule that is broken.
@@ -151,7 +151,7 @@ impl Description {
     }
 }
 
-/// Why a [`Description`] cannot be one of a controller.
+/// Why the axes of a [`Description`] are invalid.
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -171,7 +171,7 @@ pub enum UnfitAxes {
         name: AxisName,
         resolution: Displacement,
     },
-    /// The resolution is zero, negative or no finite number.
+    /// The resolution is not a positive finite number.
     #[error("axis {name}: found a resolution of {resolution}, expected a positive one")]
     Resolution {
         name: AxisName,
@@ -187,8 +187,8 @@ pub enum UnfitAxes {
     },
 }
 
-/// The operating state of a controller. A state that it shows but that is missing or makes no sense now stands in the
-/// sense that forbids: not referenced, alarm, emergency stop.
+/// The operating state of a controller. A state that is reported in general but missing or invalid in this reading takes its safe value: not
+/// referenced, alarm, emergency stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ControllerState {
@@ -200,33 +200,32 @@ pub struct ControllerState {
     pub emergency_stop: bool,
 }
 
-/// The positions, the state and the applied correction of a controller, each with the time at which it held: what was received
-/// last, however long ago. Whether that is young enough is not judged by drivers.
+/// The positions, state and applied correction received last, each with the time at which it was valid, however long ago. Drivers do not judge
+/// whether that is recent enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Snapshot {
     /// Positions as reported, mm and rad: those of the axes that are written, then those that are only read.
     pub positions: PerChannel<f64>,
-    /// When the oldest of them held, on the monotonic clock: the middle of the exchange, or when its frame arrived,
-    /// unless the device reports a better time.
+    /// When the oldest position was valid, on the monotonic clock: the middle of the exchange or the arrival of its frame, unless the device
+    /// reports a better time.
     pub taken: Instant,
-    /// How far from `taken` that may have been.
+    /// Uncertainty of `taken`, in either direction.
     pub uncertainty: Duration,
     /// The operating state of the controller.
     pub state: ControllerState,
-    /// When the oldest part of that state held, as `taken`.
+    /// When the oldest part of that state was valid, as `taken`.
     pub state_taken: Instant,
-    /// The correction that is applied, mm and rad, where the device has a read-back and no barrier. Where the control
-    /// has none (see [`Description::tells_applied`]): what the outputs to it carry, as far as the device knows it.
+    /// The applied correction, mm and rad, if the device has a read-back and no barrier. If the control has none (see
+    /// [`Description::tells_applied`]): the correction on the outputs to it, as far as the device knows it.
     pub applied: Option<PerChannel<f64>>,
-    /// The last report of the control's barrier, as its words came: whether they are whole, the checksum in them shows.
-    /// `None` where there is no barrier, or nothing came yet.
+    /// The last report of the barrier as received; its checksum shows whether it is complete. `None` without a barrier, or before the first report.
     pub report: Option<Words>,
-    /// When the oldest part of `applied` or `report` held, as `taken`.
+    /// When the oldest part of `applied` or `report` was valid, as `taken`.
     pub correction_taken: Instant,
 }
 
 impl Snapshot {
-    /// The same, all of it at one instant.
+    /// The same snapshot with all times set to one instant.
     #[must_use]
     pub fn at(self, taken: Instant) -> Self {
         Self {
@@ -237,48 +236,44 @@ impl Snapshot {
         }
     }
 
-    /// When the youngest part held: since then nothing was received from the controller.
+    /// When the most recent part was valid: nothing was received from the controller since.
     pub fn youngest(&self) -> Instant {
         self.taken.max(self.state_taken).max(self.correction_taken)
     }
 }
 
-/// A machine controller whose positions are read and that takes corrections.
+/// A machine controller whose positions are read and that accepts corrections.
 ///
-/// Both calls are for a real-time loop: on a connection that is open, bounded by the deadline, without
-/// allocation. Opening and opening again happen elsewhere ([`Supply`](crate::Supply)); until then calls
-/// answer [`Fault::NotConnected`]. After any other fault the implementation is ready for the next call.
+/// Reads and writes are for a real-time loop: they use an open connection, are bounded by the deadline and do not allocate. Connecting and
+/// reconnecting happen on another thread ([`Supply`](crate::Supply)); until then calls return [`Fault::NotConnected`]. After any other fault the
+/// implementation is ready for the next call.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Controller: Send {
     /// The properties of the controller that its configuration fixes.
     fn description(&self) -> &Description;
 
-    /// Positions, state and what is applied, as they were received last and with the times at which they held. A device that
-    /// sends on its own, or is read in the background, is not waited for again where it has become silent: what it sent
-    /// last grows old.
+    /// Returns the positions, state and applied correction received last, with the times at which they were valid. If a device sends on its own or
+    /// is read in the background, the call does not wait for a silent one: its last data ages.
     ///
     /// # Errors
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault>;
 
-    /// Hands over a frame for the barrier of the control, all of its words in one exchange where the bus allows it. For a
-    /// controller whose description says that it has a `barrier`; what is applied is in the next reports. A frame whose
-    /// deadline has passed is not sent.
+    /// Sends a frame to the barrier of the control, all words in one exchange where the bus allows it. Only for controllers with a `barrier` in
+    /// their description; later reports contain the applied correction. A frame whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// See [`Fault`]. Whether the frame arrived is not known then.
+    /// See [`Fault`]. It is then unknown whether the frame arrived.
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
         let _ = (frame, deadline);
         Err(Fault::Unsupported("frames for a barrier"))
     }
 
-    /// Makes `corrections` (mm and rad) the applied ones, rounded to the resolution and held within what the
-    /// device can express, and moves the heartbeat on. For a controller without a barrier. A write whose deadline has
-    /// passed is not sent.
+    /// Applies `corrections` (mm and rad), rounded to the resolution and clamped to the range of the device, and advances the heartbeat. Only for
+    /// controllers without a barrier. A write whose deadline has passed is not sent.
     ///
     /// # Errors
-    /// See [`Fault`]. Whether the device took the corrections is not known then: the next
-    /// [`read`](Self::read) tells.
+    /// See [`Fault`]. It is then unknown whether the device took the corrections; the next [`read`](Self::read) shows it.
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault>;
 }
 

@@ -1,30 +1,30 @@
-//! Why a device cannot be set up or asked, by kinds that a caller can match.
+//! Errors of setting up, opening and querying a device, by kinds that a caller can match.
 
 use std::{error::Error, fmt, sync::Arc};
 
 use crate::Fault;
 
-/// Why a device cannot be set up, opened or asked. The first three kinds are mistakes of the caller, known before
-/// anything is opened ([`DeviceError::is_input`]); the others tell that the device or the way to it does not work.
+/// Why a device cannot be set up, opened or queried. The first three kinds are mistakes of the caller, detected before anything is opened
+/// ([`DeviceError::is_input`]); in the others the device or the connection to it fails.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// The text is no address of a device.
+    /// The text is not a valid device address.
     #[error(transparent)]
     Address(DeviceProblem),
-    /// Something that was stated about the device, in its URL, a file or a configuration, is wrong.
+    /// A setting of the device in its URL, a file or the configuration is invalid.
     #[error(transparent)]
     Option(DeviceProblem),
-    /// The device, or this build of the program, cannot do what is asked.
+    /// The device, or this build of the program, does not support the request.
     #[error(transparent)]
     Unsupported(DeviceProblem),
-    /// The device is not there, is taken by another program, or refuses the connection.
+    /// The device does not exist, is in use by another program, or refuses the connection.
     #[error(transparent)]
     Open(DeviceProblem),
     /// The device does not answer in time.
     #[error(transparent)]
     NoAnswer(DeviceProblem),
-    /// The device refuses what is asked, or answers in another way than its protocol says.
+    /// The device rejects the request, or its response violates the protocol.
     #[error(transparent)]
     Protocol(DeviceProblem),
 }
@@ -38,7 +38,7 @@ pub struct DeviceProblem {
     pub found: String,
     /// The value that was expected, or advice on what to do.
     pub expected: String,
-    /// The error below, where there is one.
+    /// The underlying error, if any.
     pub source: Option<Arc<dyn Error + Send + Sync>>,
 }
 
@@ -88,7 +88,7 @@ impl DeviceError {
         protocol => Protocol,
     }
 
-    /// The same error with the one below it.
+    /// The same error with its source.
     #[must_use]
     pub fn caused_by(mut self, source: impl Error + Send + Sync + 'static) -> Self {
         self.problem_mut().source = Some(Arc::new(source));
@@ -118,8 +118,7 @@ impl DeviceError {
         }
     }
 
-    /// Whether the caller stated something wrong (exit status 2 of the programs), as opposed to a device that does not
-    /// work (exit status 1).
+    /// True if the caller's input is invalid (exit status 2 of the programs), false if the device does not work (exit status 1).
     pub fn is_input(&self) -> bool {
         matches!(
             self,
@@ -127,7 +126,7 @@ impl DeviceError {
         )
     }
 
-    /// Which constructor makes the error of an exchange that failed with `fault`.
+    /// The constructor of the error kind for an exchange that failed with `fault`.
     pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
         match fault {
             Fault::NotConnected | Fault::Disconnected => Self::open,

@@ -4,17 +4,17 @@ use std::time::{Duration, Instant};
 
 use crate::Fault;
 
-/// The levels of all inputs, bit 0 the first line, and when they were so.
+/// The levels of all inputs (bit 0 is the first line), and when they were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputLevels {
     /// The levels.
     pub levels: u64,
-    /// When the oldest part of them came from the device; not when they were asked for here.
+    /// When the device delivered the oldest part of them, not when they were requested.
     pub taken: Instant,
 }
 
 impl InputLevels {
-    /// Levels that are read now.
+    /// Levels sampled now.
     pub fn now(levels: u64) -> Self {
         Self {
             levels,
@@ -35,29 +35,27 @@ pub trait DigitalIo: Send {
     /// How many outputs there are.
     fn outputs(&self) -> u32;
 
-    /// The shortest time that an exchange takes: how fast anything built on it can be.
+    /// Shortest time of one exchange, which bounds the cycle time of anything built on it.
     fn shortest_cycle(&self) -> Duration;
 
-    /// All inputs at one instant, as far as the device can: those that were received last, with the time at which they came,
-    /// however long ago.
+    /// Returns the input levels received last, sampled together as far as the device can, with the time of their arrival, however long ago.
     ///
     /// # Errors
     /// See [`Fault`].
     fn read(&mut self, deadline: Instant) -> Result<InputLevels, Fault>;
 
-    /// Sets all outputs. A device that is written in the background takes the levels here and reports with the next call
-    /// when they did not arrive.
+    /// Sets all outputs. A device that is written in the background stores the levels here and reports a failure with the next call.
     ///
     /// # Errors
-    /// See [`Fault`]. Which levels the outputs have is not known then.
+    /// See [`Fault`]. The levels of the outputs are then unknown.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault>;
 
-    /// The levels of the outputs that the device confirmed last: those of the last write that it took, before the first
-    /// one those that it was found with. `None` where they are not known.
+    /// The output levels that the device confirmed last: those of its last accepted write, or before that those found at start. `None` if they are
+    /// unknown.
     fn confirmed(&self) -> Option<u64>;
 
-    /// Whether the device can report the levels of its outputs. Where it cannot, or has reported that it has no such function,
-    /// outputs that carry nothing are written as off; otherwise nothing is written until their levels are known.
+    /// Whether the device can report its output levels. If it cannot, or reported that it lacks the function, outputs without a correction are
+    /// written as off; otherwise nothing is written until the levels are known.
     fn tells_outputs(&self) -> bool {
         true
     }
@@ -97,8 +95,7 @@ impl<D: DigitalIo + ?Sized> DigitalIo for Box<D> {
     }
 }
 
-/// A digital port that is described and not opened: what is built on it can be checked, and every exchange fails with
-/// [`Fault::NotConnected`].
+/// A digital port that is described but not opened, for checks before opening: every exchange fails with [`Fault::NotConnected`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct UnopenedLines {
@@ -108,7 +105,7 @@ pub struct UnopenedLines {
     pub inputs: u32,
     /// The number of outputs.
     pub outputs: u32,
-    /// The shortest time that an exchange takes.
+    /// Shortest time of one exchange.
     pub shortest_cycle: Duration,
 }
 

@@ -1,14 +1,13 @@
 //! Why a call of a real-time cycle failed.
 
-/// Why a call of a real-time cycle failed. Plain data: making one allocates nothing.
+/// Why a call of a real-time cycle failed. Creating one does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// There is no connection; a new one is being made in the background.
+    /// There is no connection; reconnection is under way in the background.
     #[error("not connected")]
     NotConnected,
-    /// The deadline passed before the answer was whole. The connection is given up: a late answer must not
-    /// be taken for the next one's.
+    /// The deadline passed before the answer was complete. The connection is dropped, so that a late answer cannot be taken for the next one.
     #[error("no answer before the deadline")]
     TimedOut,
     /// The other side closed the connection, or the device is gone.
@@ -28,8 +27,7 @@ pub enum Fault {
     /// Another gateway corrects this controller.
     #[error("another gateway moves the heartbeat")]
     OtherGateway,
-    /// Not every axis has its correction yet: they get them one after the other over lines that they share. Writing the
-    /// same corrections again goes on with it.
+    /// Not every axis has its correction yet: axes that share lines are written in turn. Writing the same corrections again continues.
     #[error("not every axis is written yet")]
     Unfinished,
     /// The device cannot do this.

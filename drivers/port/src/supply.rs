@@ -1,4 +1,4 @@
-//! Connections made and made again on a helper thread, handed over open.
+//! Connections opened and reopened on a helper thread.
 
 use std::{
     sync::{
@@ -13,13 +13,13 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::{DeviceError, Fault};
 
-/// How long to wait before the next try.
+/// Delay between connection attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Backoff {
-    /// After the first failure; doubled with every further one.
+    /// Delay after the first failure; doubled after each further one.
     pub first: Duration,
-    /// At the most. After a connection that lived for longer than `first` it begins anew.
+    /// Maximum delay. After a connection that lasted longer than `first` the delay starts again at `first`.
     pub most: Duration,
 }
 
@@ -34,7 +34,7 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    /// The pause after the one before. `lived`: how long the connection lasted that was lost; zero where none was made.
+    /// The delay that follows `before`. `lived` is how long the lost connection lasted; zero if none was made.
     #[must_use]
     pub fn next(self, before: Duration, lived: Duration) -> Duration {
         let doubled = if lived > self.first {
@@ -46,7 +46,7 @@ impl Backoff {
     }
 }
 
-/// How often [`Supply::wait`] looks for a connection.
+/// Interval at which [`Supply::wait`] polls for a connection.
 const LOOK_EVERY: Duration = Duration::from_micros(500);
 
 #[derive(Default)]
@@ -56,12 +56,12 @@ struct Shared {
     last_error: Mutex<Option<DeviceError>>,
 }
 
-/// A connection that comes back by itself. The thread of a real-time loop takes it open and gives it up
-/// when it is dead; resolving, connecting, waiting and closing happen on a thread of its own, which ends with
-/// the supply. Between the two are rings without locks, so that the loop never waits for that thread.
+/// A connection that is reopened automatically. The real-time thread takes it open and gives it up when it is dead; resolving, connecting, waiting
+/// and closing run on a separate thread, which ends with the supply. Lock-free rings connect the two, so the real-time thread never waits for the
+/// other.
 pub struct Supply<T> {
     current: Option<T>,
-    /// A dead connection for which the ring had no room.
+    /// A dead connection for which the ring was full.
     kept: Option<T>,
     open: Consumer<T>,
     dead: Producer<T>,
@@ -70,7 +70,7 @@ pub struct Supply<T> {
 }
 
 impl<T: Send + 'static> Supply<T> {
-    /// Begins to connect by `open`, which must bound its own time.
+    /// Starts to connect with `open`, which must bound its own time.
     ///
     /// # Errors
     /// The thread cannot be started.
@@ -122,28 +122,28 @@ impl<T: Send + 'static> Supply<T> {
         self.current.as_mut().ok_or(Fault::NotConnected)
     }
 
-    /// Gives the connection up, after a time-out or a broken answer: it is closed elsewhere and a new one
-    /// made. Never blocks, allocates or frees.
+    /// Gives up the connection, after a timeout or an invalid answer: the other thread closes it and opens a new one. Never blocks, allocates or
+    /// frees.
     pub fn lose(&mut self) {
         if let Some(dead) = self.current.take() {
             self.give_back(dead);
         }
     }
 
-    /// Hands a dead connection to the thread that closes it, and wakes that thread. Dropped here it would be closed and
-    /// freed on the thread of the loop.
+    /// Hands a dead connection to the thread that closes it, and wakes that thread. Dropping it here would close and free it on the real-time
+    /// thread.
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
             Ok(()) => self.helper.unpark(),
-            // There is one connection at a time, so this does not happen; if it did, the next call would try again.
+            // Unreachable, since there is one connection at a time; otherwise the next call would retry.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
 
-    /// Waits until there is a connection: for programs that are not in a hurry.
+    /// Waits until there is a connection. Not for real-time threads.
     ///
     /// # Errors
-    /// Why the last try failed.
+    /// Why the last attempt failed.
     pub fn wait(&mut self, at_most: Duration) -> Result<&mut T, DeviceError> {
         let begun = Instant::now();
         while self.current().is_err() {
@@ -159,12 +159,12 @@ impl<T: Send + 'static> Supply<T> {
             .map_err(|fault| DeviceError::of_fault("connection", fault, "check the cable"))
     }
 
-    /// How often a connection was made.
+    /// Number of connections made so far.
     pub fn opened(&self) -> u64 {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// Why the last try failed; `None` since the last success. Takes a lock: not for a cycle.
+    /// Why the last attempt failed; `None` since the last success. Takes a lock: not for real-time threads.
     pub fn last_error(&self) -> Option<DeviceError> {
         let last = self.shared.last_error.lock();
         last.unwrap_or_else(PoisonError::into_inner).clone()
@@ -196,7 +196,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    // The one before was given back, so there is room.
+                    // The previous one was returned, so there is room.
                     if self.hand_over.push(connection).is_err() {
                         return;
                     }
@@ -215,7 +215,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
         self.shared.ends.load(Ordering::Acquire)
     }
 
-    /// Waits for the connection to be given back; `None` when the supply ends.
+    /// Waits until the connection is given up; `None` when the supply ends.
     fn dead(&mut self) -> Option<T> {
         loop {
             if let Ok(dead) = self.dead.pop() {
@@ -228,7 +228,7 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Helper<T, F> {
         }
     }
 
-    /// Waits so long, or until the supply ends.
+    /// Waits for `pause`, or until the supply ends.
     fn rest(&self, pause: Duration) {
         let end = Instant::now() + pause;
         while !self.ends() {

@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
-/// Why a temperature is not simply good.
+/// Why a temperature is bad or uncertain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Reason {
-    /// Nothing was heard of it yet.
+    /// There was no reading yet.
     #[error("no reading yet")]
     NotRead,
     /// The device does not answer.
@@ -19,19 +19,19 @@ pub enum Reason {
         /// The code of the exception.
         code: u8,
     },
-    /// The device repeats the request and sends no answer: the local echo of an RS-485 adapter alone.
+    /// The device repeats the request and sends no answer: only the local echo of an RS-485 adapter was received.
     #[error("only the echo of the request came back, no answer")]
     Echo,
-    /// A floating-point number that no thermometer sends.
+    /// A floating-point value that no thermometer sends.
     #[error("no number of a thermometer: another byte_order or word_order?")]
     Implausible,
-    /// The device reports a fault, or gives a value that stands for one.
+    /// The device reports a fault, or returns a value that encodes one.
     #[error("the device reports a fault")]
     Reported,
-    /// The sensor or its wire is broken, or the value at the upper clamp of the module.
+    /// The sensor or its wire is broken, or the value is at the upper clamp of the module.
     #[error("open circuit, or the value above the range")]
     Open,
-    /// The sensor is shorted, or the value at the lower clamp of the module.
+    /// The sensor is shorted, or the value is at the lower clamp of the module.
     #[error("short circuit, or the value below the range")]
     Short,
     /// The device reports a value outside its range.
@@ -58,22 +58,22 @@ pub fn exception_name(code: u8) -> &'static str {
     }
 }
 
-/// The quality that a device reports of a temperature. Whether the temperature is plausible is not decided by drivers.
+/// The quality of a temperature as reported by the device. Drivers do not judge whether the temperature is plausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Quality {
     /// The device reports no fault.
     Good,
-    /// The device gives the temperature with a reservation; it may be used.
+    /// The temperature is usable, with a reservation.
     Uncertain(Reason),
-    /// There is no temperature, or none that may be used.
+    /// There is no usable temperature.
     Bad(Reason),
 }
 
 /// One temperature of a sensor, with its quality and the time it was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperature {
-    /// °C; `None` when bad.
+    /// Temperature, °C; `None` if bad.
     pub degc: Option<f64>,
     /// How good it is.
     pub quality: Quality,
@@ -82,14 +82,14 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// Nothing was heard yet.
+    /// No reading yet.
     pub const NOT_READ: Self = Self {
         degc: None,
         quality: Quality::Bad(Reason::NotRead),
         taken: None,
     };
 
-    /// A good temperature; one that is no number is bad.
+    /// A good temperature; bad if it is not a number.
     pub fn good(degc: f64, taken: Instant) -> Self {
         if degc.is_finite() {
             Self {
@@ -112,7 +112,7 @@ impl Temperature {
     }
 }
 
-/// Named temperatures that somebody else keeps up to date.
+/// Named temperatures, updated in the background.
 #[cfg_attr(feature = "mock", mockall::automock)]
 pub trait Thermometer: Send {
     /// The device as the configuration names it.
@@ -121,8 +121,7 @@ pub trait Thermometer: Send {
     /// The names of its sensors.
     fn names(&self) -> &[String];
 
-    /// The latest temperature of each sensor, in the order of the names, however long ago it was measured. Never blocks or
-    /// allocates.
+    /// The latest temperature of each sensor in the order of the names, whatever its age. Never blocks or allocates.
     fn latest(&mut self) -> &[Temperature];
 }
 
@@ -140,13 +139,13 @@ impl<T: Thermometer + ?Sized> Thermometer for Box<T> {
     }
 }
 
-/// The side of a driver's own thread: publishes what it measured.
+/// The producer side, held by the driver's thread.
 pub struct Publisher {
     into: triple_buffer::Input<Vec<Temperature>>,
 }
 
 impl Publisher {
-    /// Publishes temperatures; a sensor without one keeps what stood in this buffer before.
+    /// Publishes temperatures; a sensor without one keeps the previous value of this buffer.
     pub fn publish(&mut self, temperatures: &[Temperature]) {
         let buffer = self.into.input_buffer_mut();
         for (place, found) in buffer.iter_mut().zip(temperatures) {
@@ -156,14 +155,14 @@ impl Publisher {
     }
 }
 
-/// A thermometer that shows what its [`Publisher`] published last.
+/// A thermometer that returns the temperatures its [`Publisher`] published last.
 pub struct Published {
     device: String,
     names: Vec<String>,
     from: triple_buffer::Output<Vec<Temperature>>,
 }
 
-/// A thermometer and the side that feeds it.
+/// Creates a thermometer and its publisher.
 pub fn published(device: impl Into<String>, names: Vec<String>) -> (Publisher, Published) {
     let empty = vec![Temperature::NOT_READ; names.len()];
     let (into, from) = triple_buffer::triple_buffer(&empty);

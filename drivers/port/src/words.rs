@@ -1,9 +1,9 @@
-//! A block of 16-bit words: what goes to and comes from the program of a control.
+//! A block of 16-bit words, exchanged with the program of a control.
 
-/// The largest number of words of a block.
+/// Maximum number of words of a block.
 pub const MOST_WORDS: usize = 40;
 
-/// A block of 16-bit words of fixed room, so that handing it on allocates nothing. Compares by its words.
+/// A block of 16-bit words with fixed capacity, so that passing it on does not allocate. Compares by its words.
 #[derive(Clone, Copy)]
 pub struct Words {
     words: [u16; MOST_WORDS],
@@ -17,7 +17,7 @@ impl Words {
         length: 0,
     };
 
-    /// These words; `None` when they are more than [`MOST_WORDS`].
+    /// A block of these words; `None` if there are more than [`MOST_WORDS`].
     #[must_use]
     pub fn new(words: &[u16]) -> Option<Self> {
         let mut block = Self {
@@ -34,7 +34,7 @@ impl Words {
         &self.words[..self.length]
     }
 
-    /// The words, to be changed.
+    /// The words, mutable.
     pub fn as_mut_slice(&mut self) -> &mut [u16] {
         &mut self.words[..self.length]
     }

@@ -1,4 +1,4 @@
-//! How a control is corrected.
+//! Configuration of a control that is corrected through SD43900.
 
 use std::time::Duration;
 
@@ -11,12 +11,12 @@ use crate::{
     server::{SHORTEST_PERIOD, Server},
 };
 
-/// The name of the way by which corrections reach the axes: SD43900.
+/// Name of the channel through which corrections reach the axes: SD43900.
 pub const CHANNEL: &str = "temperature-compensation";
-/// Positions are taken to have so many mm or deg in their last digit.
+/// Assumed weight of the last digit of positions, mm or deg.
 const THIRD_DECIMAL: f64 = 0.001;
 
-/// How the setting data moves an axis.
+/// Sign of the setting data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -29,7 +29,7 @@ pub enum Sign {
 }
 
 impl Sign {
-    /// The factor from a correction to the value that is written.
+    /// Factor from a correction to the value written.
     pub fn factor(self) -> f64 {
         match self {
             Self::Adds => 1.0,
@@ -38,34 +38,34 @@ impl Sign {
     }
 }
 
-/// How a control is corrected: by the position-independent part K0 of its temperature compensation, setting data 43900 of
-/// each axis. Only what changes slowly can go this way.
+/// A control corrected through the position-independent part K0 of its temperature compensation, setting data 43900 of each axis. Suitable only for
+/// corrections that change slowly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SinumerikConfig {
     /// The server of the control.
     pub server: Server,
-    /// The axes to correct, in channel order.
+    /// Corrected axes, in channel order.
     pub axes: Vec<AxisName>,
-    /// Axes of which only the positions are read.
+    /// Axes whose positions are only read.
     pub reads: Vec<AxisName>,
-    /// The numbers of these axes in the control, from 1: of `axes`, then of `reads`; empty: 1, 2, 3 and so on.
+    /// Numbers of these axes in the control, from 1: of `axes`, then of `reads`. Empty means 1, 2, 3 and so on.
     pub numbers: Vec<u16>,
     /// The node ids.
     pub nodes: Nodes,
-    /// The name of the way by which corrections reach the axes.
+    /// Name of the channel through which corrections reach the axes.
     pub channel: String,
-    /// How the setting data moves an axis.
+    /// Sign of the setting data.
     pub sign: Sign,
     /// The smallest step of a correction of a linear axis.
     pub step_linear: Mm,
     /// The smallest step of a correction of a rotary axis.
     pub step_rotary: Rad,
-    /// Whether the positions that the control tells contain the correction.
+    /// Whether the reported positions contain the correction.
     pub includes_correction: bool,
 }
 
 impl SinumerikConfig {
-    /// Corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, the node ids of [`Nodes::default`].
+    /// Corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, node ids of [`Nodes::default`].
     pub fn new(server: Server, axes: &[AxisName]) -> Self {
         Self {
             server,
@@ -81,13 +81,12 @@ impl SinumerikConfig {
         }
     }
 
-    /// The device as messages name it.
+    /// Device name used in messages.
     pub fn device(&self) -> &str {
         &self.server.url
     }
 
-    /// The smallest step of the positions of an axis: the third decimal of mm and deg, or the step of its corrections, where
-    /// that is coarser.
+    /// Smallest step of the positions of an axis: the third decimal of mm and deg, or the step of its corrections if that is coarser.
     pub fn position_step(&self, name: AxisName) -> Displacement {
         let decimal = match name.kind() {
             AxisKind::Linear => THIRD_DECIMAL,
@@ -104,12 +103,12 @@ impl SinumerikConfig {
         }
     }
 
-    /// The axes with their numbers in the control: those that are written, then those that are only read.
+    /// The axes with their numbers in the control: written axes first, then those that are only read.
     pub(crate) fn numbered(&self) -> impl Iterator<Item = (AxisName, u16)> {
         let names = self.axes.iter().chain(&self.reads).copied();
         let number = |place: usize| match self.numbers.get(place) {
             Some(number) => *number,
-            // There are nine axes at the most.
+            // There are at most nine axes.
             None => u16::try_from(place + 1).unwrap_or(u16::MAX),
         };
         names
@@ -117,13 +116,13 @@ impl SinumerikConfig {
             .map(move |(place, name)| (name, number(place)))
     }
 
-    /// The description of the controller that this configuration makes, without connecting.
+    /// The description of the controller, without connecting.
     ///
-    /// Nothing at the control notices when nothing is written any more: the setting data stays. So it is
-    /// [`Heartbeat::Unwatched`], and the shortest cycle is that of the server's sampling: each cycle writes once at the most.
+    /// The control does not notice when writing stops: the setting data keeps its value. Hence [`Heartbeat::Unwatched`]. The shortest cycle is the
+    /// sampling period of the server, since each cycle writes at most once.
     ///
     /// # Errors
-    /// The first thing in the configuration that is wrong.
+    /// The first invalid setting.
     pub fn describe(&self) -> Result<Description, SinumerikError> {
         let axis = |&name: &AxisName| Axis {
             name,
@@ -165,10 +164,9 @@ impl SinumerikConfig {
     }
 }
 
-/// How far behind the axis a correction is that is read and written once in `period`, at this speed: speed times period.
+/// Distance that an axis travels at this speed while a correction is read and written once per `period`: speed times period.
 ///
-/// A correction that depends on the position is wrong by as much as it changes on that way; one that depends on
-/// temperatures alone is not.
+/// A position-dependent correction is wrong by as much as it changes over that distance; one that depends on temperatures alone is not affected.
 pub fn lag(speed_mm_per_s: f64, period: Duration) -> Mm {
     Mm(speed_mm_per_s * period.as_secs_f64())
 }

@@ -1,4 +1,4 @@
-//! What can go wrong with a control.
+//! Errors of the connection to a control.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -11,26 +11,26 @@ use crate::server::SHORTEST_PERIOD;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SinumerikError {
-    /// The axes are none that a controller can have.
+    /// The axes are invalid for a controller.
     #[error(transparent)]
     Axes(#[from] UnfitAxes),
-    /// As many numbers as axes are needed, each once and from 1.
+    /// The axis numbers are not one for each axis, from 1 and all different.
     #[error(
         "numbers: found {found:?}, expected {axes} different numbers from 1 on, one for each axis"
     )]
     Numbers {
-        /// The numbers that were found.
+        /// The configured numbers.
         found: Vec<u16>,
-        /// How many axes there are.
+        /// Number of axes.
         axes: usize,
     },
-    /// A pattern of node ids is empty and must not be.
+    /// A required node id pattern is empty.
     #[error("nodes.{key}: found an empty text, expected a node id")]
     EmptyPattern {
         /// The key of the pattern.
         key: &'static str,
     },
-    /// A pattern names one node for several axes.
+    /// A pattern yields the same node for several axes.
     #[error(
         "nodes.{key}: found {found:?}, expected {{axis}} or {{db}} in it: every axis has its own node"
     )]
@@ -40,72 +40,72 @@ pub enum SinumerikError {
         /// The pattern.
         found: String,
     },
-    /// Faster reading than the control's server samples.
+    /// The period is shorter than the sampling period of the control's server.
     #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .0.as_secs_f64() * 1e3, SHORTEST_PERIOD.as_millis())]
     Period(Duration),
-    /// A deadline of requests that makes no sense.
+    /// The timeout of requests is out of range.
     #[error("time-out: found {} ms, expected 10 ms to 60 s", .0.as_secs_f64() * 1e3)]
     TimeOut(Duration),
-    /// A secure connection needs a folder with certificates.
+    /// A secure connection is configured without a folder of certificates.
     #[error(
         "security: found a secured connection without a folder of certificates (pki), expected one"
     )]
     NoCertificates,
-    /// A certificate or a key is missing, wrong, too old, or can be read by others.
+    /// A certificate or key is missing, invalid, expired, or readable by others.
     #[error("{}: found {found}, expected {expected}", .file.display())]
     Certificate {
         /// The file.
         file: PathBuf,
         /// What was found.
         found: String,
-        /// What is needed.
+        /// The required state.
         expected: String,
     },
-    /// The server's certificate is not among those that are trusted.
+    /// The server's certificate is not among the trusted ones.
     #[error(
         "found a server that is not trusted, fingerprint (SHA-1) {fingerprint}, expected one in {}: compare the fingerprint with the one that the control shows, then move {} there", .trusted.display(), .file.display()
     )]
     Untrusted {
         /// The fingerprint of its certificate.
         fingerprint: String,
-        /// Where the certificate lies now.
+        /// Where the certificate was saved.
         file: PathBuf,
-        /// The folder of those that are trusted.
+        /// The folder of trusted certificates.
         trusted: PathBuf,
     },
-    /// The server does not protect messages as configured.
+    /// The server does not offer the configured message security.
     #[error(
         "security: found a server that offers {}, expected {wanted} among them: switch that on at the control, or state another `security`", .offered.join(", ")
     )]
     Protection {
-        /// What it offers.
+        /// The message security that the server offers.
         offered: Vec<String>,
-        /// What is configured.
+        /// The configured message security.
         wanted: String,
     },
-    /// The client cannot be set up as it is configured.
+    /// The OPC UA client rejects its configuration.
     #[error("the OPC UA client cannot be set up: {0}")]
     Client(String),
     /// There is no connection.
     #[error("no connection: {0}")]
     Connect(String),
-    /// The server did not answer in time, so the session is given up.
+    /// The server did not answer in time; the session was closed.
     #[error("no answer within {} ms, so the session is given up", .0.as_secs_f64() * 1e3)]
     TimedOut(Duration),
-    /// The server has no such namespace.
+    /// The server does not have the configured namespace.
     #[error("found the namespaces {}, expected {wanted} among them", found.join(", "))]
     NoNamespace {
-        /// The namespace that is configured.
+        /// The configured namespace.
         wanted: String,
         /// The namespaces of the server.
         found: Vec<String>,
     },
-    /// A node cannot be read, or is no number.
+    /// A node cannot be read, or its value is not a number.
     #[error("node {node}: {found}, expected a value that can be read")]
     Node {
         /// The node id.
         node: String,
-        /// What the server says of it.
+        /// The server's status or value of it.
         found: String,
     },
     /// The control ignores the correction of an axis.
@@ -118,7 +118,7 @@ pub enum SinumerikError {
         /// The value of the machine data.
         found: u32,
     },
-    /// The control's axis of this number has another name.
+    /// The axis with this number has another name in the control.
     #[error(
         "axis {axis}: the control calls axis {number} {found:?}, expected a name that begins with {axis}; state other numbers, or another pattern nodes.name"
     )]
@@ -127,16 +127,16 @@ pub enum SinumerikError {
         axis: AxisName,
         /// Its number in the control.
         number: u16,
-        /// The name that the control tells.
+        /// The name that the control reports.
         found: String,
     },
-    /// An answer that the protocol does not allow.
+    /// A response that violates the protocol.
     #[error("broken answer: {0}")]
     Answer(&'static str),
 }
 
 impl SinumerikError {
-    /// The error of a device of this URL.
+    /// This error as the error of the device at this URL.
     pub fn of(self, device: impl Into<String>) -> DeviceError {
         let text = self.to_string();
         let (found, expected) = text.split_once(", expected ").map_or(

@@ -1,33 +1,33 @@
-//! Which nodes of a control are read and written: patterns of node ids.
+//! Patterns of the node ids that are read and written.
 
 use crate::error::SinumerikError;
 
-/// Patterns of the node ids (the string after `s=`) of one control. `{axis}` stands for the number of an axis in the
-/// control, from 1; `{db}` for the data block that the PLC keeps for that axis, 30 + its number.
+/// Patterns of the node ids (the string after `s=`) of one control. `{axis}` is the number of an axis in the control, from 1; `{db}` is the data
+/// block of that axis in the PLC, 30 + its number.
 ///
-/// The defaults are those of the manuals of 840D sl where these show them (positions), and otherwise formed like ids
-/// that they show (machine and setting data). **None was tried on a real control**: browse the server and compare.
+/// The defaults follow the manuals of the 840D sl where these show them (positions), and are otherwise formed like the ids shown there (machine and
+/// setting data). **None was tried on a real control**: browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Nodes {
     /// The position of an axis, mm or deg: `/Channel/GeometricAxis/actToolBasePos[u1,{axis}]`.
     pub position: String,
-    /// The letter with which the name of an axis begins; empty: not compared.
+    /// The name of an axis, which must begin with its letter; empty: not compared.
     pub name: String,
     /// Setting data 43900 of an axis, the correction, mm or deg.
     pub setting: String,
-    /// Machine data 32750 of an axis, the kind of its temperature compensation.
+    /// Machine data 32750 of an axis, the type of its temperature compensation.
     pub kind: String,
-    /// Machine data 32760 of an axis: which part of its largest speed a changed correction may take; empty: not told.
+    /// Machine data 32760 of an axis: fraction of its maximum velocity available for a change of the correction; empty: not read.
     pub share: String,
-    /// Machine data 32000 of an axis, its largest speed, mm/min or rev/min; empty: not told.
+    /// Machine data 32000 of an axis, its maximum velocity, mm/min or rev/min; empty: not read.
     pub speed: String,
-    /// Whether the emergency stop is pressed: anything but 0 and false; `None`: the control does not show it.
+    /// The emergency stop: pressed unless 0 or false; `None`: the control does not report it.
     pub emergency_stop: Option<String>,
-    /// Whether an alarm is on: anything but 0 and false; `None`: the control does not show it.
+    /// The alarm: active unless 0 or false; `None`: the control does not report it.
     pub alarm: Option<String>,
-    /// Whether an axis is referenced: 0 and false are not; `None`: the control does not show it.
+    /// Whether an axis is referenced: yes unless 0 or false; `None`: the control does not report it.
     pub referenced: Option<String>,
 }
 
@@ -56,7 +56,7 @@ impl Nodes {
             .replace("{db}", &(u32::from(number) + 30).to_string())
     }
 
-    /// Checks that the patterns tell the axes apart.
+    /// Checks that the patterns yield a different node for each axis.
     pub(crate) fn check(&self, axes: usize) -> Result<(), SinumerikError> {
         let needed = [
             ("position", &self.position),

@@ -1,4 +1,4 @@
-//! What is read in every period, and what the answers say: plain data in, plain data out.
+//! The nodes read in every period and the interpretation of their values, without I/O.
 
 use std::time::{Duration, Instant};
 
@@ -11,16 +11,16 @@ use crate::{
     nodes::Nodes,
 };
 
-/// One value of an answer.
+/// One value of a response.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Value {
-    /// The number, 1 for true; `None` where the server has none, or none that it calls good.
+    /// The number, 1 for true; `None` if the server has none or its status is not good.
     pub number: Option<f64>,
-    /// How long before the answer it was sampled, by the server's own clock; `None` where the server does not tell.
+    /// Time from sampling to the response, by the server's clock; `None` if the server does not report it.
     pub age: Option<Duration>,
 }
 
-/// The nodes that are read in every period, and how their values become a [`Snapshot`].
+/// The nodes that are read in every period, and the conversion of their values to a [`Snapshot`].
 #[derive(Clone, Debug)]
 #[expect(
     clippy::struct_excessive_bools,
@@ -28,7 +28,7 @@ pub struct Value {
 )]
 pub struct Reading {
     nodes: Vec<String>,
-    /// All axes, those that are written first.
+    /// All axes, written ones first.
     axes: Vec<AxisName>,
     written: usize,
     sign: Sign,
@@ -39,7 +39,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The reading of a configuration.
+    /// The reading for a configuration.
     pub fn new(config: &SinumerikConfig) -> Self {
         let nodes = &config.nodes;
         let axes: Vec<(AxisName, u16)> = config.numbered().collect();
@@ -70,23 +70,23 @@ impl Reading {
         }
     }
 
-    /// The node ids, in the order in which their values are expected.
+    /// The node ids, in the expected order of the values.
     pub fn nodes(&self) -> &[String] {
         &self.nodes
     }
 
-    /// The node ids of the settings, in the order of the axes that are written.
+    /// The node ids of the settings, in the order of the written axes.
     pub fn settings(&self) -> &[String] {
         &self.nodes[self.axes.len()..self.axes.len() + self.written]
     }
 
-    /// The snapshot of an answer that was asked for at `begun` and was there at `ended`.
+    /// The snapshot of a response that was requested at `begun` and complete at `ended`.
     ///
-    /// Positions are as old as the server's source timestamps say, before the middle of the exchange; states likewise.
-    /// What the server says of the age of a setting is when it was written last: it held in the middle of the exchange.
+    /// Positions and states were valid before the middle of the exchange, by their age from the server's source timestamps. The age of a setting is
+    /// the time since its last write, so it was valid in the middle of the exchange.
     ///
     /// # Errors
-    /// Too few values, a position or a setting that is no number; [`SinumerikError::SwitchedOff`].
+    /// Too few values, a position or a setting that is not a number; [`SinumerikError::SwitchedOff`].
     pub fn snapshot(
         &self,
         values: &[Value],
@@ -119,7 +119,7 @@ impl Reading {
         let held = |values: &[Value]| {
             let ages = values.iter().filter_map(|value| value.age);
             let oldest = ages.filter(|_| self.source_timestamps).max();
-            // Before the clock began nothing was measured.
+            // The clock cannot represent times before its start.
             middle
                 .checked_sub(oldest.unwrap_or_default())
                 .unwrap_or(begun)
@@ -144,7 +144,7 @@ impl Reading {
         })
     }
 
-    /// The states; one that is missing stands in the sense that forbids, one that no node shows as if all were well.
+    /// The states; a missing one takes its safe value, one without a node counts as fine.
     fn state(&self, values: &[Value]) -> ControllerState {
         let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
         let is_on = |value: &Value| value.number.map(|number| number != 0.0);
@@ -162,8 +162,7 @@ impl Reading {
         }
     }
 
-    /// The values to write for corrections in mm and rad, in steps of `config`: mm and deg, in the order of
-    /// [`Reading::settings`].
+    /// The values to write for corrections in mm and rad: in mm and deg, rounded to the steps of `config`, in the order of [`Reading::settings`].
     pub fn values(
         &self,
         config: &SinumerikConfig,
@@ -185,7 +184,7 @@ impl Reading {
 /// # Errors
 /// [`SinumerikError::SwitchedOff`].
 pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
-    // Whatever is no small whole number has no bit 0.
+    // Anything but a small whole number has no bit 0.
     let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -203,7 +202,7 @@ pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError
     Err(SinumerikError::SwitchedOff { axis, found: whole })
 }
 
-/// mm and rad from the control's mm and deg.
+/// Converts the control's mm and deg to mm and rad.
 fn from_control(axis: AxisName, value: f64) -> f64 {
     if axis.is_rotary() {
         Deg(value).to_rad().0
@@ -212,7 +211,7 @@ fn from_control(axis: AxisName, value: f64) -> f64 {
     }
 }
 
-/// The control's mm and deg from mm and rad.
+/// Converts mm and rad to the control's mm and deg.
 fn to_control(axis: AxisName, value: f64) -> f64 {
     if axis.is_rotary() {
         value.to_degrees()

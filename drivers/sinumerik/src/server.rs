@@ -1,4 +1,4 @@
-//! How the OPC UA server of a control is reached.
+//! Connection settings of a control's OPC UA server.
 
 use std::{fmt, path::PathBuf, time::Duration};
 
@@ -6,33 +6,32 @@ use volcomp_port::Backoff;
 
 use crate::error::SinumerikError;
 
-/// The server of an 840D sl or 828D samples no faster than this, and subscriptions publish no faster.
+/// Shortest sampling and publishing period of the server of an 840D sl or 828D.
 pub const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
-/// The port of the control's OPC UA server as delivered.
+/// Default port of the control's OPC UA server.
 pub const PORT: u16 = 4840;
 
-/// The server of a control, and how it is asked.
+/// The server of a control and how it is polled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
     /// Its URL, `opc.tcp://HOST:4840`.
     pub url: String,
-    /// The namespace of its nodes. Its index is looked up in the server's NamespaceArray at every connection.
+    /// Namespace of its nodes. Its index is looked up in the server's NamespaceArray at every connection.
     pub namespace: String,
-    /// Who logs in; `None`: anonymous.
+    /// User to log in; `None`: anonymous.
     pub user: Option<User>,
-    /// How messages are protected.
+    /// Message security.
     pub security: Security,
-    /// The folder with certificates: `own/cert.der`, `private/private.pem`, `trusted/` with the server's. Needed where
-    /// messages are protected.
+    /// Folder with certificates: `own/cert.der`, `private/private.pem`, `trusted/` with the server's. Required with message security.
     pub pki: Option<PathBuf>,
-    /// The time from one reading to the next.
+    /// Interval between readings.
     pub period: Duration,
-    /// How long a request may take; the session is given up after that.
+    /// Timeout of a request; the session is closed when it expires.
     pub time_out: Duration,
-    /// Whether the server's source timestamps make positions older than the exchange. A server that moves them on only
-    /// when a value changes makes every axis stale that stands still: then this must be off.
+    /// Whether to age positions by the server's source timestamps. Must be off for servers that update them only when a value changes, because
+    /// every axis at standstill would become stale.
     pub source_timestamps: bool,
-    /// The time between two tries to connect.
+    /// Delay between connection attempts.
     pub backoff: Backoff,
 }
 
@@ -41,7 +40,7 @@ pub struct Server {
 pub struct User {
     /// The name.
     pub name: String,
-    /// The password, which no message and no `Debug` shows.
+    /// The password; it never appears in messages or `Debug` output.
     pub password: String,
 }
 
@@ -53,23 +52,22 @@ impl fmt::Debug for User {
     }
 }
 
-/// How messages are protected, with the policy Basic256Sha256.
+/// Message security, with the policy Basic256Sha256.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Security {
-    /// Not at all: a password travels in the clear.
+    /// No security: passwords are sent in clear text.
     #[default]
     None,
-    /// They are signed.
+    /// Messages are signed.
     Sign,
-    /// They are signed and encrypted.
+    /// Messages are signed and encrypted.
     SignAndEncrypt,
 }
 
 impl Server {
-    /// The server of this URL: namespace `SinumerikVarProvider`, anonymous, not protected, a reading every 100 ms, requests
-    /// answered within 500 ms.
+    /// The server at this URL: namespace `SinumerikVarProvider`, anonymous, no message security, a reading every 100 ms, a timeout of 500 ms.
     pub fn new(url: impl Into<String>) -> Self {
         Self {
             url: url.into(),
@@ -84,10 +82,10 @@ impl Server {
         }
     }
 
-    /// Checks period, time-out and certificates, without connecting.
+    /// Checks period, timeout and certificates, without connecting.
     ///
     /// # Errors
-    /// The first that is wrong.
+    /// The first invalid setting.
     pub fn check(&self) -> Result<(), SinumerikError> {
         if self.period < SHORTEST_PERIOD {
             return Err(SinumerikError::Period(self.period));
@@ -101,8 +99,8 @@ impl Server {
         Ok(())
     }
 
-    /// How long after a correction was sent it shows in a reading at the latest, where everything is answered in time: the
-    /// write, a reading that had begun before, and the next one.
+    /// Longest time until a sent correction shows in a reading, if every request is answered in time: the write, a reading that had already begun,
+    /// and the next one.
     pub fn read_back(&self) -> Duration {
         self.time_out + 2 * self.period
     }

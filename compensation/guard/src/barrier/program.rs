@@ -8,38 +8,38 @@ use volcomp_vocabulary::{AxisKind, Mm, PerChannel, Rad};
 use super::{Barrier, DigitalLines, REPORT_WORDS, Report, Settings, SettingsError};
 use crate::protocol::{Counts, Layout};
 
-/// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
+/// The barrier of a simulated control. It keeps its epoch over a restart, like a control with a retained word.
 #[derive(Clone, Debug)]
 pub struct Program {
     barrier: Barrier,
-    /// What lies on plain lines; `None` where none lead here.
+    /// The levels of digital lines; `None` without lines.
     lines: Option<DigitalLines>,
 }
 
-/// What a barrier is set to, in the units of a machine's builder instead of counts and scans.
+/// The settings of a barrier in physical units instead of counts and scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Protection {
-    /// The number of the machine, which starts the checksum.
+    /// Machine number, which seeds the checksum.
     pub machine: u16,
-    /// The largest correction of linear axes in either direction.
+    /// Largest correction of linear axes in either direction.
     pub limit: Mm,
-    /// The largest correction of rotary axes in either direction.
+    /// Largest correction of rotary axes in either direction.
     pub limit_rotary: Rad,
-    /// The largest change of the correction of a linear axis in a second.
+    /// Largest change of the correction of a linear axis per second.
     pub rate_per_s: Mm,
-    /// The largest change of the correction of a rotary axis in a second.
+    /// Largest change of the correction of a rotary axis per second.
     pub rate_rotary_per_s: Rad,
-    /// The largest age of what a frame answers.
+    /// Maximum age of the report that a frame answers.
     pub hold: Duration,
-    /// The time without a frame after which the correction goes to zero.
+    /// Time without a frame after which the correction ramps to zero.
     pub time_out: Duration,
-    /// The time from one scan of the control to the next.
+    /// Scan period of the control.
     pub scan: Duration,
 }
 
 impl Default for Protection {
-    /// For simulated machines: 250 µm and 250 µrad, 1000 µm/s and 1000 µrad/s (twice the slew of the simulated machine's
-    /// guard), frames at most 50 ms old, zero after 200 ms without one, a scan every 2 ms.
+    /// For simulated machines: 250 µm and 250 µrad, 1000 µm/s and 1000 µrad/s (twice the slew of the simulated machine's guard), frames at most 50
+    /// ms old, a timeout of 200 ms, a scan every 2 ms.
     fn default() -> Self {
         Self {
             machine: 1,
@@ -55,20 +55,18 @@ impl Default for Protection {
 }
 
 impl Protection {
-    /// The same in whole counts of these axes and whole scans. Limits are rounded down, and so are rates; a rate below
-    /// one count in a scan makes steps that are more than one scan apart. An axis whose device cannot express the limit
-    /// gets what it can.
+    /// Converts to whole counts of these axes and whole scans. Limits and rates are rounded down; a rate below one count per scan yields several
+    /// scans per step. An axis whose device cannot express the limit gets the largest value that it can.
     ///
     /// # Errors
-    /// [`SettingsError`] where a limit is below one step of its axis, the times do not fit to one another, there is no
-    /// axis, or one is named twice.
+    /// [`SettingsError`] if a limit is below one step of its axis, the times are inconsistent, there is no axis, or one is named twice.
     pub fn settings(&self, axes: &[Axis]) -> Result<Settings, SettingsError> {
         let layout = Layout::of(axes.iter().map(|axis| axis.name))?;
         let step_scans = axes
             .iter()
             .map(|axis| 1.0 / self.counts_in_a_scan(axis))
             .fold(1.0, f64::max);
-        // A rate that is too slow to be counted is caught below: no count in the longest time from step to step.
+        // A rate too slow to be represented is rejected below: no count in the longest step time.
         let step_scans = whole(libm::ceil(step_scans - 1e-9));
         let (mut limit, mut rate) = (Counts::default(), Counts::default());
         for ((limit, rate), axis) in limit.iter_mut().zip(&mut rate).zip(axes) {
@@ -108,7 +106,7 @@ impl Protection {
     }
 }
 
-/// The whole counts in a number, but for a rounding; 0 for NaN.
+/// Rounds down to whole counts, tolerating rounding errors; 0 for NaN.
 #[expect(clippy::cast_possible_truncation, reason = "held within the range")]
 fn counts(number: f64) -> i16 {
     libm::floor(number + 1e-9).clamp(0.0, f64::from(i16::MAX)) as i16
@@ -127,7 +125,7 @@ impl Program {
     /// The barrier of a control that is switched on for the first time, with nothing applied.
     ///
     /// # Errors
-    /// Settings that make no sense.
+    /// Invalid settings.
     pub fn new(settings: Settings) -> Result<Self, SettingsError> {
         let barrier = Barrier::start(settings, 0, 0, &Counts::default())?;
         Ok(Self {
@@ -146,7 +144,7 @@ impl Program {
 fn words(report: &Report) -> Words {
     let mut words = [0; REPORT_WORDS];
     let length = report.encode(&mut words);
-    // A report has fewer words than a block has room for.
+    // A report is shorter than the capacity of a block.
     Words::new(&words[..length]).unwrap_or_default()
 }
 
@@ -171,7 +169,7 @@ impl ControlProgram for Program {
             self.barrier.report().settings,
             self.barrier.memory().link.epoch,
         );
-        // The tick begins anew: only the epoch is kept. The settings were accepted before.
+        // The tick restarts: only the epoch is retained. The settings were accepted before.
         if let Ok(started) = Barrier::start(settings, epoch, 0, applied) {
             self.barrier = started;
         }

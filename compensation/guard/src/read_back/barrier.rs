@@ -1,5 +1,4 @@
-//! A control with a barrier: one whole reading that moved on is confirmed, and a frame has landed when its sequence is
-//! echoed.
+//! A control with a barrier: one complete and new report confirms its correction, and a frame has arrived when its sequence is echoed.
 
 use core::{ops::RangeInclusive, time::Duration};
 
@@ -13,13 +12,12 @@ use crate::{
     step::ROUNDING,
 };
 
-/// The stretch over which the control's scans are counted against the clock.
+/// Interval over which the control's scans are compared with the clock.
 const COUNTED: Duration = Duration::from_secs(1);
-/// A gap between two reports over which scans are not counted, and after which any tick is new: its 16 bits may have gone
-/// round.
+/// Gap between two reports over which scans are not counted, and after which any tick is accepted as new: its 16 bits may have wrapped.
 const GAP: Duration = Duration::from_secs(5);
 
-/// The path to a barrier. State: the session, and how fast the control scans.
+/// The path to a barrier. State: the session, and the scan rate of the control.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
     session: Session,
@@ -27,27 +25,27 @@ pub struct BarrierLink {
     layout: Layout,
     scan: Duration,
     settings: Option<Settings>,
-    /// When the last report held, whether it was a new one or not.
+    /// When the last report, new or not, was valid.
     heard: Option<Duration>,
-    /// When the last new report held, its epoch and tick, and the scans since `counted_from`.
+    /// When the last new report was valid, its epoch and tick, and the scans since `counted_from`.
     last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
     counted: u32,
-    /// Whether the time of a scan is as configured; `None`: not counted for long enough.
+    /// Whether the scan period is as configured; `None`: not measured long enough.
     scans_fit: Option<bool>,
-    /// What was sent last.
+    /// The last sent correction.
     asked: Option<Counts>,
-    /// Where the control stands although it took what was sent, which is another value, and since when it does.
+    /// The correction at which the control stays although it accepted another one, and since when.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
-    /// Whether words came as a report that were none of this machine and these axes.
+    /// Whether received words were not a report of this machine and these axes.
     strange: bool,
 }
 
 impl BarrierLink {
-    /// A way to the barrier of the machine with this number and of these axes, whose control scans once in `scan`. `owner`
-    /// is drawn anew at each start of the gateway; all ways of one gateway to one barrier have the same.
+    /// A path to the barrier of the machine with this number and these axes, with a scan period of `scan`. `owner` is drawn anew at each start of
+    /// the gateway; all paths of one gateway to one barrier share it.
     #[must_use]
     pub fn new(owner: u16, machine: u16, layout: Layout, scan: Duration) -> Self {
         Self {
@@ -79,10 +77,10 @@ impl BarrierLink {
         let report = Report::decode(self.machine, self.layout, words);
         self.strange = report.is_none();
         let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
-            // Torn, or of another machine or other axes: it says nothing.
+            // Torn, or of another machine or other axes: ignored.
             return Landed::Unknown;
         };
-        // Reports of a program that stands come as well, and are not new.
+        // Reports of a stopped program arrive as well, but are not new.
         let heard = self.heard.replace(taken);
         if heard.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
             self.session.forget();
@@ -107,7 +105,7 @@ impl BarrierLink {
             known.changed = true;
             return Landed::Unknown;
         };
-        // The first report after another's is a new beginning, too.
+        // The first report after another sender's also starts anew.
         known.changed = epoch_began;
         (self.held_by_other, self.can_send) = (false, true);
         self.stands = match self.stands {
@@ -122,14 +120,13 @@ impl BarrierLink {
         }
     }
 
-    /// How long after the control can move it is seen to: what was sent has to go there, to be taken, to move it by a step, and
-    /// to be reported.
+    /// Time until a movement of the control is seen: the frame must arrive, be accepted, move it by one step, and be reported.
     fn shown_after(&self, limits: &Limits) -> Duration {
         let step_scans = self.settings.map_or(0, |settings| settings.step_scans);
         limits.longest_delay() + self.time_of(step_scans)
     }
 
-    /// Counts the control's scans. With a new epoch they may begin anew: the control was switched on.
+    /// Counts the control's scans. With a new epoch they may restart: the control was switched on.
     fn count(&mut self, taken: Duration, epoch: u16, tick: u16) {
         let before = self.last.replace((taken, epoch, tick));
         let goes_on = |(then, of, _): &(Duration, u16, u16)| {
@@ -156,12 +153,12 @@ impl BarrierLink {
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
         known.shown_after = self.shown_after(limits);
-        // As of when it could have moved, by the last report, which is so old.
+        // The time at which it could have moved, by the last report, which has this age.
         known.stands_since = age
             .zip(self.stands)
             .map(|(age, (_, since))| since.saturating_add(known.shown_after).saturating_add(age));
         known.lets_go_after = (self.settings).map(|settings| self.time_of(settings.time_out_scans));
-        // A frame that answers an older report is refused.
+        // A frame that answers an older report would be rejected.
         known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
         let fits = self.settings.is_some_and(|settings| {
             barrier_misfits(&settings, self.scan, limits)
@@ -197,12 +194,12 @@ impl BarrierLink {
         self.session.sent
     }
 
-    /// A frame of this gateway went by another path.
+    /// Records a frame that this gateway sent on another path.
     pub(super) fn also_sent(&mut self, (epoch, sequence): (u16, u16)) {
         self.session.sends(epoch, sequence);
     }
 
-    /// The scans may take as long as is accepted, and the last frame as long as the path.
+    /// Uses the maximum accepted scan period, and the delay of the path for the last frame.
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         let settings = self.settings?;
         let steps = |i: usize| {
@@ -211,14 +208,14 @@ impl BarrierLink {
         };
         let most = u32::from(limits.places().map(steps).max().unwrap_or(0));
         let waits = u32::from(settings.hold_scans) + u32::from(settings.time_out_scans);
-        // A step is begun at most one step's scans late.
+        // A step begins at most one step period late.
         let moves = u32::from(settings.step_scans) * (most + 1);
         let scans = longest_scan(self.scan).saturating_mul(waits + moves);
         Some(scans.saturating_add(limits.longest_delay()))
     }
 }
 
-/// Counts of each axis as mm and rad.
+/// Converts counts of each axis to mm and rad.
 fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
     PerChannel::from_fn(|i| {
         if i < limits.count {
@@ -229,7 +226,7 @@ fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
     })
 }
 
-/// mm and rad as counts of each axis; `None` where a count does not fit into a word.
+/// Converts mm and rad to counts of each axis; `None` if a count does not fit into a word.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the range of a word was looked at before"
@@ -246,34 +243,33 @@ fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
     Some(counts)
 }
 
-/// How far the time of a scan may be from the configured one.
+/// Accepted ratio of the measured scan period to the configured one.
 const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
-/// The minimum ratio of the rate of the barrier to the slew of the guard, so that it follows.
+/// Minimum ratio of the barrier's rate to the guard's slew, so that it can follow.
 pub const RATE_OVER_SLEW: f64 = 2.0;
 
-/// A setting of a barrier that does not fit the limits of the guard: what was found, and the least or the most that fits. Axes
-/// are counted from 0, in channel order.
+/// A setting of a barrier that does not fit the limits of the guard: the value found and the bound. Axes are counted from 0, in channel order.
 #[expect(missing_docs, reason = "found and expected")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BarrierMisfit {
-    /// The barrier lets less through than the guard may send, mm or rad.
+    /// The barrier's limit is below the guard's, mm or rad.
     Limit {
         axis: usize,
         found: f64,
         expected: f64,
     },
-    /// The barrier moves less than twice as fast as the guard, mm or rad in a second.
+    /// The barrier's rate is less than twice the guard's slew, mm/s or rad/s.
     Rate {
         axis: usize,
         found: f64,
         expected: f64,
     },
-    /// The barrier waits longer for a frame than the guard waits until it ramps out (`zero_after`).
+    /// The barrier's timeout is longer than the time after which the guard ramps out (`zero_after`).
     TimeOut { found: Duration, expected: Duration },
 }
 
-/// Every setting of a barrier, whose control scans once in `scan`, that does not fit the limits: it has to let through what
-/// the guard may send, to follow it, and to time out early enough.
+/// All settings of a barrier, with a scan period of `scan`, that do not fit the limits: it must pass every correction of the guard, follow it, and
+/// time out early enough.
 pub fn barrier_misfits(
     settings: &Settings,
     scan: Duration,
@@ -308,12 +304,12 @@ pub fn barrier_misfits(
     late.into_iter().chain(axes)
 }
 
-/// The longest time of a scan that counts as the configured one.
+/// Longest scan period that counts as the configured one.
 fn longest_scan(scan: Duration) -> Duration {
     Duration::try_from_secs_f64(scan.as_secs_f64() / SCAN_WITHIN.start()).unwrap_or(Duration::MAX)
 }
 
-/// Whether this number of scans in this time is that of a control that scans once in `scan`.
+/// Whether this number of scans in this time fits a scan period of `scan`.
 #[must_use]
 pub fn scans_fit(scans: u32, passed: Duration, scan: Duration) -> bool {
     let expected = scan.as_secs_f64() * f64::from(scans);

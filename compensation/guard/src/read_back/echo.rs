@@ -1,10 +1,9 @@
 //! A control without a barrier whose values can be read back.
 //!
-//! One reading proves nothing: it may be torn, late, or of another axis. So everything that may be applied is remembered:
-//! what was confirmed last, and what was sent since. A reading that is one of these on all axes confirms it, and rules out
-//! what was sent before it; anything else may be an old reading, and nothing is sent on it. Another value is believed when
-//! nothing was sent for so long that no reading can be from before, and it was then read three times without another one
-//! between, the path's delay apart: a message that a driver repeats with each new position is one reading.
+//! A single reading proves nothing: it may be torn, late, or of another axis. So all values that may be applied are stored: the last confirmed one,
+//! and those sent since. A reading that equals one of these on all axes confirms it, and excludes those sent before; any other may be an old
+//! reading, and nothing is sent on it. A foreign value is accepted if nothing was sent for so long that no reading can be from before, and it was
+//! then read three times in a row, the path's delay apart: a message that a driver repeats with each new position is one reading.
 
 use core::time::Duration;
 
@@ -13,21 +12,21 @@ use volcomp_vocabulary::PerChannel;
 use super::known::{Confirmed, Known, Landed, are_equal};
 use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
-/// Equal readings that confirm a value that was not written.
+/// Number of equal readings that confirm a value that was not written.
 const EQUAL_READINGS: u32 = 3;
-/// For how long another gateway is reported after it was seen.
+/// How long another gateway is reported after it was detected.
 const OTHER_REPORTED_FOR: Duration = Duration::from_secs(5);
-/// What was confirmed, and a write for each cycle that a reading may be behind.
+/// Capacity: the confirmed value, and one write for each cycle of the maximum read-back lag.
 const MOST: usize = MOST_READ_BACK_CYCLES + 4;
 
-/// A correction that may be applied, and when it was sent first.
+/// A correction that may be applied, and when it was first sent.
 #[derive(Clone, Copy, Debug, Default)]
 struct Candidate {
     since: Duration,
     values: PerChannel<f64>,
 }
 
-/// Equal readings in a row.
+/// Consecutive equal readings.
 #[derive(Clone, Copy, Debug)]
 struct Equal {
     values: PerChannel<f64>,
@@ -37,21 +36,20 @@ struct Equal {
 
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
-    /// For how long nothing else may have moved anything before the first write.
+    /// How long nothing else may have changed the values before the first write.
     watch: Duration,
-    /// What may be applied, the oldest first: what is confirmed, and what was sent since. Equal ones in a row are one.
+    /// Values that may be applied, oldest first: the confirmed one, and those sent since. Consecutive equal ones are merged.
     candidates: [Candidate; MOST],
     count: usize,
-    /// When the last reading held.
+    /// When the last reading was valid.
     heard: Option<Duration>,
-    /// What the last readings were that are all younger than everything that was sent, how many of them count, and when
-    /// the last one that counts held.
+    /// The value of the last readings that are all later than every write, how many of them count, and when the last counted one was valid.
     equal: Option<Equal>,
-    /// When something was sent last, by whatever path.
+    /// When something was last sent, on any path.
     sent: Option<Duration>,
-    /// Something was sent on what is confirmed.
+    /// Something was sent after the confirmed value.
     has_sent: bool,
-    /// Since when nothing but this gateway moved anything.
+    /// Since when only this gateway has changed the values.
     alone_since: Option<Duration>,
     other: Option<Duration>,
 }
@@ -85,20 +83,20 @@ impl Echo {
             return Landed::Unknown;
         }
         if self.heard.replace(taken) == Some(taken) {
-            // The same message as before: it says nothing new.
+            // The same message as before: ignored.
             return Landed::Unknown;
         }
         let found = self.find(values, taken, limits);
         let is_same = self.count_equal(values, taken, limits);
         if found.is_none() && is_same == Some(false) && !self.has_sent {
-            // Something else moves the values.
+            // Something else changes the values.
             self.alone_since = Some(now);
         }
         if self
             .equal
             .is_some_and(|equal| equal.readings >= EQUAL_READINGS)
         {
-            // Nothing that was sent before counts any more.
+            // Everything sent before is obsolete.
             known.changed = found.is_none();
             self.has_sent &= found.is_some();
             self.begin(values, now);
@@ -119,8 +117,7 @@ impl Echo {
         landed
     }
 
-    /// Counts equal readings. Whether this one is equal to the one before; `None` where it may be from before the last
-    /// write.
+    /// Counts equal readings. Returns whether this one equals the previous one; `None` if it may be from before the last write.
     fn count_equal(
         &mut self,
         values: &PerChannel<f64>,
@@ -147,7 +144,7 @@ impl Echo {
         Some(same.is_some())
     }
 
-    /// Nothing but these values may be applied.
+    /// Only these values may be applied.
     fn begin(&mut self, values: &PerChannel<f64>, now: Duration) {
         self.candidates[0] = Candidate {
             since: now,
@@ -156,7 +153,7 @@ impl Echo {
         self.count = 1;
     }
 
-    /// A reading that held at `taken` and is received now confirms these values: as of then, however late it is received.
+    /// A reading valid at `taken` and received now confirms these values, as of `taken`.
     fn confirm(
         &mut self,
         values: &PerChannel<f64>,
@@ -168,14 +165,14 @@ impl Echo {
             values: *values,
             at: taken,
         });
-        // What does not fit into the memory is not sent.
+        // If the memory is full, nothing more is sent.
         known.writable = self.count < MOST;
     }
 
-    /// The oldest and the newest candidate that a reading may be; `None` where it equals no candidate.
+    /// The oldest and the newest candidate that a reading may be; `None` if it equals no candidate.
     ///
-    /// One that something else followed longer ago than the path's delay is one only where that did not land. So it is
-    /// the oldest only where no younger one has these values, too.
+    /// A candidate that was followed by another one longer ago than the path's delay counts only if the later one did not arrive. So it is the
+    /// oldest only if no later one has these values, too.
     fn find(
         &self,
         values: &PerChannel<f64>,
@@ -201,7 +198,7 @@ impl Echo {
             return;
         }
         if self.count == MOST {
-            // Sent although nothing may be sent: nothing is known any more.
+            // Something was sent although nothing may be sent: nothing is known any more.
             self.count = 0;
             return;
         }
@@ -212,11 +209,11 @@ impl Echo {
         self.count += 1;
     }
 
-    /// What was sent by another path until now may be applied, and is not known here.
+    /// The values sent on another path until now may be applied, and are unknown here.
     pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
         self.sent = self.sent.max(Some(now));
         (self.count, self.equal, known.writable) = (0, None, false);
-        // What was seen to move while it stood by, this gateway moved.
+        // Changes seen during standby were made by this gateway.
         self.alone_since = Some(Duration::ZERO);
     }
 
@@ -246,7 +243,7 @@ impl Echo {
         let still = self
             .alone_since
             .is_some_and(|since| now.saturating_sub(since) >= self.watch);
-        // Before the first write nothing else may have moved anything, and no reading may be of the run before.
+        // Before the first write nothing else may have changed the values, and no reading may be from the previous run.
         let alone = still || self.has_sent;
         known.writable &= fresh && alone;
         let other = self

@@ -1,4 +1,4 @@
-//! What is known of the correction that a control applies, and whether what was sent has landed.
+//! Knowledge of the applied correction, and whether sent corrections have arrived.
 
 use core::time::Duration;
 
@@ -6,21 +6,21 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Limits, Reasons, step::is_same_step};
 
-/// A correction that the control is known to apply.
+/// A confirmed correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Confirmed {
     /// The correction of each axis, mm or rad.
     pub values: PerChannel<f64>,
-    /// When it was confirmed last, on the clock of the cycle.
+    /// When it was last confirmed, on the clock of the cycle.
     pub at: Duration,
 }
 
-/// What a control reported of the correction that it applies, in one reading.
+/// A control's report of its applied correction in one reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Told<'a> {
-    /// It did not answer, or says nothing of corrections.
+    /// It did not answer, or does not report corrections.
     Nothing,
-    /// The plain values of each axis, mm or rad.
+    /// Plain values of each axis, mm or rad.
     Values(PerChannel<f64>),
     /// The words of its barrier's report.
     Report(&'a [u16]),
@@ -29,7 +29,7 @@ pub enum Told<'a> {
 /// How the correction of a path is confirmed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
-    /// A barrier in the control takes frames and reports what it applies.
+    /// A barrier in the control accepts frames and reports the applied correction.
     Barrier,
     /// Plain values that can be read back.
     #[default]
@@ -38,39 +38,38 @@ pub enum Scheme {
     NoReadBack,
 }
 
-/// What is known of the correction that a control applies.
+/// Knowledge of the correction that a control applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known {
-    /// How it is confirmed.
+    /// How the correction is confirmed.
     pub scheme: Scheme,
-    /// The correction that was confirmed last; `None`: none yet.
+    /// The last confirmed correction; `None`: none yet.
     pub confirmed: Option<Confirmed>,
-    /// The lowest and the highest correction of each axis that may be applied: what is confirmed, and without a barrier what
-    /// was sent since and may have landed, too.
+    /// Lowest and highest correction of each axis that may be applied: the confirmed one, and without a barrier also those sent since that may have
+    /// arrived.
     pub between: [PerChannel<f64>; 2],
-    /// Whether the next correction may be written on it: nothing contradicts what was confirmed.
+    /// Whether the next correction may be written: nothing contradicts the confirmed one.
     pub writable: bool,
-    /// Whether the confirmed correction is not one that was sent: the control began anew, or something else writes.
+    /// Whether the confirmed correction was not sent by this guard: the control restarted, or something else writes.
     pub changed: bool,
-    /// Since when something that was sent has not landed; `None`: all of it has.
+    /// Since when a sent correction has not arrived; `None`: all have.
     pub unlanded_since: Option<Duration>,
-    /// Since when a control with a barrier stands still although it took something else: it holds on its own, and no path shows why.
-    /// `None`: it moves, or is where it is to be.
+    /// Since when a control with a barrier stays in place although it accepted another correction: it holds on its own, for a reason that no path
+    /// reports. `None`: it moves, or is at its goal.
     pub stands_since: Option<Duration>,
-    /// How long after a control with a barrier is free to move this is seen at the latest.
+    /// Maximum time until a movement of a control with a barrier is seen after it is released.
     pub shown_after: Duration,
-    /// How long after the last frame that it took a barrier times out: what was confirmed longer ago is not
-    /// known any more. `None`: no barrier reports it.
+    /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
     pub lets_go_after: Option<Duration>,
-    /// From when on the control may act on its own, on the clock of the cycle: what was decided before is not sent then.
-    /// `None`: it does not, or it reports what it does.
+    /// From when on the control may act on its own, on the clock of the cycle: earlier decisions are not sent after that. `None`: it does not, or
+    /// it reports what it does.
     pub until: Option<Duration>,
-    /// Why this path may not be armed, and what else is to be known of it.
+    /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,
 }
 
 impl Known {
-    /// Whether a correction other than zero is known to be applied.
+    /// Whether a nonzero correction is known to be applied.
     #[must_use]
     pub fn holds(&self, limits: &Limits) -> bool {
         self.confirmed
@@ -78,31 +77,31 @@ impl Known {
     }
 }
 
-/// What a reading means for what was sent.
+/// The conclusion of a reading for the sent corrections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Landed {
     /// Nothing, or nothing new.
     Unknown,
-    /// All of it has landed, or none of it counts any more.
+    /// All have arrived, or are obsolete.
     All,
-    /// What was sent from then on has not.
+    /// Those sent from then on have not arrived.
     Before(Duration),
 }
 
-/// State: since when something that was sent has not landed.
+/// State: since when a sent correction has not arrived.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Landing {
-    /// When the control was read last, and when something was sent to it last.
+    /// When the control was last read, and when something was last sent to it.
     heard: Option<Duration>,
     sent: Option<Duration>,
-    /// Since when something has not landed; `None`: all of it has.
+    /// Since when a sent correction has not arrived; `None`: all have.
     since: Option<Duration>,
-    /// Since when every write failed; `None`: the last one did not.
+    /// Since when every write has failed; `None`: the last one succeeded.
     failing_since: Option<Duration>,
 }
 
 impl Landing {
-    /// Something was sent; `ok`: without a failure. `is_unseen`: what was sent without a failure is taken for applied.
+    /// Records a write; `ok`: without an error. `is_unseen`: a write without an error counts as applied.
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
         self.failing_since = (!ok).then(|| self.failing_since.unwrap_or(now));
@@ -113,7 +112,7 @@ impl Landing {
         };
     }
 
-    /// The control was read, and this follows for what was sent.
+    /// Processes a reading of the control, with its conclusion.
     pub(super) fn hear(&mut self, now: Duration, answered: bool, landed: Landed, limits: &Limits) {
         let before = self.heard.replace(now).unwrap_or(now);
         match landed {
@@ -122,7 +121,7 @@ impl Landing {
             Landed::Before(since) => self.since = Some(since),
         }
         if !answered {
-            // Whether it has landed could not be seen meanwhile.
+            // Arrival could not be observed in the meantime.
             let times = [&mut self.since, &mut self.failing_since];
             for since in times.into_iter().flatten() {
                 *since += now.saturating_sub(before);
@@ -131,13 +130,13 @@ impl Landing {
             .sent
             .is_none_or(|sent| now.saturating_sub(sent) > limits.longest_delay())
         {
-            // Nothing was sent for so long that what has not landed will not be waited for.
+            // Nothing was sent for so long that missing corrections are no longer expected.
             (self.since, self.failing_since) = (None, None);
         }
     }
 
-    /// Since when something that was sent has not landed; `None`: all of it has. A write that failed has not landed, also
-    /// where it had the values that the control applies anyway.
+    /// Since when a sent correction has not arrived; `None`: all have. A failed write has not arrived, even if the control applies its values
+    /// anyway.
     pub(super) fn unlanded_since(&self) -> Option<Duration> {
         match (self.since, self.failing_since) {
             (Some(since), Some(failing)) => Some(since.min(failing)),
@@ -146,7 +145,7 @@ impl Landing {
     }
 }
 
-/// Whether two corrections are the same on every axis, to half a step.
+/// Whether two corrections are equal on every axis, to half a step.
 pub(crate) fn are_equal(a: &PerChannel<f64>, b: &PerChannel<f64>, limits: &Limits) -> bool {
     limits
         .places()

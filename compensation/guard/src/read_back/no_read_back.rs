@@ -1,6 +1,5 @@
-//! A control whose correction cannot be read back, such as one behind lines. Where the device reports which levels its
-//! outputs carry, what they carry counts as applied, as a correction that is read back; where it does not, what was
-//! written without a failure does.
+//! A control whose correction cannot be read back, such as one behind digital lines. If the device reports the levels of its outputs, the
+//! correction on them counts as applied, like one that is read back; otherwise every write without an error does.
 
 use core::time::Duration;
 
@@ -12,12 +11,12 @@ use super::{
 };
 use crate::{Limits, Reasons};
 
-/// What a control without read-back does on its own when nothing is written any more.
+/// Behaviour of a control without read-back when writes stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlTimeOut {
-    /// Time without a write after which it goes to zero.
+    /// Time without a write after which it starts to go to zero.
     pub after: Duration,
-    /// The time that it needs from its largest correction to zero.
+    /// Time from its largest correction to zero.
     pub to_zero: Duration,
 }
 
@@ -32,20 +31,20 @@ impl ControlTimeOut {
 #[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
-    /// From when on the control may act on its own, and from when on it is at zero, unless something is written before.
+    /// From when on the control may act on its own, and from when on it is at zero, without another write.
     acts: Option<[Duration; 2]>,
-    /// When it was read last.
+    /// When it was last read.
     heard: Option<Duration>,
-    /// Whether an unknown correction may be left.
+    /// Whether an unknown correction may remain.
     unknown: bool,
-    /// What the device reports of its outputs.
+    /// The device's reports of its outputs.
     echo: Echo,
-    /// Whether it ever reported that, and whether it did in this cycle so that it counts.
+    /// Whether it ever reported them, and whether it did in this cycle.
     tells: bool,
     sees: bool,
     /// Something was written.
     has_written: bool,
-    /// A person has looked before anything was written.
+    /// The operator has acknowledged before anything was written.
     was_looked_at: bool,
 }
 
@@ -64,17 +63,17 @@ impl NoReadBack {
         }
     }
 
-    /// Whether the device ever reported what its outputs carry.
+    /// Whether the device ever reported its outputs.
     pub(super) fn tells(&self) -> bool {
         self.tells
     }
 
-    /// Whether what was written is seen on the outputs.
+    /// Whether the outputs show the written correction.
     pub(super) fn sees(&self) -> bool {
         self.sees
     }
 
-    /// The lowest and the highest value of each axis that may be applied, where the outputs are seen.
+    /// Lowest and highest value of each axis that may be applied, if the outputs are reported.
     pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
         self.echo.between().filter(|_| self.sees)
     }
@@ -91,8 +90,7 @@ impl NoReadBack {
         if let Some([acts, at_zero]) = self.acts
             && now >= acts
         {
-            // The control goes to zero since nothing was written, or is there: what was sent before, and may
-            // still stand on its lines, counts no more.
+            // The control is going to zero for lack of writes, or is there: earlier words, which may still be on its lines, no longer count.
             self.echo = Echo::new(Duration::ZERO);
             let was_zero = known
                 .confirmed
@@ -104,7 +102,7 @@ impl NoReadBack {
                 at: now,
             });
         }
-        // The levels of lines say something about a control that goes to zero on its own only while it is written.
+        // If a control goes to zero on its own, the levels of its lines are meaningful only while it is written.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
         let told = match told {
@@ -116,7 +114,7 @@ impl NoReadBack {
         let landed = told.map_or(Landed::Unknown, |values| {
             let landed = self.echo.hear(now, taken, values, limits, known);
             self.echo.judge(now, limits, known);
-            // A reading that confirms also shows what has landed.
+            // A reading that confirms a value also shows what has arrived.
             self.unknown &= landed == Landed::Unknown;
             landed
         });
@@ -130,10 +128,10 @@ impl NoReadBack {
         landed
     }
 
-    /// Without the levels of the outputs what was written counts, since nothing but this gateway writes them. A device that
-    /// reported them before may have lost them meanwhile: only another write that it takes keeps them known.
+    /// Without output levels the last write counts, since only this gateway writes the lines. A device that reported levels before may have lost
+    /// them: they are known again only after another accepted write.
     fn hear_nothing(&mut self, now: Duration, known: &mut Known) {
-        // Nothing was ever written, or restored: it counts as zero.
+        // If nothing was ever written or restored, it counts as zero.
         if !self.unknown {
             known.confirmed.get_or_insert(Confirmed {
                 values: PerChannel::ZERO,
@@ -141,13 +139,13 @@ impl NoReadBack {
             });
         }
         if let Some(confirmed) = known.confirmed.as_mut().filter(|_| !self.tells) {
-            // Nothing but this gateway moves it, so it does not grow old.
+            // Only this gateway changes it, so it does not expire.
             confirmed.at = now;
         }
         known.writable = known.confirmed.is_some() && !self.unknown;
     }
 
-    /// Something was written: `ok` where the device took it.
+    /// Records a write; `ok`: the device accepted it.
     pub(super) fn sent(
         &mut self,
         now: Duration,
@@ -157,12 +155,12 @@ impl NoReadBack {
     ) {
         self.echo.sent(now, values);
         if !ok {
-            // What a device that reported its outputs does unseen is unknown.
+            // If a device stops reporting its outputs and a write fails, their levels are unknown.
             self.unknown |= self.tells && !self.sees;
             return;
         }
         self.has_written = true;
-        // The control may have had it since the cycle began, or only now.
+        // The control may have received it at the begin of the cycle, or only now.
         self.wait([self.heard.unwrap_or(now), now], Duration::ZERO);
         if self.sees {
             return;
@@ -173,7 +171,7 @@ impl NoReadBack {
         });
     }
 
-    /// Something was written `age` before, at some time between these.
+    /// Starts the control's timeout from a write `age` ago, made between these times.
     fn wait(&mut self, [earliest, latest]: [Duration; 2], age: Duration) {
         self.acts = self.control.map(|control| {
             let to_zero = control.all();
@@ -184,8 +182,8 @@ impl NoReadBack {
         });
     }
 
-    /// The output of the last run: it holds while the control cannot have acted on its own, is zero once it must have, and
-    /// is unknown between.
+    /// Restores the output of the last run: it is applied while the control cannot have acted on its own, is zero once it must have, and is unknown
+    /// in between.
     pub(super) fn restore(
         &mut self,
         now: Duration,
@@ -209,18 +207,18 @@ impl NoReadBack {
         known.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Nothing is left of what another path has written. What this one wrote before it stands, unless the control has let
-    /// go of that, too, as its barrier does, or acts on its own: that goes by the time since the last write.
+    /// Nothing remains of the correction of another path. This path's own earlier one remains, unless the control has dropped it, too (`let_go`),
+    /// as its barrier does, or has acted on its own by the time since the last write.
     pub(super) fn take_over(&mut self, now: Duration, let_go: bool, known: &mut Known) {
         if self.tells {
-            // The outputs stay as they are: they are read before the first write.
+            // The outputs keep their levels: they are read before the first write.
             self.acts = None;
             self.echo.take_over(now, known);
         } else if let_go {
             self.acts = None;
             self.is_zero(now, known);
         } else if self.control.is_none() && !self.has_written {
-            // What was remembered may be what another path wrote in the run before.
+            // The stored correction may have been written by another path in the previous run.
             let zero = |confirmed: Confirmed| confirmed.values == PerChannel::ZERO;
             if self.was_looked_at || known.confirmed.is_none_or(zero) && !self.unknown {
                 self.is_zero(now, known);
@@ -232,7 +230,7 @@ impl NoReadBack {
 
     pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {
         self.was_looked_at |= !self.has_written;
-        // A control that is on its way to zero is known again once it must be there.
+        // A control on its way to zero is known again once it must be there.
         if self.unknown && self.acts.is_none() {
             self.is_zero(now, known);
         }
@@ -248,7 +246,7 @@ impl NoReadBack {
     }
 
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
-        // A cycle more, since the last write may have been on its way.
+        // One more cycle, since the last write may have been in transit.
         self.control
             .map(|control| control.all().saturating_add(limits.period))
     }

@@ -1,4 +1,4 @@
-//! What a model asks for, and which part of it the limits allow.
+//! The correction by a model, and the part of it that the limits allow.
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
@@ -8,44 +8,42 @@ use crate::{
     step::{ROUNDING_STEPS, whole_below},
 };
 
-/// Parts of the rotary shares that are tried where no whole steps beside them fit the limits.
+/// Number of reduced rotary shares that are tried if no neighbouring whole steps fit the limits.
 const SHARES: u32 = 8;
 
-/// What a model asks for, in channel order. Whatever the rotary shares δ_r are on their way, the linear shares that
-/// belong to them are `position` + Σ `follow[r]`·δ_r.
+/// The correction by a model, in channel order. For any rotary shares δ_r during a motion, the matching linear shares are `position` + Σ
+/// `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wanted {
-    /// What the linear axes take of the position error while no rotary axis moves, mm; zero for rotary axes.
+    /// Linear shares of the position error while no rotary axis moves, mm; zero for rotary axes.
     pub position: PerChannel<f64>,
     /// The shares of the rotary axes, rad; zero for linear axes.
     pub rotary: PerChannel<f64>,
-    /// For each rotary axis r and each linear axis l, `follow[r][l]` is how l follows r so that the tool tip stays
-    /// where it is, mm for each rad. All other places are zero.
+    /// For each rotary axis r and linear axis l, `follow[r][l]` is how l follows r so that the tool tip stays in place, mm/rad. All other entries
+    /// are zero.
     pub follow: PerChannel<PerChannel<f64>>,
 }
 
-/// How a cycle went in which the correction followed what is wanted.
+/// The result of a cycle that followed the requested correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "four answers that do not exclude one another"
 )]
 pub struct Followed {
-    /// Slew or acceleration hold the correction back: the ramp, the rotary axes on the way to their goal, or the linear
-    /// axes, which is `behind`.
+    /// Slew or acceleration limits the correction: the ramp, the rotary axes on the way to their goal, or the linear axes (`behind`).
     pub slewing: bool,
-    /// A linear axis is not where it belongs for the rotary shares as they are: only then, and where limits leave no
-    /// place for it at all, may the tool be further off than without correction or than where the ramp began, but
-    /// for the rounding of the output. It is `slewing`, too.
+    /// A linear axis has not reached the position for the present rotary shares. Only then, and if limits leave no room for it at all, the error of
+    /// the tool may exceed that without correction or at the start of the ramp, apart from the rounding of the output. Implies `slewing`.
     pub behind: bool,
-    /// A limit allows only a part of what is wanted.
+    /// A limit allows only a part of the requested correction.
     pub limited: bool,
-    /// What is wanted of an axis is above its warning.
+    /// The requested correction of an axis exceeds its warning threshold.
     pub warned: bool,
 }
 
 impl Wanted {
-    /// The correction of a machine whose rotary axes, if it has any, are not corrected.
+    /// The correction of a machine without corrected rotary axes.
     pub fn linear(position: PerChannel<f64>) -> Self {
         Self {
             position,
@@ -53,13 +51,13 @@ impl Wanted {
         }
     }
 
-    /// The whole correction without any limit, mm and rad.
+    /// The whole correction without limits, mm and rad.
     pub fn full(&self) -> PerChannel<f64> {
         let following = self.following(&self.rotary);
         PerChannel::from_fn(|i| self.position[i] + following[i] + self.rotary[i])
     }
 
-    /// What is wanted against the limits, which leave `part` of the position share.
+    /// Compares the request with the limits, which allow `part` of the position share.
     pub(super) fn judged(&self, part: f64, limits: &Limits) -> Followed {
         let full = self.full();
         let over = |most: fn(&AxisLimits) -> f64| {
@@ -73,7 +71,7 @@ impl Wanted {
         }
     }
 
-    /// How the linear axes follow rotary shares, mm.
+    /// Movement of the linear axes that follows these rotary shares, mm.
     pub(super) fn following(&self, rotary: &PerChannel<f64>) -> PerChannel<f64> {
         let mut following = PerChannel::ZERO;
         for (row, share) in self.follow.iter().zip(rotary) {
@@ -92,9 +90,8 @@ impl Wanted {
         finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)
     }
 
-    /// Where the rotary axes go to (rad), `position` being the position share: the largest part of their shares
-    /// with which every axis is within its limit, rounded to whole steps about the goal `before`; zero where there is
-    /// no such part.
+    /// Goal of the rotary axes (rad), with `position` as the position share: the largest fraction of their shares with which every axis is within
+    /// its limit, rounded to whole steps around the goal `before`; zero if there is no such fraction.
     pub(super) fn rotary_goal(
         &self,
         position: &PerChannel<f64>,
@@ -118,7 +115,7 @@ impl Wanted {
         if self.fits(position, &rounded, &reach) {
             return rounded;
         }
-        // Rounding passed the limit of a linear axis: the nearest whole steps that do not, on the way to zero.
+        // Rounding exceeded the limit of a linear axis: use the nearest whole steps that do not, going towards zero.
         (0..=SHARES)
             .rev()
             .find_map(|share| {
@@ -129,8 +126,7 @@ impl Wanted {
             .unwrap_or_default()
     }
 
-    /// The whole steps beside rotary shares (rad) with which every axis is within its reach, and which are nearest to the
-    /// shares.
+    /// The whole steps next to rotary shares (rad) with which every axis is within its reach, nearest to the shares.
     fn nearest_steps(
         &self,
         position: &PerChannel<f64>,
@@ -138,7 +134,7 @@ impl Wanted {
         limits: &Limits,
         reach: &PerChannel<f64>,
     ) -> Option<PerChannel<f64>> {
-        // One bit for each axis that turns: whether it goes to the step above.
+        // One bit per moving rotary axis: whether it uses the step above.
         let turning = rotary_of(limits, |i| exact[i]);
         let all = (0..MAX_AXES)
             .filter(|i| turning[*i] != 0.0)
@@ -177,8 +173,8 @@ impl Wanted {
         largest_part(&all, &PerChannel::ZERO, reach).is_some()
     }
 
-    /// The largest part of a position share that leaves every linear axis within its reach while the rotary axes
-    /// stand at `rotary`. Where none does, the one between what the axes would allow alone, so that nothing jumps.
+    /// The largest fraction of a position share that keeps every linear axis within its reach with the rotary axes at `rotary`. If there is none,
+    /// the one between the values that each axis alone would allow, so that the output does not jump.
     pub(super) fn position_part(
         &self,
         position: &PerChannel<f64>,
@@ -207,7 +203,7 @@ fn rotary_of(limits: &Limits, mut value: impl FnMut(usize) -> f64) -> PerChannel
     })
 }
 
-/// How far each axis may be from zero, mm and rad: its last step within the limit.
+/// Maximum absolute value of each axis, mm and rad: its last step within the limit.
 pub(super) fn reach(limits: &Limits) -> PerChannel<f64> {
     let mut reach = PerChannel([f64::INFINITY; MAX_AXES]);
     for (reach, axis) in reach.iter_mut().zip(&limits.axes).take(limits.count) {
@@ -216,7 +212,7 @@ pub(super) fn reach(limits: &Limits) -> PerChannel<f64> {
     reach
 }
 
-/// The largest part t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
+/// The largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
 fn largest_part(
     base: &PerChannel<f64>,
     along: &PerChannel<f64>,
@@ -226,8 +222,8 @@ fn largest_part(
     (least <= most).then_some(most)
 }
 
-/// The least and the largest part t in [0, 1] with which `base` + t·`along` is within the reach of every axis; the
-/// least is above the largest where there is none.
+/// The smallest and the largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis; the smallest exceeds the
+/// largest if there is none.
 fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, reach: &PerChannel<f64>) -> [f64; 2] {
     let (mut least, mut most) = (0.0_f64, 1.0_f64);
     for ((base, along), reach) in base.iter().zip(along).zip(reach) {

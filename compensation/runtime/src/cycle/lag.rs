@@ -1,5 +1,4 @@
-//! What the age of the positions leaves of a correction: it belongs to the place where the machine was. State: how fast the
-//! axes go.
+//! Reduction of a correction by the age of the positions, since it belongs to a past position of the machine. State: the speeds of the axes.
 
 use std::time::Duration;
 
@@ -12,38 +11,38 @@ use crate::{
     place::Place,
 };
 
-/// Speeds are taken over so much time at least: a count of a position says little of the speed.
+/// Minimum time over which speeds are measured: over less, the resolution of the positions dominates.
 const BASE: Duration = Duration::from_millis(20);
-/// How long a reduction is reported: at speed it changes at every position.
+/// How long a reduction is reported: at speed it changes with every position.
 const REPORTED_FOR: Duration = Duration::from_secs(2);
-/// The maximum time of a look ahead.
+/// Maximum time of a prediction.
 const MAX_AHEAD: Duration = Duration::from_secs(10);
 
-/// The interval at which what was wanted is remembered, and how many of these.
+/// Interval at which past corrections are stored, and their number.
 const SPACING: Duration = Duration::from_millis(10);
 const REMEMBERED: usize = 3;
-/// Nothing is reduced ahead where what was wanted differed from what is wanted now by at most this part of it, on a stretch
-/// that is as long as what is ahead; on a longer one, by as much more, up to `MOST_CHANGE`. What changed along the stretch as
-/// a parabola does then changes ahead by at most eleven times as much, which is less than half of it.
+/// No prediction is made if the requested correction changed by at most this part of itself, over a past interval as long as the time ahead; over a
+/// longer interval by proportionally more, up to `MOST_CHANGE`. If it changed parabolically over that interval, it changes ahead by at most eleven
+/// times as much, which is less than half of it.
 const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
-/// How fast the axes go, and the reduction because of it.
+/// Speeds of the axes, and the reduction of the correction.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// Positions, and when they held.
+    /// Positions, and when they were valid.
     before: Option<(PerAxis<f64>, Duration)>,
-    /// What was wanted, and when its positions held; the youngest first.
+    /// Past corrections by the model, and when their positions were valid; newest first.
     wanted: [Option<(ModelWanted, Duration)>; REMEMBERED],
-    /// mm/s and rad/s.
+    /// Speed of each axis, mm/s and rad/s.
     speed: PerAxis<f64>,
-    /// When the correction was reduced last.
+    /// When the correction was last reduced.
     last: Option<Duration>,
-    /// The correction goes out, until positions are fresh again.
+    /// The correction ramps out until positions are fresh again.
     goes_out: bool,
 }
 
-/// What a model asks for at a place, and what a cycle knows besides.
+/// The inputs of a prediction.
 pub(super) struct Asked<'a> {
     pub(super) model: &'a Model,
     pub(super) correctors: &'a Correctors,
@@ -52,24 +51,24 @@ pub(super) struct Asked<'a> {
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
     pub(super) wanted: &'a ModelWanted,
-    /// The correction that is applied, in machine order.
+    /// The applied correction, in machine order.
     pub(super) applied: &'a PerAxis<f64>,
-    /// How long a line to zero takes.
+    /// Duration of a line to zero.
     pub(super) way_out: Duration,
 }
 
-/// What is kept of a correction.
+/// The part of a correction that is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Kept {
-    /// The part of it that is still better than none.
+    /// Factor up to which the correction is still better than none, 0 to 1.
     pub(super) part: f64,
-    /// Positions are stale, and what is held would become worse than none.
+    /// Positions are stale, and the held correction would become worse than none.
     pub(super) let_go: bool,
     pub(super) notes: Reasons,
 }
 
 impl Lag {
-    /// Takes positions and how fast they change.
+    /// Updates the speeds from the positions.
     pub(super) fn see(&mut self, place: &Place, model: &Model) {
         let Some(taken) = place.oldest else { return };
         let Some((before, at)) = self.before else {
@@ -87,16 +86,15 @@ impl Lag {
         self.before = Some((place.positions, taken));
     }
 
-    /// Which part of a correction is better than none, `age` being that of the positions: the machine has gone on with its
-    /// speed since then, and goes on until the correction is in the axes. On the way there the correction changes by some
-    /// distance d. One of the size c is better than none wherever it leads within d as long as d is at most c/2, and
-    /// 2·(1 − d/c) of it is for more; at d = c nothing is left.
+    /// The part of a correction that is better than none, with positions of this `age`: the machine has continued at its speed since, and continues
+    /// until the correction reaches the axes. Meanwhile the required correction changes by some distance d. A correction of size c is better than
+    /// none for any change within d as long as d is at most c/2; for larger d, 2·(1 − d/c) of it is; at d = c nothing remains.
     pub(super) fn kept(&mut self, asked: &Asked<'_>, age: Duration, now: Duration) -> Kept {
         let limits = asked.limits;
         let stale = age > limits.hold;
         let mut ahead = age.saturating_add(limits.delay());
         if stale {
-            // What is held can only go out as fast as it may.
+            // A held correction ramps out no faster than its slew allows.
             ahead = ahead.saturating_add(asked.way_out);
         }
         let ahead = ahead.min(MAX_AHEAD);
@@ -124,15 +122,14 @@ impl Lag {
 }
 
 impl Lag {
-    /// Whether what is wanted changed so little on the way to here, positions being those of `taken`, that a look ahead
-    /// would find nothing to reduce: it costs as much as all else of a cycle.
+    /// Whether the correction changed so little up to the positions of `taken` that a prediction would reduce nothing. A prediction costs as much
+    /// as the rest of the cycle.
     fn is_calm(&self, asked: &Asked<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
             return false;
         };
         let stretch = taken.saturating_sub(begun);
-        // Near a singular pose shares begin and end all at once, and at a node a curve may bend: what was wanted before it
-        // says nothing about what comes after it.
+        // Near a singular pose shares start and end abruptly, and at a node a curve may bend: earlier corrections do not predict later ones.
         let may_bend = |(axis, (at, speed)): (usize, (&f64, &f64))| {
             let [from, to] = [-stretch.as_secs_f64(), ahead.as_secs_f64()].map(|s| at + speed * s);
             from != to && asked.model.may_bend_between(axis, from, to)
@@ -166,21 +163,21 @@ impl Lag {
         }
     }
 
-    /// Another model asks for something else.
+    /// Forgets the past corrections, which belong to another model.
     pub(super) fn forget(&mut self) {
         self.wanted = [None; REMEMBERED];
     }
 }
 
 impl Asked<'_> {
-    /// The part that is better than none wherever the axes are on their way with this speed for this time.
+    /// The part that is better than none anywhere on the path covered in `ahead` at this speed.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
-        // Half the way as well: what comes round again is not the same on the way.
+        // Also checks half the path: a periodic error may return to the same value at its end.
         let half = self.part_after(speed, ahead / 2);
         half.min(self.part_after(speed, ahead))
     }
 
-    /// The part that is better than none when the axes have gone on with this speed for `time`.
+    /// The part that is better than none after `time` at this speed.
     fn part_after(&self, speed: &PerAxis<f64>, time: Duration) -> f64 {
         let mut there = *self.state;
         for (q, speed) in there.q.iter_mut().zip(speed) {
@@ -192,10 +189,10 @@ impl Asked<'_> {
         linear.min(rotary)
     }
 
-    /// The correction of now where another one is needed, the linear axes and the rotary ones.
+    /// Compares the present correction with the one required at `then`: linear axes, rotary axes.
     fn against(&self, then: &ModelWanted) -> [Against; 2] {
         let now = self.wanted;
-        // What the linear shares of now do to the position there: the levers of the rotary shares are others.
+        // The effect of the present linear shares at that position, where the levers of the rotary shares differ.
         let mut does = now.position;
         let rows = now.follow.iter().zip(&then.follow).zip(&now.rotary);
         for ((now, then), share) in rows.filter(|(_, share)| **share != 0.0) {
@@ -209,7 +206,7 @@ impl Asked<'_> {
         ]
     }
 
-    /// The largest step of the axes of a kind.
+    /// Largest resolution of the axes of a kind.
     fn step(&self, kind: AxisKind) -> f64 {
         let axes = self.limits.axes.iter().take(self.limits.count);
         let of_kind = axes.filter(|axis| axis.kind == kind);
@@ -217,7 +214,7 @@ impl Asked<'_> {
     }
 }
 
-/// A correction where another one is needed; a difference of one step does not count.
+/// A correction compared with the required one; differences of up to one step are ignored.
 struct Against {
     size: f64,
     differs: f64,
@@ -244,7 +241,7 @@ impl Against {
         }
     }
 
-    /// Whether it differs by no more than this part, 0.5 being the one above which it is reduced.
+    /// Whether the relative difference is at most `part`; above 0.5 the correction is reduced.
     fn is_within(&self, part: f64) -> bool {
         self.differs <= part * (self.size + 2.0 * self.step)
     }

@@ -1,34 +1,30 @@
-//! How far the correction moves when another model takes over: over the corners, the middles and the places at which
-//! the curves of the work space have to be sampled, from either direction of approach; and from the largest that these
-//! find, axis after axis to where it is larger still.
+//! Largest change of the correction when one model replaces another: over the corners, the centres and the sampling positions of the curves of the
+//! work space, from either direction of approach; then by coordinate ascent from the largest changes found.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{Direction, Displacement, Mm, PerAxis, Rad};
 
 use super::{Model, nodes::GridNodes};
 
-/// The largest number of states besides the nodes of curves, each evaluated with both models, over which two models are
-/// compared.
+/// Maximum number of states apart from curve nodes at which two models are compared; each state evaluates both.
 const MAX_STATES: usize = 5000;
-/// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
+/// Maximum number of states at curve nodes. With more, no result is given, and the operator must check the change.
 const MAX_NODE_STATES: usize = 100_000;
-/// Sampled places along each axis besides those of curves: the lever of an axis without errors has no curve.
+/// Additional equidistant samples per axis: the lever of an axis without errors has no curve.
 const PLACES: usize = 25;
-/// The number of states at which the axes are moved, one after another, to where the largest move is; more where one round takes
-/// more, up to MAX_NODE_STATES.
+/// Maximum number of states of the coordinate ascent; more if one pass needs more, up to MAX_NODE_STATES.
 const MAX_CLIMB_STATES: usize = 40_000;
 /// Maximum number of coordinate-ascent passes.
 const MAX_PASSES: usize = 2;
-/// The number of nodes with the largest differences that are sampled with the other axes at their ends, too.
+/// Number of nodes with the largest differences that are also sampled with the other axes at their ends.
 const MAX_BEST_NODES: usize = 20;
 
-/// How far the correction at the worst point of the work space moves when another model takes over. Infinite where the
-/// axes of the machines differ.
+/// Largest change of the correction in the work space when one model replaces another. Infinite if the axes of the machines differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LargestMove {
-    /// Of a linear axis.
+    /// Linear axes.
     pub linear: Mm,
-    /// Of a rotary axis.
+    /// Rotary axes.
     pub rotary: Rad,
 }
 
@@ -38,7 +34,7 @@ impl LargestMove {
         rotary: Rad(0.0),
     };
 
-    /// The larger of each.
+    /// The larger value of each kind.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self {
@@ -48,14 +44,14 @@ impl LargestMove {
     }
 }
 
-/// Two models, and the axes that correct with each.
+/// Two models, and the correcting axes of each.
 struct Pair<'a> {
     models: [&'a Model; 2],
     correctors: [Correctors; 2],
     worst: LargestMove,
-    /// The number of states that may still be sampled.
+    /// Number of states that may still be sampled.
     left: usize,
-    /// For each axis the most that its correction moved forward and backward, mm or rad, and where.
+    /// For each axis the largest change of its correction in either direction, mm or rad, and its state.
     most: PerAxis<[(f64, State); 2]>,
 }
 
@@ -75,7 +71,7 @@ impl<'a> Pair<'a> {
         }
     }
 
-    /// The move at a state, mm and rad; the worst is kept.
+    /// The change at a state, mm and rad; updates the largest one.
     fn look(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
             return LargestMove::NONE;
@@ -103,7 +99,7 @@ impl<'a> Pair<'a> {
         moved
     }
 
-    /// The move at a place from every direction of `directions`.
+    /// The largest change at a position over all `directions` of approach.
     fn look_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
         let moves = directions.iter().map(|approach| {
             let state = State {
@@ -111,7 +107,7 @@ impl<'a> Pair<'a> {
                 approach: *approach,
             };
             let moved = self.look(&state);
-            // One number to rank places by: a milliradian counts as much as a millimetre.
+            // A single number to rank positions by: one milliradian counts as one millimetre.
             moved.linear.0 + moved.rotary.0
         });
         moves.fold(0.0, f64::max)
@@ -119,11 +115,10 @@ impl<'a> Pair<'a> {
 }
 
 impl Model {
-    /// How far the correction moves at the worst point of the work space when `other` takes the place of this model:
-    /// at corners, middles, and at every node of the curves and grids of both, from either direction of approach.
-    /// `ways` are the axes that correct on the path of each controller, with this model and with the other one: which axes
-    /// a correction moves depends on them, so the correction of all axes and that of each path are compared. Infinite where
-    /// the axes of the machines differ.
+    /// Largest change of the correction in the work space when `other` replaces this model: at corners, centres, and every node of the curves and
+    /// grids of both, from either direction of approach. `ways` are the correcting axes of each controller path, with this model and with the other
+    /// one: the change depends on them, so both the correction of all axes and that of each path are compared. Infinite if the axes of the machines
+    /// differ.
     pub fn largest_move(
         &self,
         other: &Self,
@@ -159,18 +154,17 @@ impl Model {
     }
 }
 
-/// The places of the work space of two models, mm and rad.
+/// The sampling positions in the work space of two models, mm and rad.
 struct Space {
-    /// Ends of travel and places between, of each axis.
+    /// Ends of travel and positions between, of each axis.
     ends: Vec<Vec<f64>>,
-    /// The middle of the travel of each axis.
+    /// Centre of the travel of each axis.
     middle: PerAxis<f64>,
-    /// Places of curves, and places at equal distances, of each axis.
+    /// Sampling positions of the curves, and equidistant ones, of each axis.
     places: Vec<Vec<f64>>,
-    /// The nodes of grids over two axes, and places of two rotary axes together: a product of both has its largest value
-    /// where both are turned.
+    /// Nodes of grids over two axes, and positions of pairs of rotary axes: the product of two rotations is largest where both are turned.
     grids: Vec<GridNodes>,
-    /// The directions of approach that matter: of all axes the same, and of each axis that reverses the other one.
+    /// The relevant directions of approach: all axes the same, and each reversing axis opposite to the others.
     directions: Vec<PerAxis<Option<Direction>>>,
 }
 
@@ -190,7 +184,7 @@ impl Space {
                 let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
                 space.middle[axis] = f64::midpoint(low, high);
                 ends.extend([low, high]);
-                // The ends of ±360° are one pose, and so is the middle: a rotary axis is sampled in between.
+                // The ends of ±360° are one pose, and so is the centre: a rotary axis is sampled in between.
                 let whole = if old.axes[axis].is_rotary() {
                     (high - low).min(std::f64::consts::TAU)
                 } else {
@@ -229,12 +223,12 @@ impl Space {
         space
     }
 
-    /// The directions of approach in which every place is sampled.
+    /// The directions of approach in which every position is sampled.
     fn both(&self) -> &[PerAxis<Option<Direction>>] {
         &self.directions[..self.directions.len().min(2)]
     }
 
-    /// The number of states at the places along the axes and at the nodes of grids: all of them are sampled.
+    /// Number of states at the positions along the axes and at the nodes of grids, all of which are sampled.
     fn node_states(&self) -> usize {
         let along: usize = self.places.iter().map(Vec::len).sum();
         let of_grid = |grid: &GridNodes| grid.nodes[0].len().saturating_mul(grid.nodes[1].len());
@@ -246,9 +240,9 @@ impl Space {
 
     fn look(&self, pair: &mut Pair<'_>) {
         let whole = pair.left.saturating_sub(self.node_states());
-        // A third for the corners, the rest for what the nodes have found.
+        // One third for the corners, the rest for the results of the nodes.
         self.corners(pair, whole / 3);
-        // Where along each axis, all others in their middles, the correction of each axis moves most.
+        // Where along each axis, with all others centred, the correction of each axis changes most.
         let mut along = Vec::new();
         for (axis, places) in self.places.iter().enumerate() {
             let before = std::mem::take(&mut pair.most);
@@ -277,8 +271,8 @@ impl Space {
         self.climb(pair, &along);
     }
 
-    /// What two axes add to one correction is largest where both are at their largest, which no place along one axis shows:
-    /// from there, and from the largest that was found, each axis in turn is moved to where the correction moves most.
+    /// Coordinate ascent. The sum of the contributions of two axes to one correction is largest where both are, which no scan along one axis shows:
+    /// from there, and from the largest change found, each axis in turn is moved to the largest change.
     fn climb(&self, pair: &mut Pair<'_>, along: &[PerAxis<[(f64, State); 2]>]) {
         let axes = pair.models[0].axes.len();
         let goals: Vec<(usize, usize)> = (0..axes)
@@ -334,8 +328,7 @@ impl Space {
         }
     }
 
-    /// Samples points, which place some of the axes, with the other axes in their middles; at the worst of them with the
-    /// other axes at their ends, too.
+    /// Samples points, which fix some of the axes, with the other axes centred; the worst points also with the other axes at their ends.
     fn look_at(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
             for (axis, place) in point {
@@ -354,8 +347,7 @@ impl Space {
         }
     }
 
-    /// The corners of the work space and the middle, and where there is room the middles between corners, from every
-    /// direction.
+    /// Samples the corners of the work space and the centre, and if the budget allows the centres between corners, from every direction.
     fn corners(&self, pair: &mut Pair<'_>, at_most: usize) {
         let with_middles: Vec<Vec<f64>> = (self.ends.iter().enumerate())
             .map(|(axis, ends)| {
@@ -375,7 +367,7 @@ impl Space {
         };
         pair.look_from(&self.middle, &self.directions);
         let all = grid.iter().map(Vec::len).product::<usize>();
-        // Where even the corners are too many, as many of them as there is room for, evenly spread.
+        // If there are too many corners, an evenly spread subset.
         let step = (count(grid).div_ceil(at_most.max(1))).max(1) | 1;
         for number in (0..all).step_by(step) {
             let mut q = PerAxis::default();
@@ -425,7 +417,7 @@ fn directions(old: &Model, new: &Model) -> Vec<PerAxis<Option<Direction>>> {
     directions
 }
 
-/// At most `at_most` of the places, evenly spread.
+/// At most `at_most` of the positions, evenly spread.
 fn thinned(places: &[f64], at_most: usize) -> impl Iterator<Item = f64> + '_ {
     let step = places.len().div_ceil(at_most.max(1)).max(1);
     places.iter().copied().step_by(step)

@@ -1,4 +1,4 @@
-//! The places at which a comparison of two machines has to look, in mm and rad, and from which directions their curves differ.
+//! The positions at which two machines must be compared, in mm and rad, and the directions in which their curves differ.
 
 use volcomp_model::{
     Machine,
@@ -6,7 +6,7 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::Displacement;
 
-/// Coordinates along each axis, mm or deg, in mm or rad.
+/// Converts coordinates along each axis from mm or deg to mm or rad.
 pub(super) fn in_mm_or_rad(machine: &Machine, along: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let along = along.into_iter().enumerate();
     along
@@ -14,7 +14,7 @@ pub(super) fn in_mm_or_rad(machine: &Machine, along: Vec<Vec<f64>>) -> Vec<Vec<f
         .collect()
 }
 
-/// Coordinates of an axis, mm or deg, in mm or rad; none for an axis that is not there.
+/// Converts coordinates of an axis from mm or deg to mm or rad; empty for an axis that does not exist.
 fn places(machine: &Machine, axis: usize, coordinates: &[f64]) -> Vec<f64> {
     let Some(axis) = machine.axes().get(axis) else {
         return Vec::new();
@@ -31,7 +31,7 @@ pub(super) struct GridNodes {
     pub(super) nodes: [Vec<f64>; 2],
 }
 
-/// The grids of a machine, by the axes over which they lie.
+/// The grids of a machine, with their two axes.
 pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
     let mut grids: Vec<GridNodes> = Vec::new();
     for (_, curve) in machine.errors() {
@@ -48,7 +48,7 @@ pub(super) fn grids(machine: &Machine) -> Vec<GridNodes> {
     grids
 }
 
-/// Whether an error of each axis depends on the direction from which the axis came.
+/// Whether an error of each axis depends on its direction of approach.
 pub(super) fn reverses(machine: &Machine) -> Vec<bool> {
     let mut reverses = vec![false; machine.axes().len()];
     for (name, curve) in machine.errors() {

@@ -7,8 +7,7 @@ use volcomp_port::{DeviceError, DigitalIo, Fault, InputLevels, Reason};
 use super::nodes::Nodes;
 use crate::frame::{CanPort, Frame};
 
-/// A CiA 401 node as a digital port: its inputs from process data 1 that it sends, its outputs in process data
-/// 1 that it receives.
+/// A CiA 401 node as a digital port: its inputs from its TPDO 1, its outputs in its RPDO 1.
 pub struct CanopenDigital<P> {
     port: P,
     node: u8,
@@ -16,16 +15,16 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
-    /// The levels of the last frame that the bus took.
+    /// The levels of the last frame accepted by the bus.
     sent: Option<u64>,
 }
 
 impl<P: CanPort> CanopenDigital<P> {
-    /// A node with so many lines. When its heartbeat is older than `silent_after` it does not run any more: the heartbeat
-    /// consumer time of CiA 301, which belongs to the heartbeat that the node is set to.
+    /// A node with these numbers of lines. If its heartbeat is older than `silent_after`, it counts as not running: this is the heartbeat consumer
+    /// time of CiA 301, to be chosen by the heartbeat period of the node.
     ///
     /// # Errors
-    /// Numbers that there are not.
+    /// Numbers out of range.
     pub fn new(
         port: P,
         node: u8,
@@ -68,7 +67,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Duration::from_millis(4)
     }
 
-    /// The inputs that the node sent last, and when they came, however long ago, for as long as the node runs.
+    /// The inputs that the node sent last and their arrival, whatever their age, as long as the node runs.
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes
@@ -103,7 +102,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// What the bus took: nodes do not answer process data.
+    /// The levels accepted by the bus: nodes do not acknowledge process data.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }
@@ -113,7 +112,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     }
 }
 
-/// The frame with a node's output lines: process data that it receives, number 1.
+/// The frame with a node's output lines: its RPDO 1.
 fn outputs_frame(node: u8, levels: u64, lines: u32) -> Option<Frame> {
     let bytes = levels.to_le_bytes();
     let count = usize::try_from(lines.div_ceil(8)).ok()?;

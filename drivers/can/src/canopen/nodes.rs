@@ -1,4 +1,4 @@
-//! The nodes of a consumer: started when they wait, watched by their heartbeat.
+//! The monitored nodes: started when pre-operational, supervised by their heartbeat.
 
 use std::{
     collections::BTreeMap,
@@ -10,7 +10,7 @@ use volcomp_port::{Fault, Reason};
 use super::telegrams::{NmtCommand, NodeState, Telegram, nmt, telegram};
 use crate::frame::{AT_ONCE, CanPort, Frame, Received};
 
-/// A node that is watched.
+/// A monitored node.
 #[derive(Clone, Copy, Debug)]
 struct Watched {
     state: Option<NodeState>,
@@ -19,7 +19,7 @@ struct Watched {
     started: Option<Instant>,
 }
 
-/// The nodes of a consumer: started when they wait, silent when their heartbeat is.
+/// The monitored nodes: started when pre-operational, and considered silent with their heartbeat.
 #[derive(Debug)]
 pub(super) struct Nodes {
     watched: BTreeMap<u8, Watched>,
@@ -27,7 +27,7 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// These nodes; one whose heartbeat is older than `silent_after` does not answer.
+    /// These nodes; one whose heartbeat is older than `silent_after` counts as not answering.
     pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
         let watched = Watched {
             state: None,
@@ -41,11 +41,11 @@ impl Nodes {
         }
     }
 
-    /// Takes the frames that have come without waiting, hands on the process data (node, number, frame, when it came),
-    /// and starts a node that waits for it.
+    /// Processes the waiting frames without blocking, passes process data on (node, number, frame, arrival), and starts a node that is ready for
+    /// it.
     ///
     /// # Errors
-    /// [`Fault::Disconnected`] when the interface is down or has left the bus.
+    /// [`Fault::Disconnected`] if the interface is down or bus-off.
     pub(super) fn listen(
         &mut self,
         port: &mut impl CanPort,
@@ -69,13 +69,13 @@ impl Nodes {
             }
         }
         if let Some(frame) = self.start(now) {
-            // A bus that takes nothing shows in the heartbeats.
+            // A bus that accepts nothing shows up as missing heartbeats.
             let _ = port.send(&frame, now);
         }
         Ok(())
     }
 
-    /// Takes what concerns the nodes.
+    /// Processes a telegram that concerns a monitored node.
     fn hear(&mut self, telegram: Telegram, taken: Instant) {
         let (Telegram::Heartbeat { node, .. }
         | Telegram::Emergency { node, .. }
@@ -94,7 +94,7 @@ impl Nodes {
         }
     }
 
-    /// The frame that starts a node which does not run, at most once in a second for each node.
+    /// The frame that starts a node which does not run, at most once a second per node.
     fn start(&mut self, now: Instant) -> Option<Frame> {
         let waits = |watched: &Watched| {
             let due = watched
@@ -110,7 +110,7 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Why a node's data must not be used; `None` when they may.
+    /// Why a node's data must not be used; `None` if they may.
     pub(super) fn trouble(&self, node: u8) -> Option<Reason> {
         let watched = self.watched.get(&node)?;
         if watched.heard.elapsed() > self.silent_after || watched.state.is_none() {

@@ -1,4 +1,4 @@
-//! Single objects of nodes, read and written.
+//! Reading and writing single objects of nodes.
 
 use std::time::Instant;
 
@@ -7,7 +7,7 @@ use volcomp_port::Fault;
 use super::telegrams::{SdoAnswer, Telegram, sdo_read, sdo_write, telegram};
 use crate::frame::{CanPort, Received};
 
-/// Asks nodes for single objects, one at a time. For set-up: it waits.
+/// Reads and writes single objects of nodes, one at a time. For configuration: it blocks.
 #[derive(Debug)]
 pub struct SdoClient<P> {
     port: P,
@@ -19,7 +19,7 @@ impl<P: CanPort> SdoClient<P> {
         Self { port }
     }
 
-    /// Gives the bus back.
+    /// Returns the bus.
     pub fn into_port(self) -> P {
         self.port
     }
@@ -27,8 +27,7 @@ impl<P: CanPort> SdoClient<P> {
     /// Reads an object of up to four bytes, little-endian.
     ///
     /// # Errors
-    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for objects
-    /// that need more than one frame.
+    /// [`Fault::TimedOut`]; [`Fault::Refused`] with the node's abort code; [`Fault::Unsupported`] for objects that need more than one frame.
     pub fn read(&mut self, node: u8, object: (u16, u8), deadline: Instant) -> Result<u32, Fault> {
         let question = sdo_read(node, object).ok_or(Fault::Unsupported("a node number"))?;
         self.port.send(&question, deadline)?;
@@ -74,7 +73,7 @@ impl<P: CanPort> SdoClient<P> {
             | SdoAnswer::Written { object }
             | SdoAnswer::Aborted { object, .. }
             | SdoAnswer::Segmented { object }) = answer;
-            // A late answer to another question.
+            // A late answer to another request.
             if from != node || object != wanted {
                 continue;
             }

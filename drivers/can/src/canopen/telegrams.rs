@@ -1,8 +1,8 @@
-//! The telegrams of CANopen: what frames mean, and the frames that a consumer sends.
+//! Decoding of CANopen frames, and the frames sent by a consumer.
 
 use crate::frame::Frame;
 
-/// The state that a node tells in its heartbeat.
+/// The state of a node, from its heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NodeState {
@@ -10,9 +10,9 @@ pub enum NodeState {
     BootUp,
     /// The node was stopped: it sends only its heartbeat.
     Stopped,
-    /// It sends process data.
+    /// The node sends process data.
     Operational,
-    /// It waits to be started.
+    /// The node waits to be started.
     PreOperational,
     /// Another state, by the code of the heartbeat.
     Other(u8),
@@ -30,7 +30,7 @@ impl NodeState {
     }
 }
 
-/// A frame as CANopen means it.
+/// A decoded CANopen frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Telegram {
@@ -38,17 +38,17 @@ pub enum Telegram {
     Heartbeat {
         /// The number of the node, 1 to 127.
         node: u8,
-        /// The state that the node tells.
+        /// The reported state.
         state: NodeState,
     },
-    /// An emergency of a node: its error code, 0 when all errors are gone.
+    /// Emergency message of a node.
     Emergency {
         /// The number of the node, 1 to 127.
         node: u8,
-        /// The error code by CiA 301; 0 when all errors are gone.
+        /// The error code by CiA 301; 0 when all errors are cleared.
         code: u16,
     },
-    /// Process data that a node sends: number 1 to 4.
+    /// Process data sent by a node (TPDO).
     Pdo {
         /// The number of the node, 1 to 127.
         node: u8,
@@ -64,7 +64,7 @@ pub enum Telegram {
     },
 }
 
-/// The answer to an expedited transfer.
+/// The answer to an expedited SDO transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SdoAnswer {
@@ -74,7 +74,7 @@ pub enum SdoAnswer {
         object: (u16, u8),
         /// The value of the object.
         value: u32,
-        /// How many bytes of it count.
+        /// Number of valid bytes.
         bytes: u8,
     },
     /// An object was written.
@@ -82,21 +82,21 @@ pub enum SdoAnswer {
         /// The index and subindex of the object.
         object: (u16, u8),
     },
-    /// Refused, with the code of CiA 301.
+    /// The transfer was rejected.
     Aborted {
         /// The index and subindex of the object.
         object: (u16, u8),
         /// The abort code by CiA 301.
         code: u32,
     },
-    /// A transfer in segments, which this consumer does not do.
+    /// A segmented transfer, which this consumer does not support.
     Segmented {
         /// The index and subindex of the object.
         object: (u16, u8),
     },
 }
 
-/// The meaning of a frame; `None` where it is none of these or broken.
+/// Decodes a frame; `None` if it is none of these or malformed.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {
         return None;
@@ -133,7 +133,7 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
     let value = u32::from_le_bytes([a, b, c, d]);
     Some(match command >> 5 {
         2 if command & 0b10 != 0 => {
-            // Without a stated size all four bytes count.
+            // Without a stated size all four bytes are valid.
             let unused = if command & 1 == 1 {
                 command >> 2 & 3
             } else {
@@ -156,27 +156,27 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
     })
 }
 
-/// Network management: what a node is told.
+/// Network management commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NmtCommand {
     /// The node starts to send process data.
     Start = 1,
-    /// The node stops sending and answers to nothing but network management.
+    /// The node stops sending and reacts to network management only.
     Stop = 2,
     /// The node waits to be started.
     PreOperational = 128,
-    /// The node starts anew.
+    /// The node resets.
     Reset = 129,
 }
 
-/// The frame that tells a node (0: all of them).
+/// The frame that sends a command to a node (0: to all of them).
 pub fn nmt(command: NmtCommand, node: u8) -> Option<Frame> {
     Frame::new(0, false, false, &[command as u8, node])
 }
 
-/// The frame that asks for an object.
+/// The frame that requests an object.
 pub fn sdo_read(node: u8, (index, sub): (u16, u8)) -> Option<Frame> {
     let [low, high] = index.to_le_bytes();
     let data = [0x40, low, high, sub, 0, 0, 0, 0];

@@ -7,16 +7,16 @@ use volcomp_port::{DeviceError, Reason, Temperature, Thermometer};
 use super::nodes::Nodes;
 use crate::frame::{CanPort, Frame};
 
-/// How a CiA 404 node's process data hold a temperature.
+/// Encoding of a temperature in a CiA 404 node's process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Number {
-    /// Two bytes, times 10^−decimals °C (object 7130h).
+    /// Two-byte integer, times 10^−decimals °C (object 7130h).
     I16 {
-        /// Decimals of the node (object 6132h).
+        /// Decimal digits set in the node (object 6132h).
         decimals: u8,
     },
-    /// Four bytes of a floating number, °C (object 6130h).
+    /// Four-byte floating-point number, °C (object 6130h).
     F32,
 }
 
@@ -49,16 +49,16 @@ pub struct Channel {
     pub node: u8,
     /// The number of the process data object, 1 to 4.
     pub pdo: u8,
-    /// The first byte of the number in the process data, from 0.
+    /// Offset of the number in the process data, bytes.
     pub at: usize,
-    /// The form of the number in the process data.
+    /// Encoding of the number.
     pub number: Number,
-    /// The byte with the channel's status (object 6150h), 0 when good, in the same process data.
+    /// Offset of the channel's status byte (object 6150h; 0 is good) in the same process data; `None` without one.
     pub status_at: Option<usize>,
 }
 
-/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat; reading takes
-/// what has come and does not wait.
+/// Temperatures of CiA 404 nodes. The consumer starts the nodes and supervises their heartbeat; reading processes the received frames and does not
+/// block.
 pub struct CanopenThermometer<P> {
     port: P,
     nodes: Nodes,
@@ -68,12 +68,12 @@ pub struct CanopenThermometer<P> {
 }
 
 impl<P: CanPort> CanopenThermometer<P> {
-    /// These channels on a bus. A node whose heartbeat is older than `silent_after` does not run any more, and its data are
-    /// not used: the heartbeat consumer time of CiA 301, which belongs to the heartbeat that the node is set to. How old the
-    /// process data of a node that runs may be is not judged here.
+    /// These channels on a bus. A node whose heartbeat is older than `silent_after` counts as not running, and its data are not used: this is the
+    /// heartbeat consumer time of CiA 301, to be chosen by the heartbeat period of the node. The age of the process data of a running node is not
+    /// checked here.
     ///
     /// # Errors
-    /// Channels that make no sense.
+    /// Invalid channels.
     pub fn new(
         port: P,
         channels: Vec<Channel>,
@@ -113,7 +113,7 @@ impl<P: CanPort> CanopenThermometer<P> {
     }
 }
 
-/// The temperatures that process data hold.
+/// Stores the temperatures of received process data.
 fn take(
     channels: &[Channel],
     latest: &mut [Temperature],
@@ -152,7 +152,7 @@ impl<P: CanPort> Thermometer for CanopenThermometer<P> {
         let take = |node, number, frame: &Frame, taken| {
             take(channels, latest, (node, number), frame, taken);
         };
-        // A bus that is gone shows in the heartbeats.
+        // A lost bus shows up as missing heartbeats.
         let _ = self.nodes.listen(&mut self.port, take);
         for (channel, latest) in self.channels.iter().zip(&mut self.latest) {
             let trouble = self.nodes.trouble(channel.node);

@@ -1,4 +1,4 @@
-//! The HAL files beside that of the bridge: those before it, and those that a display loads behind it (`[HAL]POSTGUI_HALFILE`).
+//! The other HAL files: those before the file of the bridge, and those that a display loads after it (`[HAL]POSTGUI_HALFILE`).
 
 use std::{
     collections::HashMap,
@@ -8,10 +8,10 @@ use std::{
 
 use super::{Ini, Problem, below, is_bridge};
 
-/// Where LinuxCNC looks for HAL files that are not in the folder of the INI file.
+/// Directory in which LinuxCNC searches for HAL files that are not next to the INI file.
 const LIBRARY: &str = "/usr/share/linuxcnc/hallib";
 
-/// Where a HAL file is that an INI file in this folder names; arguments may stand behind it.
+/// Path of a HAL file named in an INI file in this folder; arguments may follow the name.
 fn path_of(folder: &Path, value: &str) -> PathBuf {
     let name = value.split_whitespace().next().unwrap_or_default();
     if let Some(name) = name.strip_prefix("LIB:") {
@@ -30,7 +30,7 @@ fn read(folder: &Path, value: &str) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The pin and the signal of each connection in a HAL file, with the number of its line.
+/// The pin and the signal of each connection in a HAL file, with its line number.
 fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     text.lines().enumerate().flat_map(|(number, line)| {
         let line = line.split('#').next().unwrap_or_default();
@@ -50,7 +50,7 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     })
 }
 
-/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none.
+/// The signal to which the file of the bridge connects a pin of LinuxCNC that has none.
 fn signal_of(pin: &str) -> Option<String> {
     let of_axis = pin
         .strip_prefix("axis.")
@@ -79,13 +79,13 @@ fn signal_of(pin: &str) -> Option<String> {
 }
 
 impl Ini {
-    /// Pins that the bridge has connected, and that a later file connects to another signal: LinuxCNC stops there.
+    /// Finds pins that the bridge has connected and that a later file connects to another signal, at which LinuxCNC stops.
     pub(super) fn behind_the_display(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
         };
         let read = |file: &str| read(folder, file);
-        // What the files before the bridge have connected keeps its signal.
+        // Pins connected by files before the bridge keep their signal.
         let before: Vec<String> = self
             .all("HAL", "HALFILE")
             .take_while(|file| !is_bridge(file))
@@ -97,7 +97,7 @@ impl Ini {
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
-        // Of an axis that is only read the bridge connects the position alone.
+        // For an axis that is only read, the bridge connects only the position.
         let is_told = |pin: &str| match pin
             .strip_prefix("axis.")
             .and_then(|rest| rest.split_once('.'))

@@ -1,4 +1,4 @@
-//! The INI file of a LinuxCNC: what of it stands in the way of a correction.
+//! Checks the INI file of a LinuxCNC for settings that prevent a correction.
 
 mod hal;
 mod numbers;
@@ -17,31 +17,31 @@ use volcomp_vocabulary::AxisKind;
 
 use crate::{Key, KeyError, LinuxCncConfig, PORT};
 
-/// An INI file of LinuxCNC: sections, keys and values as they are written.
+/// An INI file of LinuxCNC: sections, keys and values as written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ini {
     entries: Vec<(String, String, String)>,
-    /// Files that are included and cannot be read, and why.
+    /// Included files that cannot be read, and why.
     unread: Vec<(String, String)>,
-    /// Where the files that it names lie; `None` for a text alone.
+    /// Folder of the files that it names; `None` for text without a file.
     folder: Option<PathBuf>,
 }
 
-/// What is expected of an INI file.
+/// The expected settings of an INI file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected<'a> {
-    /// The control as the gateway is configured for it.
+    /// The gateway's configuration of the control.
     pub control: &'a LinuxCncConfig,
     /// The period of the servo thread, ms.
     pub scan_ms: f64,
-    /// What the guard needs of the bridge; `None` where nothing is corrected.
+    /// Minimum values that the guard needs in the bridge; `None` if nothing is corrected.
     pub least: Option<Least>,
 }
 
 /// The HAL file of the bridge.
 const BRIDGE: &str = "volcomp.tcl";
 
-/// The keys of the bridge's section, as `volcomp.tcl` has them.
+/// The keys of the bridge's section, as in `volcomp.tcl`.
 const KEYS: [&str; 15] = [
     "MACHINE",
     "AXES",
@@ -60,11 +60,11 @@ const KEYS: [&str; 15] = [
     "KEY_FILE",
 ];
 
-/// The most joints that LinuxCNC has.
+/// Maximum number of joints in LinuxCNC.
 const MOST_JOINTS: f64 = 16.0;
 
-/// The units that the bridge counts in, by the words that LinuxCNC accepts in any case, and the same words for messages. LinuxCNC
-/// also accepts numbers, and text after a number: those are refused, as the bridge does.
+/// The units of the bridge, by the words that LinuxCNC accepts in any case, and the same words for messages. LinuxCNC also accepts numbers, and
+/// text after a number: these are rejected, as the bridge does.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
@@ -76,15 +76,15 @@ fn is_bridge(value: &str) -> bool {
     file.rsplit('/').next() == Some(BRIDGE)
 }
 
-/// Where a file is that an INI file in this folder names: relative to it, or to the home of the user.
+/// Path of a file named in an INI file in this folder: relative to it, or to the user's home.
 fn below(folder: &Path, name: &str) -> PathBuf {
     let home = std::env::home_dir().zip(name.strip_prefix("~/"));
     home.map_or_else(|| folder.join(name), |(home, rest)| home.join(rest))
 }
 
 impl Ini {
-    /// Reads a file as LinuxCNC does: keys before any section, and lines that are none, are passed over. A comment is a
-    /// line of its own; behind a value it is a part of the value.
+    /// Parses a file as LinuxCNC does: keys before any section and malformed lines are ignored. Only a whole line can be a comment; after a value
+    /// it is part of the value.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let (mut entries, mut section) = (Vec::new(), String::new());
@@ -106,11 +106,10 @@ impl Ini {
         }
     }
 
-    /// Reads a file and the files that it includes, as LinuxCNC does: where `#INCLUDE FILE` stands, relative to the file. Lines
-    /// of that form in files that are included are comments.
+    /// Reads a file and its includes, as LinuxCNC does: at `#INCLUDE FILE`, relative to the file. Such lines in included files are comments.
     ///
     /// # Errors
-    /// A file that cannot be read. One that is included and cannot be read is a [`Problem`].
+    /// A file that cannot be read. An included one that cannot be read is a [`Problem`].
     pub fn read(file: &Path) -> std::io::Result<Self> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let (mut text, mut unread) = (String::new(), Vec::new());
@@ -137,7 +136,7 @@ impl Ini {
         })
     }
 
-    /// The values of a key, in their order.
+    /// The values of a key, in file order.
     pub fn all<'a>(&'a self, section: &str, key: &str) -> impl Iterator<Item = &'a str> {
         let of = move |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
@@ -148,13 +147,13 @@ impl Ini {
             .map(|(_, _, value)| value.as_str())
     }
 
-    /// The first value of a key, which is the one that counts.
+    /// The first value of a key; LinuxCNC ignores the others.
     #[must_use]
     pub fn get(&self, section: &str, key: &str) -> Option<&str> {
         self.all(section, key).next()
     }
 
-    /// Everything that is wrong or missing.
+    /// All settings that are wrong or missing.
     #[must_use]
     pub fn problems(&self, expected: &Expected<'_>) -> Vec<Problem> {
         let mut problems = Vec::new();
@@ -174,7 +173,7 @@ impl Ini {
         problems
     }
 
-    /// The section of HAL: the file of the bridge is there, and the last one.
+    /// Checks `[HAL]`: the file of the bridge is listed, as the last one.
     fn hal_files(&self, problems: &mut Vec<Problem>) {
         let mut files = self.all("HAL", "HALFILE");
         if !files.any(is_bridge) {
@@ -185,7 +184,7 @@ impl Ini {
         }
     }
 
-    /// Keys of the bridge's section that it does not know, such as `HOLDMS`: LinuxCNC and the bridge would go by the default.
+    /// Finds unknown keys in the bridge's section, such as `HOLDMS`: LinuxCNC and the bridge would use the default.
     fn unknown(&self, problems: &mut Vec<Problem>) {
         for (section, key, _) in &self.entries {
             if section == "VOLCOMP" && !KEYS.contains(&key.as_str()) {
@@ -195,7 +194,7 @@ impl Ini {
         }
     }
 
-    /// The key of the bridge is that of the gateway. One that belongs to another account cannot be compared.
+    /// Checks that the bridge has the gateway's key. A file of another account cannot be compared.
     fn key(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
@@ -213,7 +212,7 @@ impl Ini {
         }
     }
 
-    /// Axes whose positions the gateway reads: the bridge tells those of `AXES` and `READS`.
+    /// Checks that the bridge reports the axes whose positions the gateway reads: those of `AXES` and `READS`.
     fn reads(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let [axes, reads] = self.letters();
         for axis in &expected.control.reads {
@@ -224,7 +223,7 @@ impl Ini {
         }
     }
 
-    /// The letters of the axes that the bridge corrects, and of those of which it only tells the position.
+    /// The letters of the axes that the bridge corrects, and of those whose position it only reports.
     fn letters(&self) -> [String; 2] {
         let of = |key| self.of_bridge(key);
         [
@@ -233,13 +232,13 @@ impl Ini {
         ]
     }
 
-    /// A key of the bridge's section as the bridge takes it: blanks and small letters do not matter.
+    /// A value of the bridge's section as the bridge reads it: without blanks, in upper case.
     fn of_bridge(&self, key: &str) -> Option<String> {
         let text = self.get("VOLCOMP", key)?;
         Some(text.replace(' ', "").to_uppercase())
     }
 
-    /// The sections of the axes: each that is corrected has a share of velocity for its offset.
+    /// Checks the axis sections: every corrected axis reserves a share of its velocity for the offset.
     fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {
@@ -255,7 +254,7 @@ impl Ini {
         }
     }
 
-    /// The sections of the joints: nothing there corrects the same errors again.
+    /// Checks the joint sections: no LinuxCNC compensation corrects the same errors.
     fn joints(&self, problems: &mut Vec<Problem>) {
         for (section, key, value) in &self.entries {
             let Some(joint) = section.strip_prefix("JOINT_") else {
@@ -270,7 +269,7 @@ impl Ini {
         }
     }
 
-    /// Units, kinematics and period of the control.
+    /// Checks units, kinematics and servo period.
     fn control(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for (key, known, words) in UNITS {
             match self.get("TRAJ", key) {
@@ -316,7 +315,7 @@ impl Ini {
         }
     }
 
-    /// The section of the bridge.
+    /// Checks the section of the bridge.
     fn bridge(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let mut compare = |key: &'static str, default: Option<String>, wanted: String| match self
             .of_bridge(key)

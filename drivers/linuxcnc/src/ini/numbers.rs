@@ -1,23 +1,23 @@
-//! The numbers of the bridge in an INI file: whether the bridge takes them, and the gateway arms with them.
+//! The numbers of the bridge in an INI file: whether the bridge accepts them and the gateway can arm with them.
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::{Expected, Ini, Problem};
 
-/// The largest number of counts, and of scans, that a word of the protocol holds.
+/// Largest number of counts or scans that a protocol word holds.
 const WORD: f64 = i16::MAX as f64;
 
-/// The velocity of an axis for which the INI file has none, mm/s or deg/s, as LinuxCNC has it.
+/// LinuxCNC's default for the maximum velocity of an axis, mm/s or deg/s.
 const MAX_VELOCITY: f64 = 1.0;
 
-/// What the guard of the gateway needs of a bridge: the largest of all axes of a kind.
+/// Minimum values that the guard needs in the bridge: the largest of all axes of a kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Least {
-    /// The largest correction of linear axes, um, and of rotary ones, millidegrees.
+    /// Largest correction of linear axes, um, and of rotary ones, millidegrees.
     pub limit: [f64; 2],
-    /// The smallest rate of a barrier, twice the slew: um/s, and millidegrees a second.
+    /// Minimum rate of the barrier, twice the slew: um/s, and millidegrees per second.
     pub rate: [f64; 2],
-    /// After so long the guard ramps out, ms.
+    /// Time after which the guard ramps out, ms.
     pub zero_after_ms: f64,
 }
 
@@ -45,7 +45,7 @@ pub(super) const KEYS: [Keys; 2] = [
 ];
 
 impl Ini {
-    /// A number of the bridge; what is missing without a default, or is none, is told.
+    /// Reads a number of the bridge; reports it if it is malformed, or missing without a default.
     fn number(
         &self,
         key: &'static str,
@@ -71,7 +71,7 @@ impl Ini {
         found
     }
 
-    /// Limits, rates and times, as the bridges check them and the guard compares them.
+    /// Checks limits, rates and times, like the bridge and the guard.
     pub(super) fn numbers(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let scan_s = expected.scan_ms * 1e-3;
         for (at, keys) in KEYS.iter().enumerate() {
@@ -157,8 +157,7 @@ impl Ini {
         }
     }
 
-    /// Whether the offset of an axis is as fast as the bridge, mm/s or deg/s. A share that is missing or makes no sense is
-    /// told elsewhere.
+    /// Checks that the offset of an axis is as fast as the bridge, mm/s or deg/s. A missing or invalid share is reported elsewhere.
     fn follows(&self, axis: AxisName, key: &'static str, rate: f64, problems: &mut Vec<Problem>) {
         let section = format!("AXIS_{axis}");
         let number = |key| self.get(&section, key)?.parse::<f64>().ok();
@@ -171,7 +170,7 @@ impl Ini {
             problems.push(Problem::Slow {
                 axis,
                 found,
-                // As it is shown, and not less than is needed.
+                // Rounded up to the displayed digits, so that it is never less than needed.
                 expected: (rate * 1e-3 / velocity * 1e4 - 1e-6).ceil() / 1e4,
                 velocity,
                 key,
@@ -180,7 +179,7 @@ impl Ini {
     }
 }
 
-/// Tells a number that is smaller than one of several bounds, or too large; each bound with its reason.
+/// Reports a number that is below one of the bounds, each with its reason, or too large.
 fn between(
     key: &'static str,
     found: f64,

@@ -1,4 +1,4 @@
-//! What can be wrong with an INI file.
+//! Problems of an INI file.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use volcomp_vocabulary::AxisName;
 
 use super::{BRIDGE, MOST_JOINTS};
 
-/// What is wrong or missing in an INI file.
+/// A wrong or missing setting in an INI file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Problem {
@@ -20,20 +20,20 @@ pub enum Problem {
     Missing {
         /// The key.
         key: &'static str,
-        /// What is expected there, in words.
+        /// The expected value, in words.
         expected: &'static str,
     },
-    /// A key of the bridge is not as the gateway is configured.
+    /// A key of the bridge differs from the gateway's configuration.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
     Other {
         /// The key.
         key: &'static str,
         /// The value of this key in the INI file.
         found: String,
-        /// What the gateway is configured for.
+        /// The value in the gateway's configuration.
         expected: String,
     },
-    /// The bridge does not tell the position of an axis that the gateway reads.
+    /// The bridge does not report the position of an axis that the gateway reads.
     #[error(
         "[VOLCOMP]READS: found {}, expected {axis} among them, which the gateway's configuration reads",
         if found.is_empty() { "none" } else { found }
@@ -41,44 +41,44 @@ pub enum Problem {
     NotRead {
         /// The axis that the gateway reads.
         axis: AxisName,
-        /// The value of this key in the INI file; empty where it is missing.
+        /// The value of this key in the INI file; empty if it is missing.
         found: String,
     },
-    /// A value of the bridge is no number. LinuxCNC takes what stands behind a value for a part of it.
+    /// A value of the bridge is not a number. LinuxCNC takes a comment after a value as part of it.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
     Number {
         /// The key.
         key: &'static str,
         /// The value of this key in the INI file.
         found: String,
-        /// What is expected there, in words.
+        /// The expected value, in words.
         expected: &'static str,
     },
-    /// A value of the bridge is smaller than the gateway needs, or than a count or a scan.
+    /// A value of the bridge is below the gateway's minimum, or less than one count or scan.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or more: {why}")]
     TooSmall {
         /// The key.
         key: &'static str,
         /// The value of this key in the INI file, or its default.
         found: f64,
-        /// The smallest that fits.
+        /// The minimum.
         expected: f64,
-        /// Why, in words.
+        /// The reason for the bound.
         why: &'static str,
     },
-    /// A value of the bridge is larger than the gateway allows, or than a word holds.
+    /// A value of the bridge exceeds the gateway's maximum, or the range of a word.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} or less: {why}")]
     TooLarge {
         /// The key.
         key: &'static str,
         /// The value of this key in the INI file, or its default.
         found: f64,
-        /// The largest that fits.
+        /// The maximum.
         expected: f64,
-        /// Why, in words.
+        /// The reason for the bound.
         why: &'static str,
     },
-    /// A HAL file comes behind that of the bridge.
+    /// A HAL file is listed after that of the bridge.
     #[error(
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
@@ -89,7 +89,7 @@ pub enum Problem {
     /// A HAL file of the display cannot be read.
     #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a file that can be looked through")]
     PostGui {
-        /// The file as the line names it.
+        /// The file as named in the INI file.
         file: String,
         /// Why it cannot be read.
         reason: String,
@@ -99,23 +99,23 @@ pub enum Problem {
         "[HAL]POSTGUI_HALFILE: {file}, line {line}: found {pin} connected to {found}, expected {expected}: it has this signal already, and takes no other one"
     )]
     Connected {
-        /// The file as the line of the INI file names it.
+        /// The file as named in the INI file.
         file: String,
-        /// The number of the line in it, from 1.
+        /// Line number in the HAL file, from 1.
         line: usize,
         /// The pin of LinuxCNC.
         pin: String,
-        /// The signal that the file connects.
+        /// The signal to which the file connects the pin.
         found: String,
-        /// The signal that the pin has.
+        /// The signal to which the pin is connected already.
         expected: String,
     },
     /// A key of the bridge's section that the bridge does not know.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
-        /// The key as it is written.
+        /// The key as written.
         key: String,
-        /// The keys that there are.
+        /// The known keys.
         known: String,
     },
     /// The bridge has another key than the gateway.
@@ -124,21 +124,21 @@ pub enum Problem {
         /// The file with the key of the bridge.
         file: PathBuf,
     },
-    /// The key of the bridge is missing, or is not one.
+    /// The key of the bridge is missing or malformed.
     #[error("[VOLCOMP]KEY_FILE: {reason}; expected a copy of the gateway's key")]
     Key {
-        /// The file and what is wrong with it.
+        /// The file and the error.
         reason: String,
     },
-    /// A file that is included cannot be read.
+    /// An included file cannot be read.
     #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]
     Include {
-        /// The file as the line names it.
+        /// The file as named in the `#INCLUDE` line.
         file: String,
         /// Why it cannot be read.
         reason: String,
     },
-    /// An axis whose offset is slower than the correction.
+    /// The offset of an axis is slower than the correction.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
@@ -147,7 +147,7 @@ pub enum Problem {
         axis: AxisName,
         /// The value of this key in the INI file.
         found: f64,
-        /// The smallest that fits.
+        /// The minimum.
         expected: f64,
         /// The velocity of the axis, mm/s or deg/s.
         velocity: f64,
@@ -162,7 +162,7 @@ pub enum Problem {
         /// The axis.
         axis: AxisName,
     },
-    /// The share of an axis makes no sense.
+    /// The velocity share of an axis is out of range.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
     )]
@@ -172,7 +172,7 @@ pub enum Problem {
         /// The value of this key in the INI file.
         found: String,
     },
-    /// A joint has a compensation table of LinuxCNC, which would be added to ours.
+    /// A joint has a compensation table in LinuxCNC, which would add to our correction.
     #[error(
         "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
     )]
@@ -182,7 +182,7 @@ pub enum Problem {
         /// The name of the table's file in the INI file.
         found: String,
     },
-    /// A joint has a backlash of LinuxCNC, which would be added to ours.
+    /// A joint has a backlash in LinuxCNC, which would add to our correction.
     #[error(
         "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
     )]
@@ -192,12 +192,12 @@ pub enum Problem {
         /// The backlash in the INI file.
         found: String,
     },
-    /// A unit is missing, and LinuxCNC takes one of its own.
+    /// A unit is missing, and LinuxCNC uses its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// The key.
         key: &'static str,
-        /// The words for the unit that is expected.
+        /// The words for the expected unit.
         expected: &'static str,
     },
     /// Lengths are not mm, or angles not degrees.
@@ -209,10 +209,10 @@ pub enum Problem {
         key: &'static str,
         /// The unit in the INI file.
         found: String,
-        /// The words for the unit that is expected.
+        /// The words for the expected unit.
         expected: &'static str,
     },
-    /// The number of joints is missing, or is none.
+    /// The number of joints is not a valid number.
     #[error(
         "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MOST_JOINTS} and nothing behind it"
     )]
@@ -223,7 +223,7 @@ pub enum Problem {
     /// The number of joints is missing.
     #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MOST_JOINTS}")]
     NoJoints,
-    /// The kinematics are not those of machine axes.
+    /// The kinematics are not trivial (machine axes).
     #[error(
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]
@@ -231,7 +231,7 @@ pub enum Problem {
         /// The kinematics module in the INI file.
         found: String,
     },
-    /// The servo thread has another period than the gateway is configured for.
+    /// The period of the servo thread differs from the gateway's configuration.
     #[error(
         "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"
     )]

@@ -1,4 +1,4 @@
-//! A profile from its TOML file.
+//! Decodes a profile from its TOML file.
 
 use volcomp_document::{FileKind, InputError, Section, Value};
 use volcomp_port::Reason;

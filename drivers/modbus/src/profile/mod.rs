@@ -1,4 +1,4 @@
-//! The profile of a module, as data: at which registers its channels stand and what their numbers mean.
+//! The profile of a module: register addresses of its channels and the interpretation of their values.
 
 mod decode;
 
@@ -25,42 +25,42 @@ const SHIPPED: [&str; 14] = [
     include_str!("../../profiles/adam-6050.toml"),
 ];
 
-/// A profile that is not there or makes no sense.
+/// A profile that does not exist or is invalid.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileError {
     /// No shipped profile has this name.
     #[error("there is no profile `{name}`, expected one of: {known}; or a file that ends in .toml")]
     Unknown {
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names that there are.
+        /// The names of the shipped profiles.
         known: String,
     },
     /// The file of a profile cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The text of a profile is no TOML, or a key of it is missing, unknown or wrong.
+    /// The profile is not valid TOML, or one of its keys is missing, unknown or invalid.
     #[error(transparent)]
     Input(#[from] InputError),
 }
 
-/// How a channel's registers make a number.
+/// Number format of a channel's registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum NumberType {
-    /// One register, a signed number.
+    /// One register, signed.
     I16,
-    /// One register, a number without sign.
+    /// One register, unsigned.
     U16,
-    /// Two registers, a signed number.
+    /// Two registers, signed.
     I32,
     /// Two registers, a floating-point number.
     F32,
 }
 
 impl NumberType {
-    /// How many registers one number takes.
+    /// Number of registers per value.
     pub fn registers(self) -> u16 {
         match self {
             Self::I16 | Self::U16 => 1,
@@ -69,7 +69,7 @@ impl NumberType {
     }
 }
 
-/// Which of two registers comes first.
+/// Order of the two registers of a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum WordOrder {
@@ -80,11 +80,11 @@ pub enum WordOrder {
     LowFirst,
 }
 
-/// Which byte of a register comes first, where two registers make one number.
+/// Order of the bytes in each register of a two-register value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ByteOrder {
-    /// The high byte comes first, as the standard has it.
+    /// The high byte comes first, as in the Modbus standard.
     #[default]
     HighFirst,
     /// The low byte comes first.
@@ -92,7 +92,7 @@ pub enum ByteOrder {
 }
 
 impl ByteOrder {
-    /// The names of both in profiles and URLs.
+    /// The names of both orders in profiles and URLs.
     pub const NAMES: [(&'static str, Self); 2] =
         [("high", Self::HighFirst), ("low", Self::LowFirst)];
 }
@@ -112,17 +112,17 @@ pub enum Unit {
     },
 }
 
-/// A raw number that stands for a fault.
+/// A range of raw numbers that encodes a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fault {
-    /// The lowest and the highest of the raw numbers that tell this fault.
+    /// The lowest and highest raw number that report this fault.
     pub raw: [f64; 2],
-    /// The fault that they stand for.
+    /// The reported fault.
     pub reason: Reason,
 }
 
-/// Bits that tell of a channel's faults.
+/// Fault bits of the channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Status {
@@ -130,11 +130,11 @@ pub struct Status {
     pub function: u8,
     /// The address of the first channel's bits, counted from 0.
     pub address: u16,
-    /// The bits of a register that tell a fault where they are not 0.
+    /// Mask of the bits of a register that report a fault when set.
     pub mask: u16,
 }
 
-/// Temperature channels of a module.
+/// The temperature channels of a module.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channels {
@@ -144,27 +144,27 @@ pub struct Channels {
     pub address: u16,
     /// The number of channels.
     pub count: u16,
-    /// How registers make a number.
+    /// Number format of a channel's registers.
     pub number: NumberType,
-    /// Which of two registers comes first.
+    /// Order of the two registers of a value.
     pub word_order: WordOrder,
-    /// Which byte of each of two registers comes first.
+    /// Order of the bytes in each register of a two-register value.
     pub byte_order: ByteOrder,
-    /// The value is the raw number times this …
+    /// Factor: value = raw number · `scale` + `offset`.
     pub scale: f64,
-    /// … plus this, in the unit.
+    /// Offset, in `unit`.
     pub offset: f64,
     /// The quantity and unit of the value.
     pub unit: Unit,
     /// The lowest and the highest temperature that the module can measure, °C.
     pub valid_degc: [f64; 2],
-    /// The raw numbers that stand for faults.
+    /// Raw numbers that encode faults.
     pub faults: Vec<Fault>,
-    /// Where the module tells faults besides; `None`: nowhere.
+    /// Additional fault bits of the module; `None`: it has none.
     pub status: Option<Status>,
 }
 
-/// Digital lines of a module.
+/// The digital lines of a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Digital {
@@ -184,18 +184,18 @@ pub struct Digital {
 pub struct Profile {
     /// The name of the module.
     pub name: String,
-    /// The speed of the serial line as delivered, Bd.
+    /// Factory baud rate of the serial line, Bd.
     pub baud: u32,
     /// The temperature channels; `None`: the module has none.
     pub channels: Option<Channels>,
     /// The digital lines; `None`: the module has none.
     pub digital: Option<Digital>,
-    /// The parts of this profile that no source has confirmed.
+    /// Parts of this profile that no source confirms.
     pub unproven: Vec<String>,
 }
 
 impl Profile {
-    /// A shipped profile: blanks, slashes and underscores of the name count as `-`, upper and lower case alike.
+    /// Returns a shipped profile. In its name, blanks, slashes and underscores count as `-`; case does not matter.
     ///
     /// # Errors
     /// [`ProfileError::Unknown`].
@@ -213,9 +213,9 @@ impl Profile {
         })
     }
 
-    /// All profiles that are shipped with the crate.
+    /// All profiles shipped with the crate.
     pub fn shipped() -> Vec<Self> {
-        // Tests read every one of them.
+        // Infallible: the tests parse each of them.
         SHIPPED
             .iter()
             .filter_map(|text| Self::parse(text).ok())
@@ -225,15 +225,15 @@ impl Profile {
     /// Reads a profile from a file.
     ///
     /// # Errors
-    /// The file cannot be read, is no TOML, or a key of it is missing, unknown or wrong.
+    /// The file cannot be read, is not TOML, or has a missing, unknown or invalid key.
     pub fn read(file: &Path) -> Result<Self, ProfileError> {
         Document::read(file)?.decode(|root| Ok(decode::profile(&root)?))
     }
 
-    /// Takes the text of a profile.
+    /// Parses a profile.
     ///
     /// # Errors
-    /// No TOML, or a key that is missing, unknown or wrong.
+    /// Not TOML, or a missing, unknown or invalid key.
     pub fn parse(text: &str) -> Result<Self, ProfileError> {
         Document::new("profile", text).decode(|root| Ok(decode::profile(&root)?))
     }

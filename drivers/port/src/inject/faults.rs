@@ -1,8 +1,8 @@
-//! What may go wrong: by chance, or on request.
+//! Faults, by chance or on request.
 
 use std::time::Duration;
 
-/// How often what goes wrong: chances of a call, 0 to 1, unless stated otherwise.
+/// Fault probabilities per call, 0 to 1, unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -10,34 +10,34 @@ use std::time::Duration;
     serde(default)
 )]
 pub struct Faults {
-    /// Additional time of a call.
+    /// Additional duration of a call.
     pub delay: Duration,
-    /// The delay is random up to that.
+    /// Draw the delay uniformly up to `delay` instead of using it as is.
     pub jitter: bool,
-    /// The answer does not come before the deadline.
+    /// The answer does not arrive before the deadline.
     pub drop: f64,
     /// One number or bit of the answer is wrong: a jump, a NaN, an infinity.
     pub corrupt: f64,
-    /// The next `calls` answers are the last one again.
+    /// The next `calls` answers repeat the last one.
     pub freeze: f64,
     /// The next `calls` calls find no connection.
     pub disconnect: f64,
-    /// The number of calls that a freeze, a disconnection or any other fault that lasts goes on.
+    /// Duration of a freeze, a disconnection or any other lasting fault, in calls.
     pub calls: u32,
     /// The read-back of one reading is wrong, in one of the ways of [`Lie`].
     pub lie: f64,
     /// The next `calls` readings report the read-back, or the report of the barrier, of this one.
     pub constant: f64,
-    /// A write is held back although the call succeeds, and delivered after up to `calls` further
-    /// calls, also when the connection was lost in between.
+    /// A write is held back although the call succeeds, and delivered after up to `calls` further calls, even if the connection was lost in
+    /// between.
     pub late_write: f64,
     /// A write is delivered, and once more after up to `calls` further calls.
     pub double_write: f64,
-    /// Of a write only some words or axes are delivered; the rest comes with the next call.
+    /// Only some words or axes of a write are delivered; the rest follows with the next call.
     pub torn_write: f64,
     /// A write is delivered only after the next one.
     pub reordered_write: f64,
-    /// An answer takes up to nine tenths of the time that is left before the deadline to come back.
+    /// An answer arrives late, by up to 90 % of the time left before the deadline.
     pub late_answer: f64,
     /// The next `calls` readings report the positions of this one, with fresh times.
     pub frozen_positions: f64,
@@ -45,28 +45,27 @@ pub struct Faults {
     pub stop_after_read: f64,
     /// The whole program stops for up to `stop` when a write was handed over and is not sent yet.
     pub stop_before_write: f64,
-    /// The longest time that the program stops.
+    /// Maximum duration of such a stop.
     pub stop: Duration,
-    /// The next `calls` readings say: referenced, no alarm, no emergency stop.
+    /// The next `calls` readings report: referenced, no alarm, no emergency stop.
     pub dropped_flag: f64,
-    /// The position of one axis is one step of its correction further in this reading.
+    /// The position of one axis is off by one correction step in this reading.
     pub flicker: f64,
-    /// Positions are those of this number of readings before, at most 63, with fresh times. Not a chance.
+    /// Positions lag by this number of readings, at most 63, with fresh times. Not a probability.
     pub lag: u32,
 }
 
-/// In which way a read-back is wrong. Where the control has a barrier, the words of its report are: the reader has to
-/// find that by the checksum.
+/// How a read-back is wrong. If the control has a barrier, the fault applies to the words of its report, where the checksum must reveal it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Lie {
-    /// One axis by up to 5000 steps, or one word that is any number.
+    /// One axis is off by up to 5000 steps, or one word is random.
     Value,
-    /// One axis is no number, or all words are 65535.
+    /// One axis is NaN, or all words are 65535.
     NotANumber,
     /// Two axes, or two words, are exchanged.
     OtherAxis,
-    /// Some axes, or words, are those of the reading before.
+    /// Some axes or words are those of the previous reading.
     Torn,
     /// All axes, or words, are zero.
     Zero,
@@ -83,7 +82,7 @@ impl Lie {
     ];
 }
 
-/// One requested fault; it begins with the next call that it concerns.
+/// A fault on request; it begins with the next call that it applies to.
 #[expect(
     missing_docs,
     reason = "numbers of readings or calls, and places of axes"
@@ -107,28 +106,28 @@ pub enum Injection {
     LateAnswer(Duration),
     /// Readings report the positions of the next one.
     FrozenPositions { readings: u32 },
-    /// Readings report another position of an axis: it jumped, or is in another unit.
+    /// Readings report a wrong position of an axis, as after a jump or in another unit.
     WrongPosition {
         axis: usize,
         /// By how much the position is multiplied.
         factor: f64,
-        /// What is added then, mm or rad.
+        /// Offset added after the multiplication, mm or rad.
         add: f64,
         readings: u32,
     },
-    /// The time that the program stops after the next reading.
+    /// Duration for which the program stops after the next reading.
     StopAfterRead(Duration),
-    /// The time that the program stops before the next write is sent.
+    /// Duration for which the program stops before the next write is sent.
     StopBeforeWrite(Duration),
     /// Readings report: referenced, no alarm, no emergency stop.
     DroppedFlag { readings: u32 },
     /// The next reading reports one step more for this axis.
     Flicker { axis: usize },
-    /// The number of readings by which positions are late from now on, at most 63.
+    /// Number of readings by which positions lag from now on, at most 63.
     Lag(u32),
     /// Calls find no connection.
     Disconnect { calls: u32 },
-    /// One sensor of a thermometer reports more from now on: it jumped, and stays there. 0 ends it.
+    /// One sensor of a thermometer is offset from now on, as after a jump. 0 ends it.
     Jump {
         sensor: usize,
         /// The difference, K.
@@ -136,6 +135,6 @@ pub enum Injection {
     },
     /// All writes that are held back are delivered with the next call on an open connection.
     Release,
-    /// From now on these chances.
+    /// Replaces the probabilities from now on.
     Faults(Faults),
 }

@@ -1,4 +1,4 @@
-//! A device with faults: what is common to all kinds of devices, then each kind.
+//! The device wrapper that injects faults: the common part, then each kind of device.
 
 use std::{
     fmt,
@@ -19,22 +19,22 @@ use crate::{
     Temperature, Thermometer, Words,
 };
 
-/// The maximum error of a wrong read-back, steps.
+/// Maximum error of a wrong read-back, steps.
 const MOST_STEPS: f64 = 5000.0;
-/// The maximum number of injections that wait for the next call.
+/// Maximum number of injections queued for the next call.
 const MOST_ORDERS: usize = 64;
-/// The number of readings whose positions are kept.
+/// Number of readings whose positions are kept.
 const MOST_LAG: usize = 64;
-/// The timeout of a late write, which no caller waits for.
+/// Timeout of a late write.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Stops the program for a time.
+/// Pauses the program for a duration.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
-/// How a kind of device takes a write.
+/// How a kind of device carries out a write.
 type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
 
-/// A device with faults.
+/// A device with injected faults.
 pub struct Faulty<D> {
     /// The device that is wrapped.
     pub device: D,
@@ -50,7 +50,7 @@ pub struct Faulty<D> {
     pause: Option<Pause>,
     orders: Arc<Mutex<Vec<Injection>>>,
     last_snapshot: Option<Snapshot>,
-    /// Before any lie was told.
+    /// The last reading before any fault.
     last_true: Option<Snapshot>,
     positions: [PerChannel<f64>; MOST_LAG],
     readings: usize,
@@ -58,12 +58,12 @@ pub struct Faulty<D> {
     last_temperatures: Vec<Temperature>,
 }
 
-/// What is to happen with the next calls.
+/// Faults requested for the next calls.
 #[derive(Clone, Copy, Debug, Default)]
 struct Asked {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// The reading whose read-back is told.
+    /// The reading whose read-back is repeated.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,
@@ -72,7 +72,7 @@ struct Asked {
     late_answer: Option<Duration>,
     frozen_positions: u32,
     frozen_at: Option<PerChannel<f64>>,
-    /// The axis, the factor, what is added, and the number of readings.
+    /// Axis, factor, offset, and number of readings left.
     wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
@@ -81,12 +81,12 @@ struct Asked {
     jump: Option<(usize, f64)>,
 }
 
-/// Asks a device that somebody else holds for faults.
+/// Requests faults of a device that another owner holds.
 #[derive(Clone, Debug)]
 pub struct Remote(Arc<Mutex<Vec<Injection>>>);
 
 impl Remote {
-    /// Asks for a fault, from the next call on. At most 64 wait; more are forgotten, and `false` is told.
+    /// Requests a fault from the next call on. Returns `false`, and discards it, if 64 are queued.
     pub fn inject(&self, injection: Injection) -> bool {
         let mut orders = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let room = orders.len() < MOST_ORDERS;
@@ -108,7 +108,7 @@ impl<D: fmt::Debug> fmt::Debug for Faulty<D> {
 }
 
 impl<D> Faulty<D> {
-    /// Wraps a device; the same seed makes the same faults.
+    /// Wraps a device; the same seed yields the same faults.
     pub fn new(device: D, faults: Faults, seed: u64) -> Self {
         Self {
             device,
@@ -131,28 +131,27 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// The clock by which deadlines count and time passes while the program stands: a manual one is moved on instead
-    /// of waiting.
+    /// Sets the clock for deadlines and stops of the program; a manual clock is advanced instead of waiting.
     #[must_use]
     pub fn with_clock(mut self, clock: Clock) -> Self {
         self.clock = clock;
         self
     }
 
-    /// What lets time pass instead: called with the time wherever the program stands or an answer is late, so between a
-    /// reading and the write that follows.
+    /// Sets the function that waits: called with the duration wherever the program stops or an answer is late, hence between a reading and the
+    /// write that follows.
     #[must_use]
     pub fn with_pause(mut self, pause: impl FnMut(Duration) + Send + 'static) -> Self {
         self.pause = Some(Box::new(pause));
         self
     }
 
-    /// A handle by which faults can be asked for while somebody else holds the device.
+    /// A handle for requesting faults while another owner holds the device.
     pub fn remote(&self) -> Remote {
         Remote(Arc::clone(&self.orders))
     }
 
-    /// Asks for a fault, from the next call on.
+    /// Requests a fault from the next call on.
     pub fn inject(&mut self, injection: Injection) {
         let asked = &mut self.asked;
         match injection {
@@ -192,7 +191,7 @@ impl<D> Faulty<D> {
         chance > 0.0 && self.random.random::<f64>() < chance
     }
 
-    /// Takes what was asked for from elsewhere. Where the other side is just asking, with the next call.
+    /// Takes the requests of remote handles; if one of them holds the lock, the next call does.
     fn take_orders(&mut self) {
         let orders = Arc::clone(&self.orders);
         if let Ok(mut orders) = orders.try_lock() {
@@ -203,7 +202,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// A number of calls for which something lasts, or after which it comes.
+    /// Draws a number of calls: the duration or the delay of a fault.
     fn calls(&mut self) -> u32 {
         self.random.random_range(1..=self.faults.calls.max(1))
     }
@@ -220,7 +219,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// The delay, loss or disconnection that happens before the device is asked at all.
+    /// Applies the delay, loss or disconnection that precedes the exchange with the device.
     fn before(&mut self, deadline: Instant) -> Result<(), Fault> {
         self.take_orders();
         if self.disconnected == 0 && self.happens(self.faults.disconnect) {
@@ -249,7 +248,7 @@ impl<D> Faulty<D> {
         Ok(())
     }
 
-    /// Whether the last answer comes again.
+    /// Whether the last answer is repeated.
     fn is_frozen(&mut self) -> bool {
         if self.frozen == 0 && self.happens(self.faults.freeze) {
             self.frozen = self.faults.calls;
@@ -268,7 +267,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Draws what shall go wrong with a reading.
+    /// Draws the faults of a reading.
     fn draw_reading(&mut self, axes: usize) {
         if self.happens(self.faults.lie) {
             let lie = Lie::ALL[self.random.random_range(0..Lie::ALL.len())];
@@ -292,7 +291,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// After the device was read: the way back of the answer, and how long it was.
+    /// Applies and returns the delay of the answer after the device was read.
     fn way_back(&mut self, deadline: Instant) -> Duration {
         let left = deadline.saturating_duration_since(self.clock.now());
         let most = left.mul_f64(0.9);
@@ -307,7 +306,7 @@ impl<D> Faulty<D> {
         late
     }
 
-    /// The program stops after a reading, before it is used.
+    /// Stops the program after a reading, before it is used.
     fn after_reading(&mut self) {
         if self.happens(self.faults.stop_after_read) {
             self.asked.stop_after_read = Some(self.stands_for());
@@ -317,7 +316,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// Delivers what is due on a connection that is open.
+    /// Delivers the due writes on an open connection.
     fn deliver_due(&mut self, deliver: Deliver<D>) {
         self.held.pass();
         self.deliver_held(deliver, false);
@@ -330,7 +329,7 @@ impl<D> Faulty<D> {
         }
     }
 
-    /// A write, and what becomes of it on its way.
+    /// Sends a write subject to the drawn faults.
     fn put(&mut self, write: Write, deadline: Instant, deliver: Deliver<D>) -> Result<(), Fault> {
         self.before(deadline)?;
         if self.happens(self.faults.stop_before_write) {
@@ -340,7 +339,7 @@ impl<D> Faulty<D> {
             let left = deadline.saturating_duration_since(self.clock.now());
             self.pass_time(time);
             if time >= left {
-                // What a driver promises: a write that missed its deadline is not sent.
+                // Drivers guarantee that a write whose deadline has passed is not sent.
                 return Err(Fault::TimedOut);
             }
         }
@@ -367,7 +366,7 @@ impl<D> Faulty<D> {
         let result = deliver(&mut self.device, &sent, deadline);
         self.deliver_held(deliver, true);
         if let Some(calls) = self.asked.double_write.take() {
-            // Without room it is delivered twice at once.
+            // If the queue is full, it is delivered twice at once.
             if let Some(write) = self.held.keep(write, calls) {
                 let _ = deliver(&mut self.device, &write, deadline);
             }
@@ -420,7 +419,7 @@ impl<C: Controller> Controller for Faulty<C> {
         }
         let mut snapshot = self.device.read(deadline)?;
         let late = self.way_back(deadline);
-        // A driver takes the middle of the exchange.
+        // Drivers take the middle of the exchange as the time.
         snapshot.taken += late / 2;
         snapshot.state_taken += late / 2;
         snapshot.correction_taken += late / 2;
@@ -542,7 +541,7 @@ impl<C: Controller> Faulty<C> {
         }
     }
 
-    /// Two places of so many, different ones where there are two.
+    /// Draws two indices below `count`, different if `count` is at least 2.
     fn two_of(&mut self, count: usize) -> [usize; 2] {
         let count = count.max(1);
         let one = self.random.random_range(0..count);

@@ -1,4 +1,4 @@
-//! A controller whose exchanges do not come back.
+//! A controller whose readings block.
 
 use std::{
     sync::{
@@ -13,11 +13,10 @@ use volcomp_vocabulary::PerChannel;
 
 use crate::{Controller, Description, Fault, Snapshot, Words};
 
-/// The interval at which a controller that hangs checks its switch.
+/// Polling interval of the switch while a reading hangs.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A controller whose readings do not come back while it hangs, whatever deadline they were given: a driver or a system
-/// call that blocks, which no driver should. Writes pass.
+/// A controller whose readings block while its switch is on, whatever their deadline, as a faulty driver or system call would. Writes pass.
 pub struct Hanging<C> {
     inner: C,
     switch: HangSwitch,
@@ -28,7 +27,7 @@ pub struct Hanging<C> {
 pub struct HangSwitch(Arc<AtomicBool>);
 
 impl HangSwitch {
-    /// Lets readings hang, or lets them go on.
+    /// Blocks readings, or releases them.
     pub fn set(&self, hangs: bool) {
         self.0.store(hangs, Ordering::Relaxed);
     }
@@ -39,7 +38,7 @@ impl HangSwitch {
 }
 
 impl<C> Hanging<C> {
-    /// A controller that hangs while the switch is on.
+    /// A controller that blocks while the switch is on.
     pub fn new(inner: C, switch: &HangSwitch) -> Self {
         Self {
             inner,

@@ -1,10 +1,10 @@
-//! Writes that are on their way.
+//! Queue of writes that are held back.
 
 use volcomp_vocabulary::PerChannel;
 
 use crate::Words;
 
-/// The maximum number of writes on their way; one more is delivered at once.
+/// Maximum number of writes held back; a further one is delivered at once.
 const MOST: usize = 8;
 
 /// What is written to a device.
@@ -16,8 +16,7 @@ pub(super) enum Write {
 }
 
 impl Write {
-    /// The first part of this write and the rest of the one before, as a control may read them while they are written.
-    /// `cut` is between 0 and 1.
+    /// The first part of this write and the rest of the previous one, as a control may read them during the write. `cut` is between 0 and 1.
     pub(super) fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
         match (*self, before) {
             (Self::Frame(new), Some(Self::Frame(old))) => {
@@ -59,7 +58,7 @@ impl Write {
     }
 }
 
-/// A place after the first and before the last of `count`.
+/// An index after the first and before the last of `count`.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -76,17 +75,17 @@ enum Due {
     NextWrite,
 }
 
-/// The writes that are on their way, in the order in which they were made.
+/// The writes that are held back, in the order in which they were made.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Held([Option<(Write, Due)>; MOST]);
 
 impl Held {
-    /// Keeps a write for a number of calls. Returns it when there is no room.
+    /// Holds a write back for a number of calls. Returns it if there is no room.
     pub(super) fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
         self.put(write, Due::After(calls.max(1)))
     }
 
-    /// Keeps a write until another one was made. Gives it back when there is no room.
+    /// Holds a write back until after the next one. Returns it if there is no room.
     pub(super) fn keep_for_next(&mut self, write: Write) -> Option<Write> {
         self.put(write, Due::NextWrite)
     }
@@ -101,7 +100,7 @@ impl Held {
         }
     }
 
-    /// A call came through.
+    /// Counts a call that reached the device.
     pub(super) fn pass(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             if let Due::After(calls) = due {
@@ -110,14 +109,14 @@ impl Held {
         }
     }
 
-    /// Everything is due.
+    /// Makes all writes due.
     pub(super) fn release(&mut self) {
         for (_, due) in self.0.iter_mut().flatten() {
             *due = Due::After(0);
         }
     }
 
-    /// A write that is due, or that waited for the one that was made just now.
+    /// Removes a write that is due, or that was waiting for the one just made.
     pub(super) fn take(&mut self, written: bool) -> Option<Write> {
         let due = |place: &&mut Option<(Write, Due)>| match place {
             Some((_, Due::After(calls))) => *calls == 0,

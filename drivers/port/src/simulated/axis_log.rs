@@ -1,4 +1,4 @@
-//! What the axes of a simulated machine really got, which no wire can falsify.
+//! Record of the corrections that the axes of a simulated machine got, independent of any bus.
 
 use std::{
     array,
@@ -11,11 +11,11 @@ use std::{
 
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-/// What the axes of a simulated machine got, scan by scan of its control; without a program in the control, write by
-/// write. Reading it disturbs nothing, and it can be read from any thread.
+/// The corrections that the axes of a simulated machine got, per scan of its control, or per write if the control runs no program. Reading it has
+/// no side effects and works from any thread.
 ///
-/// What the control does to its own words when it starts anew ([`Controls::clear_applied`](super::Controls::clear_applied))
-/// is not counted as a change: the axes are without power then.
+/// Changes that the control makes to its own words at a restart ([`Controls::clear_applied`](super::Controls::clear_applied)) do not count: the
+/// axes are without power then.
 #[derive(Debug, Default)]
 pub struct AxisLog {
     scans: AtomicU64,
@@ -28,14 +28,14 @@ pub struct AxisLog {
     recorded: Mutex<Vec<Given>>,
 }
 
-/// What the axes got in one scan.
+/// The corrections that the axes got in one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Given {
-    /// When, by the clock of the machine.
+    /// Time on the clock of the machine.
     pub at: Duration,
     /// The correction of each axis, mm and rad.
     pub applied: PerChannel<f64>,
-    /// Emergency stop, alarm or not referenced.
+    /// Whether emergency stop, alarm or missing reference held the axes.
     pub held: bool,
 }
 
@@ -43,7 +43,7 @@ fn load(bits: &[AtomicU64; MAX_AXES]) -> PerChannel<f64> {
     PerChannel::from_fn(|axis| f64::from_bits(bits[axis].load(Ordering::Relaxed)))
 }
 
-/// Raises the number to `value`, which is not negative, so that its bits are in the order of the numbers.
+/// Raises the stored number to `value`. `value` must not be negative, so that bit patterns compare like the numbers.
 fn raise(bits: &AtomicU64, value: f64) {
     bits.fetch_max(value.to_bits(), Ordering::Relaxed);
 }
@@ -54,7 +54,7 @@ impl AxisLog {
         self.scans.load(Ordering::Relaxed)
     }
 
-    /// The correction that each axis gets now, mm and rad.
+    /// The correction applied to each axis now, mm and rad.
     pub fn applied(&self) -> PerChannel<f64> {
         load(&self.applied)
     }
@@ -69,13 +69,12 @@ impl AxisLog {
         load(&self.furthest)
     }
 
-    /// How many scans changed the correction of an axis in emergency stop, alarm or without reference, since
-    /// [`forget`](Self::forget).
+    /// Number of scans since [`forget`](Self::forget) that changed a correction during emergency stop, alarm or without reference.
     pub fn changes_while_held(&self) -> u64 {
         self.changes_while_held.load(Ordering::Relaxed)
     }
 
-    /// Forgets the largest changes and corrections, and what was recorded.
+    /// Resets the largest changes and corrections, and the recording.
     pub fn forget(&self) {
         for bits in self.largest_change.iter().chain(&self.furthest) {
             bits.store(0, Ordering::Relaxed);
@@ -84,14 +83,13 @@ impl AxisLog {
         self.lock().clear();
     }
 
-    /// Keeps every scan from now on, up to so many, for [`recorded`](Self::recorded). Room for them is made here, so that
-    /// scans do not allocate.
+    /// Records scans from now on, up to `most`, for [`recorded`](Self::recorded). Allocates their memory here, so that scans do not allocate.
     pub fn record(&self, most: usize) {
         *self.lock() = Vec::with_capacity(most);
         self.records.store(most > 0, Ordering::Relaxed);
     }
 
-    /// The scans that were kept since [`record`](Self::record) or [`forget`](Self::forget).
+    /// The scans recorded since [`record`](Self::record) or [`forget`](Self::forget).
     pub fn recorded(&self) -> Vec<Given> {
         self.lock().clone()
     }
@@ -100,7 +98,7 @@ impl AxisLog {
         self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The axes got this.
+    /// Appends one scan.
     pub(super) fn push(&self, given: &Given) {
         let before = self.applied();
         let changes: [f64; MAX_AXES] = array::from_fn(|i| (given.applied[i] - before[i]).abs());
@@ -121,7 +119,7 @@ impl AxisLog {
         }
     }
 
-    /// The axes begin with this, which is no change of theirs.
+    /// Sets the initial corrections, which do not count as a change.
     pub(super) fn start_at(&self, applied: &PerChannel<f64>) {
         for (bits, value) in self.applied.iter().zip(applied) {
             bits.store(value.to_bits(), Ordering::Relaxed);

@@ -1,11 +1,11 @@
-//! The switches of a simulated machine.
+//! Switches of a simulated machine.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::AxisLog;
 
-/// Switches by which a test disturbs a machine while it runs, and what its axes got. The machine checks them whenever
-/// it is called; they count as having been so since the call before.
+/// Switches with which a test disturbs a running machine, and the record of its axes. The machine reads them on every call and takes them as valid
+/// since the previous call.
 #[derive(Debug, Default)]
 pub struct Controls {
     /// The axes are not referenced: the machine stops.
@@ -14,26 +14,26 @@ pub struct Controls {
     pub alarm: AtomicBool,
     /// The emergency stop is pressed: the machine stops.
     pub emergency_stop: AtomicBool,
-    /// The feed is held: the machine stops, nothing else.
+    /// Feed hold: the machine stops, without an interlock.
     pub feed_hold: AtomicBool,
-    /// The reported positions stay as they are.
+    /// The reported positions freeze.
     pub frozen: AtomicBool,
-    /// The connection is gone, on every way to the machine.
+    /// The connection is lost, on every path to the machine.
     pub disconnected: AtomicBool,
-    /// The next call finds the applied correction cleared, as after a reboot that keeps nothing; then it is false again.
-    /// The control's program starts anew with zero.
+    /// On the next call the applied correction is cleared, as after a reboot without retained data; then it is false again. The control's program
+    /// restarts at zero.
     pub clear_applied: AtomicBool,
-    /// The next call finds the control started anew, with the applied correction still in the words of its axes; then it
-    /// is false again. Without a program in the control nothing is lost by that.
+    /// On the next call the control restarts with the applied correction still in the words of its axes; then it is false again. No effect if the
+    /// control runs no program.
     pub restart: AtomicBool,
-    /// How often a correction was applied, or a frame posted.
+    /// Number of corrections applied or frames posted.
     pub heartbeat: AtomicU64,
-    /// What the axes got.
+    /// Corrections that the axes got.
     pub axes: AxisLog,
 }
 
 impl Controls {
-    /// Emergency stop, alarm or not referenced: corrections stay where they are.
+    /// Emergency stop, alarm or not referenced: corrections are held.
     pub(super) fn holds(&self) -> bool {
         [&self.unreferenced, &self.alarm, &self.emergency_stop]
             .iter()

@@ -1,5 +1,5 @@
-//! A simulated machine: it moves along a program, has a hidden true error, heats up, and its control may run a program
-//! of its own that decides what the axes get. It knows no model: the error is a function handed to it.
+//! A simulated machine: it runs a part program, has a hidden true error, heats up, and its control may run its own program that decides what the
+//! axes get. It uses no model: the error is a function passed to it.
 
 mod axis_log;
 mod controls;

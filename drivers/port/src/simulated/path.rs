@@ -1,4 +1,4 @@
-//! Moves of a program as places over time.
+//! Positions over time along the moves of a program.
 
 use std::time::Duration;
 
@@ -8,20 +8,19 @@ use volcomp_vocabulary::PerChannel;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Move {
-    /// Where to, mm and rad.
+    /// End point, mm and rad.
     pub to: PerChannel<f64>,
     /// Feed, mm/s (rad/s where no linear axis moves).
     pub feed_per_s: f64,
-    /// How long to stay there.
+    /// Dwell time at the end point.
     pub dwell: Duration,
 }
 
-/// A program as places over time: every move with the same acceleration and deceleration, the first one from where the
-/// last one ends.
+/// Positions over time along a program: all moves have the same acceleration and deceleration, and the first one starts where the last one ends.
 #[derive(Clone, Debug)]
 pub struct Path {
     segments: Vec<Segment>,
-    /// When each segment begins, s; then when the last one ends.
+    /// Start time of each segment, then the end of the last one, s.
     starts_s: Vec<f64>,
 }
 
@@ -30,15 +29,14 @@ struct Segment {
     from: PerChannel<f64>,
     to: PerChannel<f64>,
     length: f64,
-    /// Accelerating, then coasting, then decelerating as long as accelerating, s.
+    /// Duration of the acceleration and of the deceleration, which are equal; coasting in between, s.
     accelerating_s: f64,
     coasting_s: f64,
     acceleration: f64,
 }
 
 impl Path {
-    /// The moves of a program, gone through again and again, with this acceleration (mm/s², or rad/s² where no linear
-    /// axis moves).
+    /// Repeats the moves of a program with this acceleration (mm/s², or rad/s² if no linear axis moves).
     pub fn new(program: &[Move], acceleration: f64) -> Self {
         let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
         let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
@@ -52,14 +50,13 @@ impl Path {
         Self { segments, starts_s }
     }
 
-    /// When the axes arrive where this move of the program leads, counted from 0: the time since the start, without what
-    /// they then stand there. `None`: there is no such move.
+    /// Arrival time at the end point of a move (counted from 0) since the start, excluding its dwell. `None` if there is no such move.
     pub fn arrival(&self, index: usize) -> Option<Duration> {
         let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
         Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()
     }
 
-    /// Where the axes are at a time since the start, mm and rad.
+    /// Position of the axes at a time since the start, mm and rad.
     pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];
         let time = if period > 0.0 {

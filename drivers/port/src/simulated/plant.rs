@@ -1,4 +1,4 @@
-//! A simulated machine: time passes, axes move, the control scans, and controllers lead to it.
+//! A simulated machine: axes move, the control scans, and controllers connect to it.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
@@ -13,14 +13,13 @@ use crate::{
     ShownStates, Snapshot, Words,
 };
 
-/// The largest number of ways that lead to one machine.
+/// Maximum number of paths to one machine.
 pub const MOST_WAYS: usize = 4;
 
-/// The shortest cycle of a machine whose control runs no program.
+/// Shortest cycle of a machine whose control runs no program.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 
-/// The true error of the tool at a position (mm, rad) and the sensors' temperatures (°C): what the machine
-/// misses on each axis, mm and rad.
+/// The true error of the tool on each axis, mm and rad, at a position (mm, rad) and sensor temperatures (°C).
 pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
 /// The axes, program, sensors and true error of a simulated machine.
@@ -28,7 +27,7 @@ pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send 
 pub struct Machine {
     /// The axes of the machine in channel order.
     pub axes: Vec<Axis>,
-    /// Moves, gone through again and again; where the last one ends the first begins.
+    /// Moves, repeated in a loop.
     pub program: Vec<Move>,
     /// Acceleration and deceleration of every move, mm/s² or rad/s².
     pub acceleration_per_s2: f64,
@@ -41,13 +40,13 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Its controller, its thermometer, and what a test may do to it. Corrections are written as plain values, which the
-    /// axes get at once: nothing on the control's side protects them.
+    /// Starts the machine; returns its controller, thermometer and test switches. Corrections are plain values that reach the axes at once, without
+    /// any protection in the control.
     pub fn start(self) -> (SimulatedController, SimulatedThermometer, Arc<Controls>) {
         self.started(None)
     }
 
-    /// The same with a program in the control, run once in each `scan` (at least 1 µs): corrections go to it in frames
+    /// Starts the machine with a program in its control, run once per `scan` (at least 1 µs): corrections are sent to it in frames
     /// ([`Controller::post`]), and the axes get what it applies.
     pub fn start_with(
         self,
@@ -68,8 +67,8 @@ impl Machine {
     }
 }
 
-/// A simulated machine that runs whether a controller is connected to it or not; its clones are the same machine. Time
-/// passes for it whenever it is called: all scans of its control that are due by then are run first.
+/// A simulated machine that runs whether or not a controller is connected; clones are the same machine. Its time advances on every call, which
+/// first runs all scans of its control that are due.
 #[derive(Clone)]
 pub struct Plant(Arc<Mutex<Inner>>);
 
@@ -79,14 +78,13 @@ struct Inner {
     controls: Arc<Controls>,
     applied: PerChannel<f64>,
     frozen_at: Option<PerChannel<f64>>,
-    /// Up to when time has passed, by the clock of the machine.
+    /// Time up to which the machine was simulated, by its clock.
     until: Duration,
-    /// How much of it the machine went along its program.
+    /// Part of that time in which the machine moved along its program.
     moved: Duration,
     control: Option<Control>,
 }
 
-/// The control and its program.
 struct Control {
     program: Box<dyn ControlProgram>,
     scan: Duration,
@@ -118,32 +116,32 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // What the clock showed before counts as passed.
+            // Time on the clock before the start counts as passed.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,
         })))
     }
 
-    /// The machine now, with all scans run that are due.
+    /// Runs all scans that are due, and returns the machine.
     fn now(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         inner.pass();
         inner
     }
 
-    /// Lets the time pass that the clock shows, and runs all scans that are due, without asking for anything.
+    /// Advances the machine to the time of its clock, running all scans that are due.
     pub fn pass(&self) {
         drop(self.now());
     }
 
-    /// Where the program is now, without correction, mm and rad.
+    /// The programmed position now, without correction, mm and rad.
     pub fn commanded(&self) -> PerChannel<f64> {
         let inner = self.now();
         inner.path.at(inner.moved)
     }
 
-    /// The correction that the axes get now, mm and rad.
+    /// The correction applied to the axes now, mm and rad.
     pub fn applied(&self) -> PerChannel<f64> {
         self.now().applied
     }
@@ -160,15 +158,15 @@ impl Plant {
         [PerChannel::from_fn(|i| missed[i] + inner.applied[i]), error]
     }
 
-    /// Plain lines that lead to the control, too, carry this word (counts) for the axis at this place from now on, and this
-    /// level of the line that turns when they have settled. The control's program takes it as it sees fit.
+    /// Sets the digital lines of the control from now on: `value` (counts) for the axis at this index, and the level of the latch line, which
+    /// toggles once the others have settled. The control's program decides whether to take it.
     pub fn set_lines(&self, latch: bool, axis: usize, value: i16) {
         if let Some(control) = &mut self.now().control {
             control.program.lines(latch, axis, value);
         }
     }
 
-    /// Another way to the machine, with a mailbox of its own; `None` when there are as many as there may be.
+    /// Adds a path to the machine, with its own mailbox; `None` if the maximum is reached.
     fn another_way(&self) -> Option<usize> {
         let mut inner = self.now();
         let Some(control) = &mut inner.control else {
@@ -181,7 +179,7 @@ impl Plant {
         })
     }
 
-    /// The axes of the machine, and from scan to scan how long it takes where the control runs a program.
+    /// The axes of the machine, and the scan period if the control runs a program.
     fn shape(&self) -> (Vec<Axis>, Option<Duration>) {
         let inner = self.now();
         let scan = inner.control.as_ref().map(|control| control.scan);
@@ -196,7 +194,7 @@ impl Plant {
         self.now().snapshot()
     }
 
-    /// Makes these values (mm, rad) the applied ones, rounded to steps.
+    /// Applies these values (mm, rad), rounded to steps.
     fn apply(&self, corrections: &PerChannel<f64>) {
         let mut inner = self.now();
         let inner = &mut *inner;
@@ -212,7 +210,7 @@ impl Plant {
         inner.controls.heartbeat.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Puts a frame into the mailbox of a way, where the next scan finds it.
+    /// Puts a frame into the mailbox of a path, where the next scan finds it.
     fn post(&self, way: usize, frame: &Words) {
         let mut inner = self.now();
         if let Some(mailbox) = (inner.control.as_mut()).and_then(|c| c.mailboxes.get_mut(way)) {
@@ -306,11 +304,11 @@ impl Inner {
     }
 }
 
-/// The controller of a simulated machine. The machine goes on without it.
+/// The controller of a simulated machine. The machine continues to run after it is dropped.
 pub struct SimulatedController {
     description: Description,
     plant: Plant,
-    /// Which mailbox its frames go to.
+    /// Index of the mailbox for its frames.
     way: usize,
     barrier: bool,
 }
@@ -332,7 +330,7 @@ impl SimulatedController {
                 barrier: scan.is_some(),
                 tells_applied: true,
                 shown: ShownStates::ALL,
-                // Nothing else can reach it.
+                // No other process can reach it.
                 sees_other_gateways: true,
                 shortest_cycle: scan.unwrap_or(SHORTEST_CYCLE),
             },
@@ -342,19 +340,19 @@ impl SimulatedController {
         }
     }
 
-    /// Another controller of the same machine, with a mailbox of its own where the control runs a program: as a second
-    /// gateway has, or a second bus. `None` when [`MOST_WAYS`] lead there already.
+    /// Another controller of the same machine, like a second gateway or a second bus; if the control runs a program, it has its own mailbox. `None`
+    /// if [`MOST_WAYS`] exist already.
     pub fn another(&self) -> Option<Self> {
         let way = self.plant.another_way()?;
         Some(Self::on(self.plant.clone(), way))
     }
 
-    /// The machine, to be read while others hold the controller.
+    /// The machine, for access while another owner holds the controller.
     pub fn plant(&self) -> Plant {
         self.plant.clone()
     }
 
-    /// Where the program is now, without correction.
+    /// The programmed position now, without correction.
     pub fn commanded(&self) -> PerChannel<f64> {
         self.plant.commanded()
     }

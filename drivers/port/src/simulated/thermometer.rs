@@ -10,9 +10,9 @@ use crate::{Clock, Temperature, Thermometer};
 pub struct Warming {
     /// The name of the sensor.
     pub name: String,
-    /// At the beginning, °C.
+    /// Temperature at the start, °C.
     pub start_degc: f64,
-    /// In the end so much more, K.
+    /// Final rise above the start temperature, K.
     pub rise_k: f64,
     /// The time constant τ of the warming, s.
     pub time_constant_s: f64,

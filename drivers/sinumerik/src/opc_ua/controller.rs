@@ -1,4 +1,4 @@
-//! The controller of a correction: the latest reading, and an order to write, without a wait.
+//! The controller: returns the latest reading and queues writes, without waiting.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -15,11 +15,11 @@ use super::{
 };
 use crate::{config::SinumerikConfig, reading::Reading};
 
-/// A control that is corrected by its temperature compensation. A thread of its own reads and writes; the calls of a cycle
-/// only take its latest reading and leave an order, so that no cycle waits for the control.
+/// A control corrected through its temperature compensation. A separate thread reads and writes; the calls of a cycle only take its latest reading
+/// and queue a write, so no cycle waits for the control.
 ///
-/// Whether a correction has landed tell the next readings: [`Controller::apply`] answers before it is sent, and answers
-/// [`Fault::Refused`] while the control refuses what is written.
+/// [`Controller::apply`] returns before the correction is sent; later readings show whether it was applied. While the control rejects writes, it
+/// returns [`Fault::Refused`].
 pub struct SinumerikController {
     description: Description,
     orders: Input<Order>,
@@ -29,10 +29,10 @@ pub struct SinumerikController {
 }
 
 impl SinumerikController {
-    /// Begins to connect. Why there is no connection is logged as a warning (`tracing`).
+    /// Starts to connect. Connection failures are logged as warnings (`tracing`).
     ///
     /// # Errors
-    /// A configuration that makes no sense, or there is no thread.
+    /// An invalid configuration, or the thread cannot be started.
     pub fn new(config: SinumerikConfig) -> Result<Self, DeviceError> {
         let device = config.server.url.clone();
         let description = config.describe().map_err(|error| error.of(&*device))?;
@@ -58,10 +58,10 @@ impl SinumerikController {
         })
     }
 
-    /// Waits for the first reading: for programs that are not in a hurry.
+    /// Waits for the first reading. Not for real-time threads.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why there is no reading.
     pub fn wait(&mut self, at_most: Duration) -> Result<(), DeviceError> {
         let end = Instant::now() + at_most;
         while !self.latest.read().connected {
@@ -82,18 +82,17 @@ impl SinumerikController {
         self.shared.last_error()
     }
 
-    /// What the control told when the present session was opened; `None` where there is none. Takes a lock: not for a
-    /// cycle.
+    /// What the control reported when the present session was opened; `None` without a session. Takes a lock: not for a cycle.
     pub fn inspection(&self) -> Option<Inspection> {
         self.shared.found()
     }
 
-    /// How often a session was opened.
+    /// Number of sessions opened so far.
     pub fn sessions(&self) -> u64 {
         self.shared.opened.load(Ordering::Relaxed)
     }
 
-    /// How many writes were answered, and how many were too late to be sent.
+    /// Number of writes answered, and number of writes dropped because their deadline had passed.
     pub fn writes(&self) -> [u64; 2] {
         [&self.shared.written, &self.shared.missed].map(|count| count.load(Ordering::Relaxed))
     }
@@ -131,7 +130,7 @@ impl Controller for SinumerikController {
         });
         match self.shared.refused.load(Ordering::Acquire) {
             0 => Ok(()),
-            // The status code, as its bits.
+            // The status code in its bit representation.
             code => Err(Fault::Refused {
                 code: code.cast_signed(),
                 what: "SD43900 cannot be written: see the user's rights at the control",
@@ -146,7 +145,7 @@ impl Drop for SinumerikController {
     }
 }
 
-/// Runs work of a control on a thread of its own.
+/// Runs the work for a control on a separate thread.
 pub(super) fn start(
     device: &str,
     work: impl Future<Output = ()> + Send + 'static,

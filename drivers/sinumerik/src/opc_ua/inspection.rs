@@ -1,4 +1,4 @@
-//! What a control tells about itself when a session is opened, and whether it can be corrected at all.
+//! The properties of a control at the opening of a session, and the check that it accepts corrections.
 
 use opcua::types::{DataValue, Variant};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -8,31 +8,29 @@ use crate::{
     config::SinumerikConfig, error::SinumerikError, nodes::Nodes, reading, server::Server,
 };
 
-/// One axis as the control tells about it.
+/// The properties of one axis as reported by the control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InspectedAxis {
     /// The axis of the configuration.
     pub axis: AxisName,
     /// Its number in the control.
     pub number: u16,
-    /// The name by which the control calls it; `None` where it does not tell, or is not asked.
+    /// Its name in the control; `None` if the control does not report it or the name is not read.
     pub name: Option<String>,
-    /// How fast the axis takes a changed correction at the most, MD32760 times MD32000, in mm/min or rev/min; `None` where
-    /// the control does not tell.
+    /// Maximum rate of a correction of the axis, MD32760 times MD32000, mm/min or rev/min; `None` if the control does not report it.
     pub fastest_per_min: Option<f64>,
 }
 
-/// What a control tells about itself.
+/// The properties of a control.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
-    /// The axes in the order of the configuration: those that are written, then those that are only read.
+    /// The axes in the order of the configuration: written axes first, then those that are only read.
     pub axes: Vec<InspectedAxis>,
-    /// What it does not tell, in words.
+    /// Properties that it does not report, in words.
     pub notes: Vec<String>,
 }
 
-/// Asks a control what it tells about itself, and whether it takes corrections: a session of its own, and nothing is
-/// written.
+/// Reads the properties of a control in a separate session, and checks that it accepts corrections. Nothing is written.
 ///
 /// # Errors
 /// A control that cannot be reached, or does not fit the configuration; [`SinumerikError::SwitchedOff`].
@@ -46,8 +44,8 @@ pub fn inspect(config: &SinumerikConfig) -> Result<Inspection, SinumerikError> {
     })
 }
 
-/// The axes of a control about which nothing is known: their names, and where they stand, mm and deg. Axes are asked for by
-/// their numbers from 1 on, until one is missing; one without a name is called by its number. Nothing is written.
+/// Lists the axes of an unknown control: names and positions, mm and deg. Axis numbers are read from 1 up until one is missing; an axis without a
+/// name is listed by its number. Nothing is written.
 ///
 /// # Errors
 /// A control that cannot be reached, or has no axis at these nodes.
@@ -61,7 +59,7 @@ pub fn look(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, Sinume
     })
 }
 
-/// The axes on an open session, and where they stand.
+/// The axes and their positions, on an open session.
 async fn standing(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
     let mut found = Vec::new();
     let count = u16::try_from(MAX_AXES).unwrap_or(u16::MAX);
@@ -85,7 +83,7 @@ fn block_on<T>(work: impl Future<Output = Result<T, SinumerikError>>) -> Result<
     runtime.block_on(work)
 }
 
-/// What the control tells on an open session.
+/// The properties of the control, on an open session.
 pub(super) async fn opened(
     link: &Link,
     config: &SinumerikConfig,
@@ -183,7 +181,7 @@ async fn required(link: &Link, node: &str) -> Result<f64, SinumerikError> {
 
 async fn one(link: &Link, node: &str) -> Result<DataValue, SinumerikError> {
     let answer = link.read(std::slice::from_ref(&node.to_owned())).await?;
-    // The link has compared the numbers of values and nodes.
+    // The link has checked that there is one value per node.
     Ok(answer
         .values
         .into_iter()

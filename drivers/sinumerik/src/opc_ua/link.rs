@@ -1,4 +1,4 @@
-//! One open session with the server of a control: values out, settings in, each within a deadline.
+//! One open session with the server of a control: reads values and writes settings, each within a deadline.
 
 use std::{
     sync::Arc,
@@ -25,7 +25,7 @@ use crate::{
     server::{PORT, Security, Server},
 };
 
-/// Faults with which a server refuses to write, and that say nothing against the session.
+/// Status codes with which a server rejects a write while the session remains usable.
 const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadUserAccessDenied,
     StatusCode::BadNotWritable,
@@ -35,28 +35,28 @@ const REFUSALS: [StatusCode; 6] = [
     StatusCode::BadInvalidState,
 ];
 
-/// An open session. Dropped, its connection is reset, and what was not delivered is thrown away.
+/// An open session. Dropping it resets the connection and discards what was not delivered.
 pub(super) struct Link {
     session: Arc<Session>,
-    /// The task that carries messages.
+    /// The task that transports the messages.
     events: JoinHandle<StatusCode>,
     namespace: u16,
     time_out: Duration,
 }
 
-/// The answer to a reading.
+/// The response to a read request.
 pub(super) struct Answer {
     pub(super) values: Vec<DataValue>,
-    /// The server's time at which it answered, in ticks of 100 ns.
+    /// The server's time of the response, in ticks of 100 ns.
     ticks: i64,
     pub(super) begun: Instant,
     pub(super) ended: Instant,
 }
 
 impl Link {
-    /// Connects, logs in, and looks up the namespace.
+    /// Connects, logs in, and looks up the index of the namespace.
     pub(super) async fn open(server: &Server) -> Result<Self, SinumerikError> {
-        // Connecting is some exchanges one after the other.
+        // Connecting takes several exchanges.
         let at_most = server.time_out * 4;
         let opened = tokio::time::timeout(at_most, Self::connect(server)).await;
         let mut link = opened.map_err(|_| SinumerikError::TimedOut(at_most))??;
@@ -105,7 +105,7 @@ impl Link {
             .user_identity_token(identity)
             .build(client.certificate_store().clone())
             .map_err(connect)?;
-        // A session that is lost is not made again behind our back: what it said before must not be taken for new.
+        // The library must not reopen a lost session: values from before the loss could be taken for new ones.
         session.disable_reconnects();
         let mut link = Self {
             session,
@@ -175,13 +175,13 @@ impl Link {
         })
     }
 
-    /// Writes nodes of the control: the status of each.
+    /// Writes nodes of the control. Returns the status of each.
     pub(super) async fn write(
         &self,
         values: impl Iterator<Item = (&String, Variant)>,
     ) -> Result<Vec<StatusCode>, SinumerikError> {
         let values = values.map(|(node, value)| {
-            // Without a status and without timestamps: many servers refuse to write those.
+            // Without status and timestamps: many servers reject writes that contain them.
             let value = DataValue {
                 value: Some(value),
                 ..DataValue::null()
@@ -198,13 +198,13 @@ impl Link {
             .timeout(self.time_out);
         match self.answered(write.send(self.session.channel())).await? {
             Ok(response) => Ok(response.results.unwrap_or_default()),
-            // Refused as a whole: the session goes on.
+            // Rejected as a whole: the session goes on.
             Err(error) if REFUSALS.contains(&error.status()) => Ok(vec![error.status()]),
             Err(error) => Err(SinumerikError::Connect(error.to_string())),
         }
     }
 
-    /// An answer within the deadline, and from a session that lives.
+    /// Awaits a response within the deadline, on a session that is still alive.
     async fn within<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -213,7 +213,7 @@ impl Link {
         answer.map_err(|error| SinumerikError::Connect(error.to_string()))
     }
 
-    /// What the server answers within the deadline, which may be that it does not.
+    /// Awaits the server's response within the deadline; an expired deadline is an error.
     async fn answered<T>(
         &self,
         request: impl Future<Output = Result<T, opcua::types::Error>>,
@@ -227,9 +227,9 @@ impl Link {
         }
     }
 
-    /// Ends the session in good order, for a control that admits only a few.
+    /// Closes the session properly: a control admits only a few.
     pub(super) async fn close(self) {
-        // One that does not answer is dropped all the same.
+        // If the server does not respond, the session is dropped anyway.
         let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
     }
 }
@@ -241,7 +241,7 @@ impl Drop for Link {
 }
 
 impl Answer {
-    /// The values as numbers with their ages.
+    /// The values as numbers, with their ages.
     pub(super) fn numbers(&self) -> Vec<Value> {
         self.values.iter().map(|value| self.number(value)).collect()
     }
@@ -249,7 +249,7 @@ impl Answer {
     fn number(&self, value: &DataValue) -> Value {
         let age = value.source_timestamp.map(|source| {
             let ticks = self.ticks.saturating_sub(source.ticks());
-            // One of the future is as new as can be.
+            // A timestamp in the future counts as age 0.
             Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
         });
         Value {
@@ -259,7 +259,7 @@ impl Answer {
     }
 }
 
-/// The number of a value, 1 for true; `None` where the server has none, calls it no good one, or it is not finite.
+/// A value as a number, 1 for true; `None` if it is missing, its status is not good, or it is not finite.
 pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     let is_good = value.status.is_none_or(|status| status.is_good());
     match value.value.as_ref().filter(|_| is_good)? {
@@ -268,7 +268,7 @@ pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     }
 }
 
-/// Why there is no session, with what to do where that is known.
+/// Why there is no session, with advice for known causes.
 fn told(status: StatusCode, server: &Server) -> String {
     let what = match status {
         StatusCode::BadCertificateHostNameInvalid => {
@@ -303,10 +303,10 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
         .session_name("volcomp")
         .session_retry_limit(0)
         .request_timeout(server.time_out)
-        // A control keeps a session of a gateway that has gone away for this time: it admits only a few.
+        // How long a control keeps the session of a gateway that is gone: it admits only a few.
         .session_timeout(ms(Duration::from_secs(10)))
         .keep_alive_interval(Duration::from_secs(2))
-        // Clocks of controls are set by hand.
+        // The clocks of controls are set by hand.
         .ignore_clock_skew(true)
         .trust_server_certs(server.security == Security::None)
         .verify_server_certs(server.security != Security::None);

@@ -1,4 +1,4 @@
-//! The connection over OPC UA: a thread of its own for each control, which reads in periods and writes what is asked for.
+//! The connection over OPC UA: one thread per control, which reads periodically and writes on request.
 
 mod controller;
 mod inspection;

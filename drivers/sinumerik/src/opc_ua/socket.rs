@@ -1,5 +1,5 @@
-//! The TCP connection below OPC UA. However it is closed, nothing that was written and not delivered yet reaches the control
-//! afterwards: a request that was written before a cable was pulled must not move an axis when the cable is back.
+//! The TCP connection below OPC UA. It is always reset on closing, so that undelivered data never reaches the control later: a request written
+//! before a cable was unplugged must not move an axis when the cable is plugged in again.
 
 use std::{sync::Arc, time::Duration};
 
@@ -21,11 +21,11 @@ use tokio::{
 };
 use tokio_util::codec::FramedRead;
 
-/// Makes connections that are reset when they are closed.
+/// Opens connections that are reset on closing.
 pub(super) struct Resetting {
     /// Host and port.
     pub(super) address: String,
-    /// What stays unacknowledged for this time ends the connection.
+    /// Data that stays unacknowledged for this long ends the connection.
     pub(super) time_out: Duration,
 }
 
@@ -93,7 +93,7 @@ async fn open(
         let ms = u32::try_from(time_out.as_millis())
             .unwrap_or(u32::MAX)
             .max(1);
-        // Where the kernel cannot do it, the deadlines of requests remain.
+        // If the kernel does not support it, the deadlines of requests still apply.
         let _ = rustix::net::sockopt::set_tcp_user_timeout(&stream, ms);
     }
     #[cfg(not(target_os = "linux"))]

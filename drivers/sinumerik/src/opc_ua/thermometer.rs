@@ -1,4 +1,4 @@
-//! Temperatures of a control's PLC, kept up to date by a thread of its own.
+//! Temperatures of a control's PLC, updated by a separate thread.
 
 use std::{
     sync::{
@@ -15,7 +15,7 @@ use volcomp_port::{
 use super::{controller::start, link::Link, trouble::Said};
 use crate::{error::SinumerikError, server::Server};
 
-/// A temperature of a control.
+/// A temperature sensor of a control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sensor {
     /// Its name.
@@ -24,17 +24,17 @@ pub struct Sensor {
     pub node: String,
 }
 
-/// Temperatures of a control, read once in a period of its server, or in a second where that is longer.
+/// Temperatures of a control, read once per period of its server, but at most once a second.
 pub struct SinumerikThermometer {
     published: Published,
     ends: Arc<AtomicBool>,
 }
 
 impl SinumerikThermometer {
-    /// Begins to ask. A control that does not answer is asked again and again; its sensors are bad until then.
+    /// Starts to read. A control that does not answer is retried; its sensors are bad until then.
     ///
     /// # Errors
-    /// A server that makes no sense, or there is no thread.
+    /// An invalid server configuration, or the thread cannot be started.
     pub fn new(server: Server, sensors: &[Sensor]) -> Result<Self, DeviceError> {
         let device = server.url.clone();
         server.check().map_err(|error| error.of(&*device))?;
@@ -80,7 +80,7 @@ struct Asker {
     latest: Vec<Temperature>,
     publisher: Publisher,
     ends: Arc<AtomicBool>,
-    /// Since when there is a session.
+    /// Start of the present session.
     opened: Option<Instant>,
 }
 

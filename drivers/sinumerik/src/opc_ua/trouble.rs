@@ -1,17 +1,17 @@
-//! Why there is no session, said once: at every try it would bury everything else in the log.
+//! Logs the reason for a missing session once: repeated at every attempt it would bury the rest of the log.
 
 use std::time::Duration;
 
-/// A session that lasted for so long was there again: what ends it is told, although it is the same as before. One that is lost
-/// sooner, at every try, is the trouble of before.
+/// A session that lasted this long counts as a recovery: its end is logged even if the reason is the same as before. One that is lost sooner, at
+/// every attempt, is the same failure.
 const RECOVERED: Duration = Duration::from_secs(10);
 
-/// What was said last.
+/// The reason logged last.
 #[derive(Debug, Default)]
 pub(super) struct Said(Option<String>);
 
 impl Said {
-    /// Whether this is to be said now. `lived`: how long the session lasted that it ended; zero where none was made.
+    /// Whether this reason is to be logged now. `lived` is how long the session lasted that it ended; zero if none was opened.
     pub(super) fn is_new(&mut self, trouble: &str, lived: Duration) -> bool {
         if lived < RECOVERED && self.0.as_deref() == Some(trouble) {
             return false;

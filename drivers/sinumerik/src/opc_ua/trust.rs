@@ -1,5 +1,5 @@
-//! Certificates of a secured connection: the client's own, and the server's, which must lie among those that are trusted. What is wrong
-//! is said before a session is begun, with the file and what to do.
+//! Certificates of a secure connection: the client's own, and the server's, which must be among the trusted ones. Problems are reported before a
+//! session is opened, with the file and the remedy.
 
 use std::{
     fs, io,
@@ -16,11 +16,11 @@ use volcomp_document::{PrivateError, private};
 
 use crate::error::SinumerikError;
 
-/// The client's name in its certificate.
+/// Application URI in the client's certificate.
 pub(super) const APPLICATION_URI: &str = "urn:volcomp";
-/// Where the client's certificate lies in the folder.
+/// Path of the client's certificate in the folder.
 pub(super) const OWN_CERTIFICATE: &str = "own/cert.der";
-/// Where its key lies.
+/// Path of the client's private key in the folder.
 pub(super) const OWN_KEY: &str = "private/private.pem";
 
 fn wrong(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> SinumerikError {
@@ -42,7 +42,7 @@ fn unread(file: &Path, error: &io::Error, expected: &str) -> SinumerikError {
 /// Checks the client's own certificate and key.
 ///
 /// # Errors
-/// One of them is missing, wrong, too old, or can be read by others.
+/// One of them is missing, invalid, expired, or readable by others.
 pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let key = folder.join(OWN_KEY);
     let expected = "the client's private key, PEM, mode 600";
@@ -69,7 +69,7 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
         return Err(wrong(&file, "a certificate without this URI", expected));
     }
     let public = certificate.public_key().map_err(|_| none())?;
-    // What the one signs the other must know.
+    // Certificate and key must match: verify a signature of one with the other.
     let mut signature = vec![0; read.size()];
     let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
     let belongs = signed.is_ok()
@@ -86,10 +86,10 @@ pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     in_its_time(&file, &certificate, "a new one of the client")
 }
 
-/// The endpoint with this protection.
+/// Selects the endpoint with this message security.
 ///
 /// # Errors
-/// The server has none.
+/// The server does not offer it.
 pub(super) fn endpoint(
     endpoints: &[EndpointDescription],
     policy: SecurityPolicy,
@@ -127,11 +127,11 @@ fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
     format!("{} {mode}", policy.to_str())
 }
 
-/// Checks that a server's certificate lies among those that are trusted, under whichever name, and holds today. One that does not is
-/// laid beside them, for a person to compare.
+/// Checks that a server's certificate is among the trusted ones, under any file name, and valid today. An untrusted one is saved next to them, for
+/// the operator to compare.
 ///
 /// # Errors
-/// It is not trusted, it is too old, or the folder cannot be used.
+/// It is not trusted, it is expired, or the folder cannot be used.
 pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
     let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
         wrong(
@@ -159,11 +159,11 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
                 trusted,
             });
         };
-        // The library knows it by this name alone. What a person takes away is gone then.
+        // The library finds it by this name only. The file is moved, not copied, so that removing it revokes the trust.
         fs::write(&file, &der).map_err(|e| failed(&file, &e))?;
         fs::remove_file(&found).map_err(|e| failed(&found, &e))?;
     }
-    // Whoever copied it to those that are trusted did not take it away from the others.
+    // If the operator copied it to the trusted certificates, it is still among the rejected ones.
     if kept.exists() {
         fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
     }
@@ -174,7 +174,7 @@ pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(),
     )
 }
 
-/// The file in a folder that holds this certificate.
+/// The file in a folder that contains this certificate.
 fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
     let files = fs::read_dir(folder).ok()?;
     let files = files.filter_map(|file| Some(file.ok()?.path()));
@@ -203,7 +203,7 @@ fn in_its_time(file: &Path, certificate: &X509, expected: &str) -> Result<(), Si
     ))
 }
 
-/// A fingerprint as controls show it.
+/// Formats a fingerprint as controls display it.
 fn spaced(hex: &str) -> String {
     let pairs: Vec<String> = hex
         .as_bytes()

@@ -1,15 +1,15 @@
-//! The words of a map in the PLC, over a session of their own.
+//! Transfer of map words to the PLC, over a separate session.
 
 use opcua::types::{DataValue, Variant};
 
 use super::link::Link;
 use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
 
-/// So many arrays are asked for at once.
+/// Maximum number of arrays per read request.
 const AT_ONCE: usize = 16;
 
-/// An open session through which a map is brought into the PLC. Every exchange ends within the server's time-out; after a
-/// failed one nothing is known of the session, and it should be dropped.
+/// An open session that transfers a map to the PLC. Every exchange ends within the server's timeout; after a failed one the state of the session is
+/// unknown, and it should be dropped.
 pub struct MapWords {
     runtime: tokio::runtime::Runtime,
     link: Link,
@@ -21,7 +21,7 @@ impl MapWords {
     /// Connects to a control whose buffers have `capacity` words each.
     ///
     /// # Errors
-    /// The server cannot be reached, or refuses.
+    /// The server cannot be reached, or rejects the connection.
     pub fn open(server: &Server, nodes: MapNodes, capacity: usize) -> Result<Self, SinumerikError> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -36,10 +36,10 @@ impl MapWords {
         })
     }
 
-    /// The words of the report.
+    /// Reads the words of the report.
     ///
     /// # Errors
-    /// No answer in time, or one that is no array of words.
+    /// No response in time, or one that is not an array of words.
     pub fn report(&self) -> Result<Vec<u16>, SinumerikError> {
         self.read(std::slice::from_ref(&self.nodes.report))
     }
@@ -47,7 +47,7 @@ impl MapWords {
     /// Writes the words of the mailbox as one array.
     ///
     /// # Errors
-    /// No answer in time, or a refusal.
+    /// No response in time, or a rejected write.
     pub fn write(&self, words: &[u16]) -> Result<(), SinumerikError> {
         let node = &self.nodes.mailbox;
         let value = Variant::from(words.to_vec());
@@ -61,7 +61,7 @@ impl MapWords {
         }
     }
 
-    /// The first `count` words of a buffer, 0 or 1.
+    /// Reads the first `count` words of a buffer, 0 or 1.
     ///
     /// # Errors
     /// As [`MapWords::report`].
@@ -75,7 +75,7 @@ impl MapWords {
         Ok(words)
     }
 
-    /// Ends the session in good order, for a control that admits only a few.
+    /// Closes the session properly: a control admits only a few.
     pub fn close(self) {
         self.runtime.block_on(self.link.close());
     }
@@ -97,7 +97,7 @@ impl MapWords {
     }
 }
 
-/// The words of an array of words, with or without a sign.
+/// The elements of an array of words, signed or unsigned.
 fn words_of(value: &DataValue) -> Option<Vec<u16>> {
     if value.status.is_some_and(|status| !status.is_good()) {
         return None;

@@ -1,4 +1,4 @@
-//! The thread of a control. State: the session, what was written last, and what was read last.
+//! The thread of a control. State: the session, the last write, and the last reading.
 
 use std::{
     sync::{
@@ -20,33 +20,33 @@ use super::{
 };
 use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 
-/// So often it is looked whether something is to be written: without a lock nobody can wake this thread.
+/// Polling interval for queued writes: the queue is lock-free and cannot wake this thread.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
-/// Corrections that are to be written, mm and rad.
+/// Corrections to write, mm and rad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Order {
-    /// Counts up; 0: nothing was asked for yet.
+    /// Increasing sequence number; 0: no write was requested yet.
     pub(super) number: u64,
     pub(super) corrections: PerChannel<f64>,
-    /// Not sent after this.
+    /// Not sent after this time.
     pub(super) deadline: Option<Instant>,
 }
 
-/// What is known of the control.
+/// The latest state of the control.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Latest {
-    /// Whether there is a session.
+    /// Whether a session is open.
     pub(super) connected: bool,
-    /// What the last reading said; it stays where later ones fail, and grows old.
+    /// The last reading; it is kept while later ones fail, and ages.
     pub(super) snapshot: Option<Snapshot>,
 }
 
-/// What both sides see.
+/// State shared between the thread and the controller.
 #[derive(Default)]
 pub(super) struct Shared {
     pub(super) ends: AtomicBool,
-    /// The status with which the last write was refused; 0: it was not.
+    /// The status with which the last write was rejected; 0: it was not.
     pub(super) refused: AtomicU32,
     pub(super) opened: AtomicU64,
     pub(super) written: AtomicU64,
@@ -70,7 +70,7 @@ impl Shared {
             .clone()
     }
 
-    /// What the control told when the session was opened. Takes a lock: not for a cycle.
+    /// The properties reported when the session was opened. Takes a lock: not for a cycle.
     pub(super) fn found(&self) -> Option<Inspection> {
         self.trouble
             .lock()
@@ -91,9 +91,9 @@ pub(super) struct Worker {
     pub(super) orders: Output<Order>,
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
-    /// Since when there is a session.
+    /// Start of the present session.
     pub(super) opened: Option<Instant>,
-    /// The notes of the last opening, which are logged where they are others.
+    /// The notes of the last opening; new ones are logged only if they differ.
     pub(super) noted: Vec<String>,
 }
 
@@ -130,7 +130,7 @@ impl Worker {
         }
     }
 
-    /// One session, from its opening to its end.
+    /// Runs one session, from its opening to its end.
     async fn session(&mut self) -> Result<(), SinumerikError> {
         let link = Link::open(&self.config.server).await?;
         let opened = inspection::opened(&link, &self.config).await?;
@@ -143,7 +143,7 @@ impl Worker {
         }
         self.shared.note(None, Some(opened));
         self.shared.opened.fetch_add(1, Ordering::Relaxed);
-        // What was asked for before this session is out of date.
+        // Writes requested before this session are obsolete.
         let mut seen = self.orders.read().number;
         let mut acknowledged = None;
         let mut snapshot = None;
@@ -169,7 +169,7 @@ impl Worker {
         Ok(())
     }
 
-    /// What the control says now; `None` where a node has no good number, which is heard of no further than by its age.
+    /// Reads the control; `None` if a node has no good number, which shows only by the age of the last reading.
     async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
         let answer = link.read(self.reading.nodes()).await?;
         match self
@@ -182,7 +182,7 @@ impl Worker {
         }
     }
 
-    /// Writes what is asked for, where it is not too late and not so already.
+    /// Writes the requested corrections, unless the deadline has passed or they are applied already.
     async fn carry_out(
         &self,
         link: &Link,
