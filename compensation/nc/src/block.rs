@@ -162,8 +162,6 @@ pub(crate) enum Command {
     Pole,
     /// The words of the block are the datum shift along their axes; the others keep theirs (cycle 7).
     Datum,
-    /// F means something else from now on (FGROUP, FGREF).
-    GroupsFeed,
     /// Rotary axes go the shorter way from now on, or not (M126, M127).
     Shorter(bool),
     /// The block continues in the next line.

@@ -138,8 +138,6 @@ pub(crate) struct Modal {
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
-    /// FGROUP or FGREF have changed what F means (SINUMERIK).
-    pub(crate) feed_is_grouped: bool,
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
     /// G92 or G52 shift, active or not.
@@ -200,7 +198,6 @@ impl Default for Modal {
             motion_unsure: false,
             feed_mode: FeedMode::PerMinute,
             feed: None,
-            feed_is_grouped: false,
             system: 0,
             offsets: vec![WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],

@@ -507,7 +507,6 @@ impl Interpreter {
                     // It is unknown which position the pole has after the shift.
                     self.modal.pole = None;
                 }
-                Command::GroupsFeed => self.modal.feed_is_grouped = true,
                 Command::Shorter(on) => self.modal.shorter = *on,
                 Command::GoesOn => self.modal.goes_on = true,
                 Command::Defines(cycle) => self.modal.defined = Some(cycle.clone()),

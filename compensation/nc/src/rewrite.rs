@@ -388,9 +388,6 @@ impl Rewriter {
         {
             self.interpreter.may_not_have_moved(motion);
         }
-        if line.block.begins == Begins::Slash && line.block.word(b'F').is_some() {
-            self.interpreter.modal.feed = None;
-        }
         // A motion that is corrected has written its lines.
         if out.len() == length {
             self.edits.write(line, out);
@@ -445,16 +442,15 @@ impl Rewriter {
             Path::Spline => self.spline(motion, line, out),
             Path::Rapid => {
                 self.turns = self.turns_of(motion);
-                self.straight(motion, &self.ends_of(motion), &[1.0], line, out)?;
+                self.straight(motion, &self.ends_of(motion), &[1.0], line, out);
             }
             Path::Line => {
                 let ends = self.ends_of(motion);
                 let mut parts = std::mem::take(&mut self.parts);
                 parts.clear();
                 self.parts(motion, &ends, line, &mut parts)?;
-                let written = self.straight(motion, &ends, &parts, line, out);
+                self.straight(motion, &ends, &parts, line, out);
                 self.parts = parts;
-                written?;
             }
             Path::Arc(arc) => self.arc(motion, &arc, line, out)?,
             Path::Hole { .. } => self.hole(motion, (0, true), line, out),

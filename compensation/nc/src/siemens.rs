@@ -288,10 +288,6 @@ impl Reader<'_, '_> {
             return self.assign(Parameter::Named(lower), at);
         }
         match meaning_of(name) {
-            Meaning::Command(Command::GroupsFeed) => {
-                self.block.commands.push(Command::GroupsFeed);
-                self.arguments(at)
-            }
             Meaning::Command(command) => {
                 self.block.commands.push(command);
                 passes_brackets(&mut self.scanner, b'(', b')');
@@ -305,18 +301,15 @@ impl Reader<'_, '_> {
                 };
                 Err(column.not_followed(name, why))
             }
-            _ => self.arguments(at),
+            _ => {
+                passes_brackets(&mut self.scanner, b'[', b']');
+                if self.scanner.takes(b'=') {
+                    return self.other(at);
+                }
+                passes_brackets(&mut self.scanner, b'(', b')');
+                Ok(())
+            }
         }
-    }
-
-    /// Passes what is behind a name that moves nothing: an index and a value, or arguments.
-    fn arguments(&mut self, at: usize) -> Result<(), Fault> {
-        passes_brackets(&mut self.scanner, b'[', b']');
-        if self.scanner.takes(b'=') {
-            return self.other(at);
-        }
-        passes_brackets(&mut self.scanner, b'(', b')');
-        Ok(())
     }
 
     /// `ROT RPL=30`, `ROT Z30`, `ROT`.
@@ -913,7 +906,7 @@ fn g_code(code: u32) -> (u8, Meaning) {
 const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC CFIN CFTCP CLEARM COMPCAD COMPCURV COMPOF COMPON \
     COMPSURF CP CTOL CUT2D CUT2DD CUT2DF CUT2DFD CUT3DC CUT3DCC CUT3DF CUT3DFF CUT3DFS CUTCONOF CYCLE832 \
     DIAMOF DISC DISPLOF DISPLON DRIVE DRIVEA DYNFINISH DYNNORM DYNPOS DYNROUGH DYNSEMIFIN FA FCUB \
-    FFWOF FFWON FIFOCTRL FL FLIN FNORM FZ GROUP_BEGIN GROUP_END JERKLIM KONT KONTC KONTT LIMS \
+    FFWOF FFWON FGREF FGROUP FIFOCTRL FL FLIN FNORM FZ GROUP_BEGIN GROUP_END JERKLIM KONT KONTC KONTT LIMS \
     MSG NORM ORIAXES ORIMKS OTOL OVR OVRRAP RTLIOF RTLION SAVE SBLOF SBLON SETM SETMS SOFT SOFTA SPATH SPCOF \
     SPCON SPOS SPOSA STARTFIFO STOPFIFO STOPRE UPATH WAITM WAITS WORKPIECE";
 
@@ -954,7 +947,6 @@ fn meaning_of(name: &str) -> Meaning {
         "SUPA" => Meaning::Command(Command::InMachine),
         "TRAFOOF" => Meaning::Command(Command::CentrePoint(false)),
         "RET" => Meaning::Command(Command::Ends),
-        "FGROUP" | "FGREF" => Meaning::Command(Command::GroupsFeed),
         _ if is_of(HARMLESS) => Meaning::Nothing,
         _ => match REFUSED.iter().find(|(_, names)| is_of(names)) {
             Some(&(why, _)) => Meaning::Refused(why),

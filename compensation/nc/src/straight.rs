@@ -4,14 +4,14 @@ use std::ops::Range;
 
 use crate::{
     NcError,
-    block::{Begins, Command, LAST, Manner, Word},
+    block::{Begins, LAST, Manner, Word},
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, between, each, is_rotary},
     line::{Line, NewWord, Shape},
     modal::FeedMode,
     motion::{Move, Path},
     notes::Note,
-    number::{Form, Number, Numerals, half_step, of_steps},
+    number::{Number, Numerals, half_step, of_steps},
     reversal::{Turns, steps_of},
     rewrite::{Contour, Rewriter, Settled, Strategy},
     shortest::through,
@@ -24,6 +24,9 @@ pub(crate) const MOST_PARTS: usize = 4096;
 const LOOKED_AT_EACH: f64 = 5.0;
 
 const MOST_LOOKED_AT: f64 = 64.0;
+
+/// X, Y and Z follow a part of a motion of rotary axes alone in at most so many steps.
+const MOST_FOLLOWED: f64 = 64.0;
 
 /// An axis that goes no further than this stands, mm or deg: what coordinates are rounded by.
 const MOVES_BY: f64 = 1e-7;
@@ -203,6 +206,9 @@ impl Rewriter {
         }
         self.split(motion, at_ends, [begins, 1.0], line, parts)?;
         self.corrector.put_back(sides);
+        if self.turns_alone(at_ends) {
+            self.follow_turn(at_ends, parts);
+        }
         if parts.len() > 1 {
             self.check_shares(line)?;
         }
@@ -380,14 +386,10 @@ impl Rewriter {
         parts: &[f64],
         line: Line<'_>,
         out: &mut Vec<u8>,
-    ) -> Result<(), NcError> {
+    ) {
         let frame = &self.interpreter.frame;
         let splits = parts.len() > 1;
-        let is_feed = motion.path == Path::Line;
-        let way_alone = is_feed
-            .then(|| self.way_without_tool(&[from, end]))
-            .flatten();
-        let mut minutes = None;
+        let turns_alone = motion.path == Path::Line && self.turns_alone(&[from, end]);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let (mut before, mut passed) = (from, 0.0);
         let mut next = 0;
@@ -402,6 +404,7 @@ impl Rewriter {
             Shape::Straight
         };
         let keeps = self.keeps_in_plane(motion);
+        let keeps_on_way = each(|axis| keeps[axis] || turns_alone && axis < 3);
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
@@ -435,10 +438,9 @@ impl Rewriter {
                 to,
                 at,
                 writes,
-                keeps,
+                keeps: if share == passed { keeps } else { keeps_on_way },
                 rounded: together.as_ref().map(|deltas| deltas[place]),
             };
-            let carried_before = carried;
             let words = self.words_to(&leg, &mut carried);
             if keeps_polar {
                 carried[..2].fill(0.0);
@@ -447,141 +449,59 @@ impl Rewriter {
                 // Nothing is missing.
                 continue;
             }
-            let mut feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
-            let mut code = None;
-            if let Some(way) = way_alone
-                && (minutes.is_some() || moves_tool([&before, &to], [&carried_before, &carried]))
-            {
-                let begins = minutes.is_none();
-                let time = match minutes {
-                    Some(minutes) => minutes,
-                    None => self.minutes_of(way, motion, line)?,
-                };
-                minutes = Some(time);
-                code = begins.then(|| self.inverse_time(place)).flatten();
-                feed = Number::nearest(1.0 / (time * share_of_time(share - passed)), 4);
-            }
+            let feed = splits.then(|| self.feed_of_part(share - passed)).flatten();
             let part = Part {
                 place,
                 share,
-                code,
                 feed,
                 ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
         }
-        if minutes.is_some() {
-            self.per_minute_again(line, out);
-        }
         self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
         self.has_moved(motion);
-        if keeps.contains(&true) {
+        if keeps_on_way.contains(&true) {
             self.unsettles();
         }
-        Ok(())
     }
 
-    /// Length of a feed motion in which the program does not move X, Y or Z, in mm, inch or deg of the axes that F applies to. `None` if F
-    /// applies to X, Y and Z both with and without correction, or the control combines mm and deg.
-    ///
-    /// LinuxCNC (and NIST IR 6556, 2.1.2.5) applies F to X, Y and Z whenever one of them moves, and turns the rotary axes in the same time.
-    /// With a correction of 1 µm in Y, an axis programmed to turn at F600 would turn as fast as it can.
-    pub(crate) fn way_without_tool(&self, [from, to]: &[Axes; 2]) -> Option<f64> {
-        let modal = &self.interpreter.modal;
-        let way = |axes: Range<usize>| {
-            let square: f64 = axes
-                .map(|axis| ((to[axis] - from[axis]) / modal.scale(axis)).powi(2))
-                .sum();
-            Some(square.sqrt()).filter(|way| *way > MOVES_BY)
-        };
-        if way(0..3).is_some() || modal.feed_mode == FeedMode::InverseTime {
-            return None;
-        }
+    /// Whether no word of a feed motion moves X, Y or Z, but others do, on a control that takes F for the way of X, Y and Z wherever one of them moves, and
+    /// turns the rotary axes in the same time (LinuxCNC; NIST IR 6556, 2.1.2.5): with a correction of 1 µm in Y an axis that is to turn at F600
+    /// turns as fast as it can. X, Y and Z keep their correction on such a way, and get the next one in blocks of their own.
+    pub(crate) fn turns_alone(&self, [from, to]: &[Axes; 2]) -> bool {
+        let moves =
+            |mut axes: Range<usize>| axes.any(|axis| (to[axis] - from[axis]).abs() > MOVES_BY);
         let takes_together = self.interpreter.dialect == Dialect::Heidenhain
             || self.interpreter.is_printer()
             || matches!(
                 self.interpreter.control,
                 Some(Control::Fanuc | Control::Mazak)
             );
-        way(6..9).or_else(|| way(3..6)).filter(|_| !takes_together)
+        !moves(0..3) && moves(3..9) && !takes_together
     }
 
-    /// Duration of a motion of this length, minutes.
-    ///
-    /// # Errors
-    /// Its F or its way is not known, or F means something else on the control.
-    fn minutes_of(&self, way: f64, motion: &Move, line: Line<'_>) -> Result<f64, NcError> {
-        let modal = &self.interpreter.modal;
-        let says_mode = |word: &Word| {
-            word.letter == b'G' && matches!(word.value, Some(code) if code == 94.0 || code == 95.0)
-        };
-        // What is called, or goes on after a return, would have G93 then.
-        let goes_away = line.block.commands.contains(&Command::Ends)
-            || line.block.words.iter().any(|word| {
-                word.letter == b'M'
-                    && matches!(word.value, Some(code) if [98.0, 99.0].contains(&code))
-            });
-        let is_unknown = |axis: usize| motion.words[axis].is_some() && !motion.known[axis];
-        let why = match (modal.feed_mode, modal.feed) {
-            _ if (0..9).any(is_unknown) => "from a place that is not known",
-            _ if goes_away => {
-                "beside M17, M98, M99 or the end of the program, which belong into a block behind it"
+    /// Splits a motion of rotary axes alone where X, Y and Z lag by the tolerance, and lets them follow there in a block of their own.
+    fn follow_turn(&mut self, [from, to]: &[Axes; 2], parts: &mut Vec<f64>) {
+        let tolerance = self.corrector.split_beyond_mm;
+        let mut shares = Vec::new();
+        let (mut begins, mut before) = (0.0, self.delta_in_program(from));
+        for &ends in parts.iter() {
+            let after = self.delta_in_program(&between(from, to, ends));
+            let lag = (0..3).map(|axis| (after[axis] - before[axis]).abs());
+            let steps = (lag.fold(0.0, f64::max) / tolerance).ceil();
+            let steps = steps.clamp(1.0, MOST_FOLLOWED);
+            let mut step = 1.0;
+            while step < steps {
+                shares.extend([begins + (ends - begins) * step / steps; 2]);
+                step += 1.0;
             }
-            _ if line.block.words.iter().any(says_mode) => {
-                "beside G94 or G95, which belongs into a block before it"
-            }
-            _ if self.interpreter.control == Some(Control::Haas) => {
-                "on a Haas control, of which it is not known what F means there"
-            }
-            _ if modal.feed_is_grouped => "with FGROUP or FGREF, which change what F means",
-            _ if self.interpreter.dialect == Dialect::Siemens && modal.unit_mm != 1.0 => {
-                "in inches (G70, G700), of which F may be in mm"
-            }
-            (FeedMode::PerMinute, Some(feed)) if feed > 0.0 => return Ok(way / feed),
-            (FeedMode::PerMinute, _) => "with an F that only the machine knows",
-            _ => "with an F of each revolution (G95)",
-        };
-        Err(NcError::not_compensated(
-            line.number,
-            format!(
-                "a motion of rotary axes alone {why}: its correction moves X, Y or Z, which F would go by then. Write G94 and F as a number before it"
-            ),
-        ))
-    }
-
-    /// From this part of a motion on F is one over its time: the code of the part, or in the words of the block.
-    fn inverse_time(&mut self, place: usize) -> Option<Number> {
-        let code = Number::nearest(93.0, 0)?;
-        if place > 0 {
-            return Some(code);
+            // At the end of the motion the next one takes the correction up.
+            let is_inside = ends > 0.0 && ends < 1.0;
+            shares.extend(std::iter::repeat_n(ends, if is_inside { 2 } else { 1 }));
+            (begins, before) = (ends, after);
         }
-        self.edits.added.push((b'G', code));
-        None
-    }
-
-    /// F is that of the program again.
-    fn per_minute_again(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
-        out.extend_from_slice(line.more);
-        self.begin_line(line, out);
-        let feed = self.interpreter.modal.feed;
-        let words = [(b'G', Some(94.0)), (b'F', feed)];
-        for (letter, value) in words {
-            let number = value.and_then(|value| Number::shortest(value, 6));
-            // Beside least increments F600 may be 0.6.
-            let needs_point = letter == b'F' && self.interpreter.points.means_increments;
-            let number = number.map(|number| {
-                if needs_point {
-                    number.form(Form::Point)
-                } else {
-                    number
-                }
-            });
-            if let Some(number) = number {
-                line.script
-                    .write_word(&NewWord::plain((letter, number)), out);
-            }
-        }
+        *parts = shares;
     }
 
     /// # Errors
@@ -1012,11 +932,6 @@ pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
             "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
         ),
     )
-}
-
-/// Whether X, Y or Z goes anywhere with the corrections that it carries at the ends of a way. Its word may stay as it is, and lead away from a corrected place.
-fn moves_tool([from, to]: [&Axes; 2], [before, after]: [&Axes; 2]) -> bool {
-    (0..3).any(|axis| (to[axis] - from[axis] + after[axis] - before[axis]).abs() > MOVES_BY)
 }
 
 /// The part of its time that a part of a motion gets: taking up the play of an axis takes a little, too.

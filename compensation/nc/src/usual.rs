@@ -188,7 +188,6 @@ impl Interpreter {
             sticky: _,
             tool: _,
             homes: _,
-            feed_is_grouped: _,
         } = modal;
         *dialect == Dialect::Rs274
             && (!points.means_increments || points.last_in_increments == Some(false))
@@ -254,7 +253,7 @@ impl Rewriter {
         }
         let after = frame.to_program(&to);
         // F applies to the rotary axes, and must stay so.
-        if code != 0 && self.way_without_tool(&[before, after]).is_some() {
+        if code != 0 && self.turns_alone(&[before, after]) {
             return None;
         }
         let (ends, ends_in_program) = ([&from, &to], [&before, &after]);
