@@ -524,8 +524,9 @@ fn a_turn_alone_keeps_its_feed() {
         // The tolerance and the rounding of the words.
         let at = places(&lines.join("\n"));
         for pair in at[2..lines.len() - 1].windows(2) {
-            for axis in 0..3 {
-                assert!((pair[1][axis] - pair[0][axis]).abs() < 0.0025, "{lines:?}");
+            let ways = pair[0].iter().zip(&pair[1]).take(3);
+            for (before, after) in ways {
+                assert!((after - before).abs() < 0.0025, "{lines:?}");
             }
         }
         // What is left at its end comes with the next motion.
