@@ -29,7 +29,7 @@ use crate::{
 /// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered` is set, too.
 ///   `asked` never decreases: an answer to an earlier request is dropped.
 /// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
-/// - `correctors` and `followers` are those of the active model: [`fit_to`](ControlPath::fit_to) is called with every new one. `limits` has the
+/// - `correctors` and `followers` are those of the active model: `fit_to` is called with every new one. `limits` has the
 ///   planned test shifts, `limits()` those of the correcting axes.
 /// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {

@@ -22,7 +22,7 @@ const _: () = assert!(HEADER_WORDS == 68 && MOST_WORDS == 32767);
 /// Settings of a control. Positions and corrections are whole steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Input axes of the maps, in the order of [`Position`](crate::Position).
+    /// Input axes of the maps, in the order of [`Position`].
     pub grid: Layout,
     /// Corrected axes, machine number and bounds of the corrections: as for a barrier, 1 to 32767 each.
     pub outputs: barrier::Settings,
