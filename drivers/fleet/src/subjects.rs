@@ -7,8 +7,10 @@ use crate::{Identity, MachineId, SiteId};
 /// Key-value bucket of the desired states; the key is the machine's name.
 pub(crate) const DESIRED_BUCKET: &str = "desired";
 /// Prefix of the name of a site's stream of conditions and telemetry.
+#[cfg(feature = "nats")]
 const TELEMETRY_PREFIX: &str = "telemetry-";
 /// Prefix of the name of a site's stream of audit records and acknowledgements.
+#[cfg(feature = "nats")]
 pub(crate) const AUDIT_PREFIX: &str = "audit-";
 
 /// Kind of a machine message.
@@ -56,6 +58,7 @@ pub(crate) fn models_bucket(machine: &MachineId) -> String {
 }
 
 /// The two streams of a site with their subjects: telemetry, then audit.
+#[cfg(feature = "nats")]
 pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
     let of = |kinds: [Kind; 2]| {
         kinds
