@@ -2,7 +2,9 @@
 //!
 //! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key of its own name.
 
-use crate::{Identity, MachineId, SiteId};
+#[cfg(feature = "nats")]
+use crate::SiteId;
+use crate::{Identity, MachineId};
 
 /// Key-value bucket of the desired states; the key is the machine's name.
 pub(crate) const DESIRED_BUCKET: &str = "desired";
