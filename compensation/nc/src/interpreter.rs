@@ -6,7 +6,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use volcomp_model::{Machine, vocabulary::AxisKind};
+use volcomp_model::{Axis, Machine, vocabulary::AxisKind};
 
 use crate::{
     NcError,
@@ -246,7 +246,7 @@ impl Interpreter {
                 found: dialect.name(),
             });
         }
-        if setup.states_rotary_words() && dialect != Dialect::Rs274 {
+        if setup.states_rotary_words && dialect != Dialect::Rs274 {
             return Err(NcError::RotaryWords {
                 found: dialect.name(),
             });
@@ -273,7 +273,7 @@ impl Interpreter {
             notes: Notes::default(),
             dialect,
             control: setup.control(),
-            states_rotary_words: setup.states_rotary_words() || dialect != Dialect::Rs274,
+            states_rotary_words: setup.states_rotary_words || dialect != Dialect::Rs274,
             points: setup.points(),
             extruder: Extruder::default(),
             in_spindle: None,
@@ -311,13 +311,16 @@ impl Interpreter {
 
     /// True if the machine has the axis.
     pub(crate) fn machine_has(&self, axis: usize) -> bool {
-        name_of(axis).is_some_and(|name| self.machine.index_of(name).is_ok())
+        self.axis_of_machine(axis).is_some()
+    }
+
+    fn axis_of_machine(&self, axis: usize) -> Option<&Axis> {
+        name_of(axis).and_then(|name| self.machine.axis(name))
     }
 
     /// True if a rotary axis may roll over at the control: the machine file has `modulo`, or a travel of a turn or more.
     pub(crate) fn may_roll_over(&self, axis: usize) -> bool {
-        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
-        axis.is_some_and(|axis| {
+        self.axis_of_machine(axis).is_some_and(|axis| {
             axis.modulo.is_some() || axis.travel[1] - axis.travel[0] >= 360.0 - 1e-6
         })
     }
@@ -330,8 +333,8 @@ impl Interpreter {
 
     /// True if an axis that may roll over does: the machine file has `modulo`, or the control is one whose rotary tables usually do.
     pub(crate) fn rolls_over(&self, axis: usize) -> bool {
-        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
-        axis.is_some_and(|axis| axis.modulo.is_some())
+        self.axis_of_machine(axis)
+            .is_some_and(|axis| axis.modulo.is_some())
             || self.control.is_some_and(Control::is_fanuc_like)
     }
 

@@ -281,6 +281,13 @@ impl Interpreter {
         Ok(())
     }
 
+    /// True if [`check_rotary_word`](Self::check_rotary_word) has something to refuse or to note of a word that turns the axis by this, deg.
+    pub(crate) fn must_check_rotary_word(&self, axis: usize, way_deg: f64) -> bool {
+        let is_noted = |letter: u8| self.notes.has(&Note::RollsOver(char::from(letter)));
+        self.may_turn_either_way(axis)
+            && (way_deg.abs() > 180.0 - HALF_TURN_DEG || !is_noted(LETTERS[axis]))
+    }
+
     /// Controls turn a rollover axis to the same word in three ways: as a linear axis, by the shorter way, or in the direction of the sign.
     ///
     /// # Errors

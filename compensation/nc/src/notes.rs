@@ -108,6 +108,10 @@ impl Notes {
         self.0.entry(note).or_insert(line);
     }
 
+    pub(crate) fn has(&self, note: &Note) -> bool {
+        self.0.contains_key(note)
+    }
+
     /// Each note and its line, ordered by line.
     #[must_use]
     pub fn by_line(&self) -> Vec<(usize, &Note)> {

@@ -23,18 +23,10 @@ pub struct SetUp {
     start: Option<(Axes, Axes<bool>)>,
     pub(crate) folders: Vec<PathBuf>,
     control: Option<Control>,
-    rotary_words: Option<RotaryWords>,
+    /// It states which way rotary words of RS-274 turn an axis that rolls over.
+    pub(crate) states_rotary_words: bool,
     /// True if X60 means 60 least increments instead of 60 mm, inches or degrees.
     without_point: Option<bool>,
-}
-
-/// How an RS-274 control turns a rotary axis to a coordinate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RotaryWords {
-    /// As a linear axis: from 350 to 10 by -340.
-    Linear,
-    /// By at most half a turn: from 350 to 10 by 20.
-    Shorter,
 }
 
 impl Default for SetUp {
@@ -47,7 +39,7 @@ impl Default for SetUp {
             start: None,
             folders: Vec::new(),
             control: None,
-            rotary_words: None,
+            states_rotary_words: false,
             without_point: None,
         }
     }
@@ -86,12 +78,8 @@ impl SetUp {
                     Some(without_point.one_of(&[("unit", false), ("increment", true)])?);
             }
             if let Some(words) = root.get("rotary_words") {
-                let names = [
-                    ("linear", RotaryWords::Linear),
-                    ("shorter", RotaryWords::Shorter),
-                ];
-                setup.rotary_words = Some(words.one_of(&names)?);
-                setup.modal.shorter = setup.rotary_words == Some(RotaryWords::Shorter);
+                setup.modal.shorter = words.one_of(&[("linear", false), ("shorter", true)])?;
+                setup.states_rotary_words = true;
             }
             if let Some(units) = root.get("units") {
                 setup.modal.unit_mm = units.one_of(&[("mm", 1.0), ("inch", 25.4)])?;
@@ -166,11 +154,6 @@ impl SetUp {
     #[must_use]
     pub fn control(&self) -> Option<Control> {
         self.control
-    }
-
-    /// True if the file states the direction of rotary words.
-    pub(crate) fn states_rotary_words(&self) -> bool {
-        self.rotary_words.is_some()
     }
 
     pub(crate) fn points(&self) -> DecimalPoints {

@@ -234,21 +234,19 @@ impl Rewriter {
         let mut after = before;
         for axis in line.order() {
             let value = line.words[axis].value;
-            if !corrector.has(axis)
-                || value.abs() > LARGEST
-                || interpreter.may_turn_either_way(axis)
-            {
+            if !corrector.has(axis) || value.abs() > LARGEST {
                 return None;
             }
             after[axis] = value * modal.scale(axis);
         }
         let to = interpreter.reached(&after, |axis| line.names(axis), false);
+        let must_check = |axis| interpreter.must_check_rotary_word(axis, to[axis] - from[axis]);
         let takes_along = frame.tip.is_some();
         let leaves = |axis: usize| {
             (line.names(axis) || axis < 3 && takes_along)
                 && !corrector.is_within_travel(axis, to[axis])
         };
-        if corrector.axes().any(leaves) {
+        if corrector.axes().any(leaves) || line.order().any(must_check) {
             return None;
         }
         let after = frame.to_program(&to);
