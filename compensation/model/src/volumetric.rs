@@ -10,7 +10,7 @@ use volcomp_curve::Field;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{Lengths, Machine, ModelError, RigidMotion, RigidSums};
+use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums};
 
 /// Half the number of poses over which the workpiece is aligned; the other half are mirrored about the middle of the travels, so that an
 /// error that is linear over a travel is aligned exactly.
@@ -149,24 +149,21 @@ fn worst(
         .collect();
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let at_nodes: Vec<_> = fields.iter().map(Samples::of).collect();
-    let at_places: Vec<_> = at_nodes.iter().map(Samples::without_grids).collect();
-    let even = Samples::even();
+    let even = vec![equal_shares(); fields.first().map_or(0, |of| of.machine.axes().len())];
+    let at_places: Vec<_> = fields.iter().map(at_places).collect();
+    let at_nodes: Vec<_> = fields.iter().map(at_nodes).collect();
     let apart = (found.len() / STARTS_AT_PLACES).max(1);
     let covering = found.iter().step_by(apart).take(STARTS_AT_PLACES);
     let covering = covering.map(|(field, place, at)| (size(at), *field, place));
     let mut searches: Vec<_> = starts
         .iter()
         .take(STARTS)
-        .map(|start| (*start, &even))
+        .map(|start| (*start, &even[..], &[][..]))
         .collect();
     let at_its_places = |(number, start): (usize, (f64, usize, _))| {
-        let samples = if number < STARTS_AT_NODES {
-            &at_nodes
-        } else {
-            &at_places
-        };
-        (start, &samples[start.1])
+        let with_nodes = number < STARTS_AT_NODES;
+        let nodes = with_nodes.then(|| &at_nodes[start.1][..]);
+        (start, &at_places[start.1][..], nodes.unwrap_or_default())
     };
     searches.extend(
         (starts.iter().take(STARTS_AT_PLACES).copied().enumerate())
@@ -174,11 +171,11 @@ fn worst(
             .map(at_its_places),
     );
     let mut best: Option<(f64, usize, Place)> = None;
-    for ((value, field, place), samples) in searches {
+    for ((value, field, place), of_axes, of_grids) in searches {
         let (value, place) = if value.is_nan() {
             (value, place.clone())
         } else {
-            ascend(&fields[field], place, value, samples, size)?
+            ascend(&fields[field], (place, value), of_axes, of_grids, size)?
         };
         if best.as_ref().is_none_or(|(most, ..)| value > *most) {
             best = Some((value, field, place));
@@ -193,73 +190,60 @@ fn worst(
     )
 }
 
-/// Where axes are sampled, as shares of their travels.
-struct Samples {
-    /// Each axis by itself; the one entry of equal samples holds for all.
-    of_axes: Vec<Vec<f64>>,
-    /// Nodes of grids: two axes, and the nodes of each.
-    of_grids: Vec<[(usize, Vec<f64>); 2]>,
+/// Two axes, and the shares of their travels at which a grid over them has nodes.
+type GridNodes = [(usize, Vec<f64>); 2];
+
+fn equal_shares() -> Vec<f64> {
+    let share = |sample| f64::from(sample) / f64::from(SAMPLES - 1);
+    (0..SAMPLES).map(share).collect()
 }
 
-impl Samples {
-    fn equal() -> Vec<f64> {
-        let share = |sample| f64::from(sample) / f64::from(SAMPLES - 1);
-        (0..SAMPLES).map(share).collect()
-    }
+/// Coordinates as shares of the travel of an axis, without those beyond it.
+fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
+    let [low, high] = axis.travel;
+    let shares = at.iter().map(move |at| (at - low) / (high - low));
+    shares.filter(|share| (0.0..=1.0).contains(share))
+}
 
-    fn even() -> Self {
-        Self {
-            of_axes: vec![Self::equal()],
-            of_grids: Vec::new(),
+/// The shares at which each axis is sampled: equal ones, and the places of the curves of a field.
+fn at_places(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
+    let axes = field.machine.axes();
+    let mut of_axes = vec![equal_shares(); axes.len()];
+    for machine in &field.curves {
+        for ((shares, axis), at) in of_axes.iter_mut().zip(axes).zip(machine.places()) {
+            shares.extend(shares_of(axis, &at));
         }
     }
+    of_axes
+}
 
-    fn without_grids(&self) -> Self {
-        Self {
-            of_axes: self.of_axes.clone(),
-            of_grids: Vec::new(),
-        }
-    }
-
-    /// Equal samples with the places of the curves of a field, and the nodes of their grids.
-    fn of(field: &ErrorField<'_>) -> Self {
-        let axes = field.machine.axes();
-        let shares = |axis: usize, at: &[f64]| -> Vec<f64> {
-            let [low, high] = axes[axis].travel;
-            let shares = at.iter().map(|at| (at - low) / (high - low));
-            shares.filter(|share| (0.0..=1.0).contains(share)).collect()
-        };
-        let mut samples = Self {
-            of_axes: vec![Self::equal(); axes.len()],
-            of_grids: Vec::new(),
-        };
-        for machine in &field.curves {
-            for (axis, places) in machine.places().iter().enumerate().take(axes.len()) {
-                samples.of_axes[axis].extend(shares(axis, places));
-            }
-            for (_, curve) in machine.errors() {
-                for of in curve.fields() {
-                    let Field::Grid(grid) = of else { continue };
-                    let (on, nodes) = (grid.axes(), grid.nodes());
-                    if on.iter().all(|axis| *axis < axes.len()) {
-                        samples
-                            .of_grids
-                            .push([0, 1].map(|i| (on[i], shares(on[i], &nodes[i]))));
-                    }
-                }
+/// The nodes of the grids of a field.
+fn at_nodes(field: &ErrorField<'_>) -> Vec<GridNodes> {
+    let axes = field.machine.axes();
+    let errors = field.curves.iter().flat_map(|machine| machine.errors());
+    let mut of_grids = Vec::new();
+    for (_, curve) in errors {
+        for of in curve.fields() {
+            let Field::Grid(grid) = of else { continue };
+            let (on, nodes) = (grid.axes(), grid.nodes());
+            if on.iter().all(|axis| *axis < axes.len()) {
+                of_grids.push([0, 1].map(|i| {
+                    let axis = on[i];
+                    (axis, shares_of(&axes[axis], &nodes[i]).collect())
+                }));
             }
         }
-        samples
     }
+    of_grids
 }
 
 /// Coordinate ascent: nodes of grids are sampled, then each axis over its whole travel, until none improves; then each is moved by ever smaller steps, and
 /// where it stands, it comes from the other side, too.
 fn ascend(
     field: &ErrorField<'_>,
-    start: &Place,
-    value: f64,
-    samples: &Samples,
+    (start, value): (&Place, f64),
+    of_axes: &[Vec<f64>],
+    of_grids: &[GridNodes],
     size: &dyn Fn(&At) -> f64,
 ) -> Result<(f64, Place), ModelError> {
     let (mut best, mut at) = (value, start.clone());
@@ -277,7 +261,7 @@ fn ascend(
         Ok::<_, ModelError>(better)
     };
     let axes = 0..start.shares.len();
-    for [(first, of_first), (second, of_second)] in &samples.of_grids {
+    for [(first, of_first), (second, of_second)] in of_grids {
         for a in of_first {
             for b in of_second {
                 moved(&[(*first, *a), (*second, *b)], None, &mut at)?;
@@ -287,8 +271,7 @@ fn ascend(
     for _ in 0..ROUNDS {
         let mut better = false;
         for axis in axes.clone() {
-            let of_axis = samples.of_axes.get(axis).unwrap_or(&samples.of_axes[0]);
-            for to in of_axis {
+            for to in &of_axes[axis] {
                 better |= moved(&[(axis, *to)], None, &mut at)?;
             }
         }
