@@ -14,7 +14,8 @@ use crate::{
     Collection, Keeping, LinkError, LinkSettings, MachineId, SiteId,
     link::{ANSWER_WITHIN, failed, is_connected, stored},
     prepare, put_model,
-    subjects::{desired_subject, latest_desired_subject, streams_of},
+    streams::streams_of,
+    subjects::{desired_subject, latest_desired_subject},
 };
 
 /// A centre's connection. Clones share it.

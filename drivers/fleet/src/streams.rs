@@ -10,9 +10,13 @@ use async_nats::jetstream::{Context, object_store, stream};
 use crate::{
     LinkError, MachineId, SiteId,
     link::failed,
-    subjects::{AUDIT_PREFIX, DESIRED_BUCKET, desired_subject, models_bucket, streams_of},
+    subjects::{DESIRED_BUCKET, Kind, desired_subject, models_bucket},
 };
 
+/// Prefix of the name of a site's stream of conditions and telemetry.
+const TELEMETRY_PREFIX: &str = "telemetry-";
+/// Prefix of the name of a site's stream of audit records and acknowledgements.
+const AUDIT_PREFIX: &str = "audit-";
 /// Number of values kept for each key.
 const HISTORY: i64 = 8;
 /// Deduplication window: messages with the same id within it are stored once.
@@ -42,6 +46,25 @@ impl Default for Keeping {
             audit: 366 * DAY,
         }
     }
+}
+
+/// The two streams of a site with their subjects: telemetry, then audit.
+pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
+    let of = |kinds: [Kind; 2]| {
+        kinds
+            .map(|kind| format!("volcomp.{site}.*.{}", kind.name()))
+            .to_vec()
+    };
+    [
+        (
+            format!("{TELEMETRY_PREFIX}{site}"),
+            of([Kind::Condition, Kind::Telemetry]),
+        ),
+        (
+            format!("{AUDIT_PREFIX}{site}"),
+            of([Kind::Audit, Kind::Ack]),
+        ),
+    ]
 }
 
 /// Creates the bucket of desired states and the streams of these sites; existing ones are updated to these settings.

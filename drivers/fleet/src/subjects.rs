@@ -2,18 +2,10 @@
 //!
 //! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only the key of its own name.
 
-#[cfg(feature = "nats")]
-use crate::SiteId;
 use crate::{Identity, MachineId};
 
 /// Key-value bucket of the desired states; the key is the machine's name.
 pub(crate) const DESIRED_BUCKET: &str = "desired";
-/// Prefix of the name of a site's stream of conditions and telemetry.
-#[cfg(feature = "nats")]
-const TELEMETRY_PREFIX: &str = "telemetry-";
-/// Prefix of the name of a site's stream of audit records and acknowledgements.
-#[cfg(feature = "nats")]
-pub(crate) const AUDIT_PREFIX: &str = "audit-";
 
 /// Kind of a machine message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -57,26 +49,6 @@ pub(crate) fn latest_desired_subject(machine: &MachineId) -> String {
 /// Object store of a machine's models that are too large for a manifest.
 pub(crate) fn models_bucket(machine: &MachineId) -> String {
     format!("models-{machine}")
-}
-
-/// The two streams of a site with their subjects: telemetry, then audit.
-#[cfg(feature = "nats")]
-pub(crate) fn streams_of(site: &SiteId) -> [(String, Vec<String>); 2] {
-    let of = |kinds: [Kind; 2]| {
-        kinds
-            .map(|kind| format!("volcomp.{site}.*.{}", kind.name()))
-            .to_vec()
-    };
-    [
-        (
-            format!("{TELEMETRY_PREFIX}{site}"),
-            of([Kind::Condition, Kind::Telemetry]),
-        ),
-        (
-            format!("{AUDIT_PREFIX}{site}"),
-            of([Kind::Audit, Kind::Ack]),
-        ),
-    ]
 }
 
 /// Subjects of one machine.
