@@ -5,21 +5,7 @@ use volcomp_metrology::{
     write_keysight_report, write_pos, write_renishaw,
 };
 
-use crate::shop::{Shop, ShopLine};
-
-/// Format of a measurement file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Format {
-    /// Files of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.
-    #[default]
-    Renishaw,
-    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose headers state their units.
-    Csv,
-    /// Position file of an API laser, `.pos`: means over the runs, lengths only.
-    ApiPos,
-    /// Text report of a 5529 laser, `.txt`: means and scatter over the runs of both directions.
-    KeysightReport,
-}
+use crate::shop::{Format, Header, Shop, ShopLine};
 
 impl Format {
     /// The formats by their names in a shop file.
@@ -54,25 +40,6 @@ impl Format {
             _ => None,
         }
     }
-}
-
-/// Header data of every measurement file, as far as its format supports them.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Header {
-    /// The date of the test.
-    pub date: Option<String>,
-    /// The person who measured.
-    pub by: Option<String>,
-    /// The serial number of the machine.
-    pub serial: Option<String>,
-    /// Location of the machine.
-    pub location: Option<String>,
-    /// Air temperature during the test, °C.
-    pub air_degc: Option<f64>,
-    /// Material temperature during the test, °C. The readings of the virtual shop do not depend on it.
-    pub material_degc: Option<f64>,
-    /// Expansion coefficient set in the laser software, µm/(m·K).
-    pub expansion_um_per_m_k: Option<f64>,
 }
 
 impl Header {

@@ -15,10 +15,9 @@ mod size;
 mod wear;
 
 pub use error::{InstrumentError, ObservationError, ShopError};
-pub use file::{Format, Header};
 pub use instrument::{Imperfections, Instrument};
 pub use observation::{Bar, Poses, Reads, Setting, ShopObservation};
 pub use plan::{Plan, PlannedPose};
-pub use shop::{CALIBRATED, Shop, ShopLine, ShopLocation};
+pub use shop::{CALIBRATED, Format, Header, Shop, ShopLine, ShopLocation};
 pub use volcomp_calibrate::LineOfSight;
 pub use wear::{Wear, WearError, Worn};

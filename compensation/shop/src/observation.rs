@@ -3,7 +3,11 @@
 use volcomp_model::BODY_DIAGONALS;
 use volcomp_vocabulary::{AxisName, Um, Urad};
 
-use crate::{error::ObservationError, instrument::Instrument, plan::Plan};
+use crate::{
+    error::ObservationError,
+    instrument::Instrument,
+    plan::{MOST_POSES, Plan},
+};
 
 /// A volumetric observation of the truth machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -178,9 +182,6 @@ impl ShopObservation {
         self.instrument.length.drift != Um(0.0) || self.instrument.angle.drift != Urad(0.0)
     }
 }
-
-/// Maximum number of poses of one observation.
-pub(crate) const MOST_POSES: usize = 100_000;
 /// Maximum number of marks of a bar.
 pub(crate) const MOST_MARKS: usize = 10_000;
 

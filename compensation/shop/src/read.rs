@@ -13,10 +13,9 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Um, Urad};
 
 use crate::{
     error::ShopError,
-    file::{Format, Header},
     instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
     read_observation::decode_observations,
-    shop::{Shop, ShopLine, ShopLocation},
+    shop::{Format, Header, Shop, ShopLine, ShopLocation},
 };
 
 const TOP_KEYS: [&str; 10] = [

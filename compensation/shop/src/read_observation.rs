@@ -9,8 +9,8 @@ use volcomp_vocabulary::{AxisName, Um};
 
 use crate::{
     instrument::Instrument,
-    observation::{Bar, MOST_MARKS, MOST_POSES, Poses, Reads, Setting, ShopObservation},
-    plan::read_plan,
+    observation::{Bar, MOST_MARKS, Poses, Reads, Setting, ShopObservation},
+    plan::{MOST_POSES, read_plan},
     read::{TAKEN, decode_file_name, decode_instrument},
     shop::ShopLine,
 };

@@ -59,7 +59,7 @@ pub use iso230_6::{
 pub use keysight::{parse_keysight_report, write_keysight_report};
 pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping};
-pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
+pub use measurement::{Environment, Measurement, Metadata, Reading, StartEnd};
 pub use motion_kind::MotionKind;
 pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
@@ -83,6 +83,6 @@ pub use tolerance::{
     Decision, JudgedQuantity, StandardQuantity, Tolerance, Verdict, decide, judged,
     parse_tolerances, parse_tolerances_of,
 };
-pub use unit::{ReadingUnit, TargetUnit};
+pub use unit::{DeviationUnit, ReadingUnit, TargetUnit};
 pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

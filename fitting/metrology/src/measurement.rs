@@ -2,39 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{FileFormat, MetrologyError, Quantity, ReadingUnit, TargetUnit};
-
-/// Unit of the deviations of a measurement, as they are held in memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub enum DeviationUnit {
-    /// Micrometres: a linear error.
-    #[cfg_attr(feature = "serde", serde(rename = "um"))]
-    Um,
-    /// Microradians: an angular error.
-    #[cfg_attr(feature = "serde", serde(rename = "urad"))]
-    Urad,
-}
-
-impl DeviationUnit {
-    /// Key of the unit in files and responses: `um` or `urad`.
-    pub fn key(self) -> &'static str {
-        match self {
-            Self::Um => "um",
-            Self::Urad => "urad",
-        }
-    }
-}
-
-impl std::fmt::Display for DeviationUnit {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Um => "µm",
-            Self::Urad => "µrad",
-        })
-    }
-}
+use crate::{DeviationUnit, FileFormat, MetrologyError, Quantity, ReadingUnit, TargetUnit};
 
 /// One reading: the deviation at one target in one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -302,4 +270,25 @@ impl TargetReadings {
 
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+impl Measurement {
+    /// Converts deviations in the unit `asked` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
+    /// `asked` must be the same.
+    ///
+    /// # Errors
+    /// The unit stated in the file, if it is another one; nothing is changed then.
+    pub fn take_in(&mut self, asked: ReadingUnit) -> Result<(), ReadingUnit> {
+        match self.stated.or(self.unit.map(ReadingUnit::from)) {
+            Some(stated) if stated == asked => Ok(()),
+            Some(stated) => Err(stated),
+            None => {
+                for reading in &mut self.readings {
+                    reading.deviation *= asked.micro();
+                }
+                self.unit = Some(asked.held_in());
+                Ok(())
+            }
+        }
+    }
 }

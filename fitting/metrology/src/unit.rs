@@ -3,7 +3,37 @@
 use volcomp_document::unit_named;
 use volcomp_vocabulary::AxisKind;
 
-use crate::{DeviationUnit, Measurement};
+/// Unit of the deviations of a measurement, as they are held in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum DeviationUnit {
+    /// Micrometres: a linear error.
+    #[cfg_attr(feature = "serde", serde(rename = "um"))]
+    Um,
+    /// Microradians: an angular error.
+    #[cfg_attr(feature = "serde", serde(rename = "urad"))]
+    Urad,
+}
+
+impl DeviationUnit {
+    /// Key of the unit in files and responses: `um` or `urad`.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Um => "um",
+            Self::Urad => "urad",
+        }
+    }
+}
+
+impl std::fmt::Display for DeviationUnit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Um => "µm",
+            Self::Urad => "µrad",
+        })
+    }
+}
 
 /// Unit of deviations in a file, or requested by the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,27 +165,6 @@ impl TargetUnit {
         match self {
             Self::Mm => AxisKind::Linear,
             Self::Deg => AxisKind::Rotary,
-        }
-    }
-}
-
-impl Measurement {
-    /// Converts deviations in the unit `asked` to µm or µrad if the file states no unit. If it states one, the deviations were already converted, and
-    /// `asked` must be the same.
-    ///
-    /// # Errors
-    /// The unit stated in the file, if it is another one; nothing is changed then.
-    pub fn take_in(&mut self, asked: ReadingUnit) -> Result<(), ReadingUnit> {
-        match self.stated.or(self.unit.map(ReadingUnit::from)) {
-            Some(stated) if stated == asked => Ok(()),
-            Some(stated) => Err(stated),
-            None => {
-                for reading in &mut self.readings {
-                    reading.deviation *= asked.micro();
-                }
-                self.unit = Some(asked.held_in());
-                Ok(())
-            }
         }
     }
 }
