@@ -16,14 +16,11 @@ use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums};
 /// error that is linear over a travel is aligned exactly.
 const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
-const STARTS: usize = 128;
+const STARTS: usize = 64;
 /// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
-/// Poses from which each axis is sampled at the places of its curves, too, which are narrower than equal samples: so many of the worst, and so many that
-/// cover the travels, since a spot adds to the rest of the error at some poses and takes from it at others.
-const STARTS_AT_PLACES: usize = 8;
-/// Of each of them, poses from which all nodes of grids are sampled: of those there may be many.
-const STARTS_AT_NODES: usize = 2;
+/// For each direction of the error, parts of the poses from whose worst one the search starts: the axes before a rotary axis turn what those after it add.
+const STARTS_A_DIRECTION: usize = 4;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
 /// Smallest step of the search, as a share of the travel.
@@ -124,70 +121,98 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
             found.push((index, place.clone(), at));
         }
     }
-    let worst = |size: &dyn Fn(&At) -> f64| worst(fields, &found, size);
+    let worst = |of: &dyn Fn(&At) -> Vector3<f64>| worst(fields, &found, of);
     Ok(VolumetricError {
         poses: all.len(),
-        max_mm: worst(&|at| at.error_mm.norm())?.value,
+        max_mm: worst(&|at| at.error_mm)?.value,
         rms_mm: before.rms(),
-        position: worst(&|at| at.left_mm(&alignment).norm())?,
+        position: worst(&|at| at.left_mm(&alignment))?,
         position_rms_mm: position.rms(),
-        tilt: worst(&|at| at.tilt_rad(&alignment).norm())?,
+        tilt: worst(&|at| at.tilt_rad(&alignment))?,
         tilt_rms_rad: tilt.rms(),
         alignment,
     })
 }
 
-/// The maximum of a quantity, searched from the poses where it is largest. NaN if the quantity is NaN.
+/// The largest length of a vector, searched from the poses where it is largest, and from those where it is largest in each direction. NaN if it is NaN.
+///
+/// The length is not a sum over the axes: a narrow spot of one axis may lower it at one pose and raise it at another. A component is such a sum, but for
+/// the turns of rotary axes and small levers, and the length is the maximum of its components over all directions.
 fn worst(
     fields: &[ErrorField<'_>],
     found: &[(usize, Place, At)],
-    size: &dyn Fn(&At) -> f64,
+    of: &dyn Fn(&At) -> Vector3<f64>,
 ) -> Result<Worst, ModelError> {
-    let mut starts: Vec<(f64, usize, &Place)> = found
-        .iter()
-        .map(|(field, place, at)| (size(at), *field, place))
-        .collect();
+    let length = |at: &At| of(at).norm();
+    let mut starts: Vec<_> = found.iter().map(|one| (length(&one.2), one)).collect();
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
     let even = vec![equal_shares(); fields.first().map_or(0, |of| of.machine.axes().len())];
-    let at_places: Vec<_> = fields.iter().map(at_places).collect();
-    let at_nodes: Vec<_> = fields.iter().map(at_nodes).collect();
-    let apart = (found.len() / STARTS_AT_PLACES).max(1);
-    let covering = found.iter().step_by(apart).take(STARTS_AT_PLACES);
-    let covering = covering.map(|(field, place, at)| (size(at), *field, place));
-    let mut searches: Vec<_> = starts
-        .iter()
-        .take(STARTS)
-        .map(|start| (*start, &even[..], &[][..]))
-        .collect();
-    let at_its_places = |(number, start): (usize, (f64, usize, _))| {
-        let with_nodes = number < STARTS_AT_NODES;
-        let nodes = with_nodes.then(|| &at_nodes[start.1][..]);
-        (start, &at_places[start.1][..], nodes.unwrap_or_default())
-    };
-    searches.extend(
-        (starts.iter().take(STARTS_AT_PLACES).copied().enumerate())
-            .chain(covering.enumerate())
-            .map(at_its_places),
-    );
-    let mut best: Option<(f64, usize, Place)> = None;
-    for ((value, field, place), of_axes, of_grids) in searches {
-        let (value, place) = if value.is_nan() {
-            (value, place.clone())
-        } else {
-            ascend(&fields[field], (place, value), of_axes, of_grids, size)?
+    let mut best = Best::default();
+    for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
+        if value.is_nan() {
+            best.take(value, *field, place.clone());
+            break;
+        }
+        let search = Search {
+            field: &fields[*field],
+            of_axes: &even,
+            of_grids: &[],
         };
-        if best.as_ref().is_none_or(|(most, ..)| value > *most) {
-            best = Some((value, field, place));
+        let (value, place) = search.ascend((place.clone(), value), &length)?;
+        best.take(value, *field, place);
+    }
+    let (at_places, at_nodes): (Vec<_>, Vec<_>) = (
+        fields.iter().map(at_places).collect(),
+        fields.iter().map(at_nodes).collect(),
+    );
+    for direction in directions() {
+        let component = |at: &At| of(at).dot(&direction);
+        for part in found.chunks(found.len().div_ceil(STARTS_A_DIRECTION).max(1)) {
+            let largest = part
+                .iter()
+                .max_by(|a, b| component(&a.2).total_cmp(&component(&b.2)));
+            let Some((field, place, at)) = largest else {
+                continue;
+            };
+            let search = Search {
+                field: &fields[*field],
+                of_axes: &at_places[*field],
+                of_grids: &at_nodes[*field],
+            };
+            let (_, place) = search.ascend((place.clone(), component(at)), &component)?;
+            let value = length(&search.field.at(&place)?);
+            let (value, place) = search.ascend((place, value), &length)?;
+            best.take(value, *field, place);
         }
     }
-    Ok(
-        best.map_or_else(Worst::default, |(value, field, place)| Worst {
+    Ok(best
+        .0
+        .map_or_else(Worst::default, |(value, field, place)| Worst {
             value,
             at: place.coordinates(fields[field].machine),
             tool: fields[field].tool.to_owned(),
-        }),
-    )
+        }))
+}
+
+/// Unit vectors to the corners, edges and faces of a cube.
+fn directions() -> impl Iterator<Item = Vector3<f64>> {
+    (0..27).filter_map(|number| {
+        let of = |divisor: i32| f64::from(number / divisor % 3 - 1);
+        Vector3::new(of(1), of(3), of(9)).try_normalize(0.5)
+    })
+}
+
+/// The largest value yet, its field and pose.
+#[derive(Default)]
+struct Best(Option<(f64, usize, Place)>);
+
+impl Best {
+    fn take(&mut self, value: f64, field: usize, place: Place) {
+        if self.0.as_ref().is_none_or(|(most, ..)| value > *most) {
+            self.0 = Some((value, field, place));
+        }
+    }
 }
 
 /// Two axes, and the shares of their travels at which a grid over them has nodes.
@@ -237,63 +262,70 @@ fn at_nodes(field: &ErrorField<'_>) -> Vec<GridNodes> {
     of_grids
 }
 
-/// Coordinate ascent: nodes of grids are sampled, then each axis over its whole travel, until none improves; then each is moved by ever smaller steps, and
-/// where it stands, it comes from the other side, too.
-fn ascend(
-    field: &ErrorField<'_>,
-    (start, value): (&Place, f64),
-    of_axes: &[Vec<f64>],
-    of_grids: &[GridNodes],
-    size: &dyn Fn(&At) -> f64,
-) -> Result<(f64, Place), ModelError> {
-    let (mut best, mut at) = (value, start.clone());
-    let mut moved = |to: &[(usize, f64)], approach: Option<Direction>, at: &mut Place| {
-        let mut there = at.clone();
-        for (axis, share) in to {
-            there.shares[*axis] = share.clamp(0.0, 1.0);
-            there.approach[*axis] = approach.unwrap_or(there.approach[*axis]);
-        }
-        let value = size(&field.at(&there)?);
-        let better = value > best;
-        if better {
-            (best, *at) = (value, there);
-        }
-        Ok::<_, ModelError>(better)
-    };
-    let axes = 0..start.shares.len();
-    for [(first, of_first), (second, of_second)] in of_grids {
-        for a in of_first {
-            for b in of_second {
-                moved(&[(*first, *a), (*second, *b)], None, &mut at)?;
+/// What is sampled of a field: shares of the travel of each axis, and the nodes of grids.
+struct Search<'a> {
+    field: &'a ErrorField<'a>,
+    of_axes: &'a [Vec<f64>],
+    of_grids: &'a [GridNodes],
+}
+
+impl Search<'_> {
+    /// Coordinate ascent: nodes of grids are sampled, then each axis over its whole travel, until none improves; then each is moved by ever smaller steps,
+    /// and approached from the other side, too.
+    fn ascend(
+        &self,
+        (start, value): (Place, f64),
+        size: &dyn Fn(&At) -> f64,
+    ) -> Result<(f64, Place), ModelError> {
+        let axes = 0..start.shares.len();
+        let (mut best, mut at) = (value, start);
+        let mut moved = |to: &[(usize, f64)], approach: Option<Direction>, at: &mut Place| {
+            let mut there = at.clone();
+            for (axis, share) in to {
+                there.shares[*axis] = share.clamp(0.0, 1.0);
+                there.approach[*axis] = approach.unwrap_or(there.approach[*axis]);
+            }
+            let value = size(&self.field.at(&there)?);
+            let better = value > best;
+            if better {
+                (best, *at) = (value, there);
+            }
+            Ok::<_, ModelError>(better)
+        };
+        for [(first, of_first), (second, of_second)] in self.of_grids {
+            for a in of_first {
+                for b in of_second {
+                    moved(&[(*first, *a), (*second, *b)], None, &mut at)?;
+                }
             }
         }
-    }
-    for _ in 0..ROUNDS {
-        let mut better = false;
-        for axis in axes.clone() {
-            for to in &of_axes[axis] {
-                better |= moved(&[(axis, *to)], None, &mut at)?;
+        for _ in 0..ROUNDS {
+            let mut better = false;
+            for axis in axes.clone() {
+                for to in &self.of_axes[axis] {
+                    better |= moved(&[(axis, *to)], None, &mut at)?;
+                }
+            }
+            if !better {
+                break;
             }
         }
-        if !better {
-            break;
-        }
-    }
-    let mut step = 1.0 / f64::from(SAMPLES - 1);
-    while step > MIN_STEP {
-        let mut better = false;
-        for axis in axes.clone() {
-            let other = -at.approach[axis];
-            better |= moved(&[(axis, at.shares[axis])], Some(other), &mut at)?;
-            for by in [step, -step] {
-                better |= moved(&[(axis, at.shares[axis] + by)], None, &mut at)?;
+        let mut step = 1.0 / f64::from(SAMPLES - 1);
+        while step > MIN_STEP {
+            let mut better = false;
+            for axis in axes.clone() {
+                let other = -at.approach[axis];
+                better |= moved(&[(axis, at.shares[axis])], Some(other), &mut at)?;
+                for by in [step, -step] {
+                    better |= moved(&[(axis, at.shares[axis] + by)], None, &mut at)?;
+                }
+            }
+            if !better {
+                step *= 0.5;
             }
         }
-        if !better {
-            step *= 0.5;
-        }
+        Ok((best, at))
     }
-    Ok((best, at))
 }
 
 /// The error at a pose, with the data for its alignment.

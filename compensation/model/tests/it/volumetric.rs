@@ -291,3 +291,85 @@ fn tools_of_two_lengths_have_one_alignment() {
     // 100 µrad over 200 mm are 20 µm between the tools, less what a rotation takes of it.
     assert!(both.position.value > 0.005, "{both:?}");
 }
+
+/// Machines whose errors are narrow spots of all axes and components, of both signs: a spot that lowers the error at one pose raises it at another, and
+/// two may have to be met at once. The truth is the largest error over all combinations of the nodes of the tables.
+#[test]
+fn spots_that_must_be_met_together_are_found() {
+    for (structure, cases) in [("w b X Y Z t", 10), ("w C' b X Y Z t", 3)] {
+        for seed in 0..cases {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let (machine, nodes) = machine_of_spots(structure, &mut random);
+            let found = of_one_tool(&machine);
+            let truth = largest_at_nodes(&machine, &nodes, &found);
+            for (ours, truth) in [found.max_mm, found.position.value].iter().zip(truth) {
+                assert!(
+                    *ours > 0.98 * truth,
+                    "{structure}, seed {seed}: found {ours} mm of {truth} mm"
+                );
+            }
+        }
+    }
+}
+
+/// A machine with two spots a curve, 0.1 mm or 0.1° wide, and the nodes of the tables of each axis.
+fn machine_of_spots(structure: &str, random: &mut ChaCha8Rng) -> (Machine, Vec<Vec<f64>>) {
+    let axes: Vec<AxisName> = structure
+        .split_whitespace()
+        .filter_map(|part| AxisName::from_letter(part.chars().next()?))
+        .collect();
+    let mut text = format!("structure = \"{structure}\"\n[axes]\n");
+    let mut errors = String::new();
+    let mut nodes = Vec::new();
+    for axis in &axes {
+        let end = if axis.is_rotary() { 170.0 } else { 300.0 };
+        writeln!(text, "{axis}.travel = [{:?}, {end:?}]", -end).unwrap();
+        let spots: [f64; 3] = std::array::from_fn(|_| random.random_range(-0.9..0.9) * end);
+        let mut of_axis = vec![-end, end];
+        of_axis.extend(spots.iter().flat_map(|at| [at - 0.05, *at, at + 0.05]));
+        of_axis.sort_by(f64::total_cmp);
+        for component in ["EX", "EY", "EZ"] {
+            let table: Vec<[f64; 2]> = of_axis
+                .iter()
+                .map(|at| {
+                    let spot = spots.contains(at);
+                    let size = if spot { 60.0 } else { 10.0 };
+                    [*at, random.random_range(-size..size)]
+                })
+                .collect();
+            writeln!(
+                errors,
+                "{component}{axis} = {{ table = {table:?}, interpolation = \"linear\" }}"
+            )
+            .unwrap();
+        }
+        nodes.push(of_axis);
+    }
+    let machine = Machine::parse(&format!("{text}[errors]\n{errors}"), "spots.toml").unwrap();
+    (machine, nodes)
+}
+
+/// The largest error at all combinations of nodes, mm: before the alignment that was found and after it.
+fn largest_at_nodes(machine: &Machine, nodes: &[Vec<f64>], found: &VolumetricError) -> [f64; 2] {
+    let error_at = errors(machine);
+    let [mut before, mut after] = [Lengths::default(); 2];
+    let combinations = nodes.iter().map(Vec::len).product::<usize>();
+    for number in 0..combinations {
+        let mut rest = number;
+        let at = machine.axes().iter().zip(nodes).map(|(axis, nodes)| {
+            let node = nodes[rest % nodes.len()];
+            rest /= nodes.len();
+            (axis.name, node)
+        });
+        let pose = machine.state(&at.collect::<Vec<_>>()).unwrap();
+        let [x, y, z, ..] = error_at(&pose);
+        let error = Vector3::new(x, y, z);
+        before.take(&error);
+        after.take(
+            &found
+                .alignment
+                .left_mm(&machine.chain().ideal_tip_mm(&pose), &error),
+        );
+    }
+    [before.max(), after.max()]
+}
