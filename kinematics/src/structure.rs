@@ -62,7 +62,7 @@ pub enum StructureError {
         missing: char,
     },
     /// The same axis twice.
-    #[error("axis {axis} stands twice in the structure, expected each letter once")]
+    #[error("axis {axis} appears twice in the structure, expected each letter once")]
     RepeatedAxis {
         /// The repeated axis.
         axis: AxisName,

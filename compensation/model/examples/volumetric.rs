@@ -1,7 +1,7 @@
 //! The proof of the volumetric error: random five-axis machines of every type, and for each the largest error after one alignment
 //! by brute force, with kinematics, curves and alignment written here a second time.
 //!
-//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: so many machines with so many random poses each.
+//! `cargo run --release -p volcomp-model --example volumetric -- 200 1000000`: 200 machines with a million random poses each.
 //! A tolerance of 99 % of the true value must not be met: a machine whose value is below it has passed falsely.
 
 use std::{fmt::Write as _, sync::atomic::AtomicU64, sync::atomic::Ordering, thread};

@@ -1,5 +1,6 @@
 //! Axes of a machine file.
 
+use volcomp_document::{split_head, unit_named};
 use volcomp_kinematics::MotionFrame;
 use volcomp_vocabulary::{AxisName, brought_into, is_within};
 
@@ -164,7 +165,7 @@ mod tests {
         }
     }
 
-    /// The nodes stand at so many different angles of the turn, however many turns the travel has.
+    /// The nodes are at different angles of the turn for any number of turns of travel.
     #[test]
     fn nodes_of_several_turns_are_different_poses() {
         for turns in [1.0, 2.0, 4.0, 8.0, 100.0] {
@@ -190,4 +191,13 @@ mod tests {
         assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(1), [-35.0]);
         assert_eq!(axis(AxisName::X, [0.0, 1.0]).nodes(0), [0.0; 0]);
     }
+}
+
+/// The axis that a column header names: its letter, alone or with the unit of the coordinates: `X`, `X mm`, `X_mm`, `C [deg]`, `C°`. Case
+/// matters: `x` is not an axis.
+pub fn axis_of_head(head: &str) -> Option<AxisName> {
+    let (name, unit) = split_head(head);
+    let axis: AxisName = name.parse().ok()?;
+    let is_own = unit_named(unit) == Some(axis.kind().coordinate_unit());
+    (head == name || is_own).then_some(axis)
 }

@@ -49,7 +49,7 @@ pub enum ModelError {
     #[error("{what} is [{}, {}, {}], expected finite numbers up to 1e9, and of a direction not all zero", found[0], found[1], found[2])]
     Target { what: &'static str, found: [f64; 3] },
     /// One axis has two coordinates.
-    #[error("axis {axis} has two coordinates, expected one at the most")]
+    #[error("axis {axis} has two coordinates, expected at most one")]
     AxisTwice { axis: AxisName },
     /// An error motion or a location error that is invalid for this machine.
     #[error("{error}: {reason}")]
@@ -80,7 +80,7 @@ pub enum ModelError {
         source: volcomp_evaluator::EvaluatorError,
     },
     /// A count exceeds what is computed at once.
-    #[error("found {found} {what}, expected {most} at the most")]
+    #[error("found {found} {what}, expected at most {most}")]
     TooMany {
         what: &'static str,
         found: usize,
@@ -128,7 +128,7 @@ pub enum ErrorRefusal {
         largest: f64,
     },
     /// A grid depends on an axis that the machine does not have.
-    #[error("the grid looks at axis number {axis} of the chain, expected one below {axes}")]
+    #[error("the grid depends on axis number {axis} of the chain, expected a number below {axes}")]
     GridAxis {
         /// Index in the chain that the grid names, from 0.
         axis: usize,
@@ -206,7 +206,7 @@ pub enum ThermalRefusal {
         rise: f64,
     },
     /// The tested range of a sensor for the terms of an error is stated more than once.
-    #[error("what the terms of {error} have seen of {sensor} stands twice, expected it once")]
+    #[error("the tested range of {sensor} for {error} appears twice, expected it once")]
     SeenTwice { error: ErrorName, sensor: String },
     /// A tested range is stated for a sensor that no term of the error uses.
     #[error("no thermal term of {error} has the sensor {sensor}, expected one that it has")]
@@ -229,7 +229,7 @@ pub enum CorrectRefusal {
     #[error("found no axis, expected at least one that corrections may move")]
     Empty,
     /// An axis is named more than once.
-    #[error("axis {axis} stands twice, expected each axis once")]
+    #[error("axis {axis} appears twice, expected each axis once")]
     Twice {
         /// The repeated axis.
         axis: AxisName,

@@ -1,38 +1,27 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
-mod columns;
 mod compile;
 mod curve_file;
 mod diagonals;
 mod ensemble;
 mod error;
 mod error_rules;
-mod evaluation;
-mod file_names;
 mod free_axis;
 mod inverse;
-mod largest;
 mod machine;
 mod machine_file;
 mod map;
-mod odd;
-mod places;
 mod provenance;
 mod range;
 mod rigid;
-mod seen;
-#[cfg(feature = "serde")]
-mod serialised;
-mod source;
 mod thermal;
 mod thermal_state;
 mod tool;
 mod volumetric;
-mod watch;
 
 pub use axis::Axis;
-pub use columns::axis_of_head;
+pub use axis::axis_of_head;
 pub use curve_file::write_curve;
 pub use diagonals::{
     BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, corrected, diagonal_targets, diagonals, quantised,
@@ -40,16 +29,16 @@ pub use diagonals::{
 pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
-pub use largest::EachKelvin;
 pub use machine::Machine;
+pub use machine::MachineErrors;
 pub use map::MapGrid;
 pub use provenance::{
     Origin, Provenance, ProvenanceRefusal, Source, hexadecimal, is_date, sha256_of,
 };
+pub use range::EachKelvin;
 pub use range::ErrorRange;
 pub use rigid::{Lengths, RigidMotion, RigidSums};
-pub use seen::Seen;
-pub use source::MachineErrors;
+pub use thermal::Seen;
 pub use thermal::{Drift, Expansion, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
 pub use tool::Tool;

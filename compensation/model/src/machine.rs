@@ -1,19 +1,21 @@
 //! A machine: its kinematic chain, its errors in the units of the file, its thermal terms.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, f64::consts::TAU};
 
-use volcomp_curve::ErrorCurve;
-use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, PerAxis};
+use volcomp_curve::{Curve, ErrorCurve, Field};
+use volcomp_document::{InputError, Value};
+use volcomp_kinematics::{
+    Chain, Correction, CorrectionOptions, ErrorMotion, ErrorSource, Form, MotionFrame, State,
+    Structure, VolumetricError, correct, nalgebra::Vector3, volumetric_error,
+};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Component, Displacement, ErrorName, MAX_AXES, PerAxis, UnknownErrorName,
+};
 
 use crate::{
-    axis::Axis,
-    error::{CorrectRefusal, ModelError},
-    error_rules::{curve_refusal, is_number, location_refusal},
-    odd,
-    provenance::{Provenance, ProvenanceRefusal},
-    thermal::Thermal,
-    tool::Tool,
+    axis::Axis, error::CorrectRefusal, error::ModelError, error_rules::curve_refusal,
+    error_rules::is_number, error_rules::location_refusal, provenance::Provenance,
+    provenance::ProvenanceRefusal, thermal::Temperatures, thermal::Thermal, tool::Tool,
 };
 
 /// A machine with its errors. Coordinates, curves and numbers here are in the units of the file
@@ -109,7 +111,7 @@ impl Machine {
     /// that cover only part of the travel.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes_on_travel();
-        notes.extend(odd::notes(self));
+        notes.extend(unit_notes(self));
         let partly = self.partly_measured().into_iter();
         notes.extend(partly.map(|(error, axis, share)| {
             format!(
@@ -464,4 +466,253 @@ impl Machine {
         }
         ErrorMotion::from_um_urad(six)
     }
+}
+
+/// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
+const MOST_COORDINATE: f64 = 1e9;
+
+impl Machine {
+    /// A state from coordinates in mm and deg; axes not named are at 0, approach unknown.
+    ///
+    /// # Errors
+    /// [`ModelError::NoSuchAxis`]; [`ModelError::Coordinate`] for a coordinate that is not a number from −1e9 to 1e9 mm or deg;
+    /// [`ModelError::AxisTwice`] for an axis with two coordinates.
+    pub fn state(&self, coordinates: &[(AxisName, f64)]) -> Result<State, ModelError> {
+        let mut state = State::default();
+        for (place, &(axis, found)) in coordinates.iter().enumerate() {
+            let index = self.index_of(axis)?;
+            // Also rejects NaN.
+            if !(-MOST_COORDINATE..=MOST_COORDINATE).contains(&found) {
+                return Err(ModelError::Coordinate { axis, found });
+            }
+            if coordinates[..place]
+                .iter()
+                .any(|(before, _)| *before == axis)
+            {
+                return Err(ModelError::AxisTwice { axis });
+            }
+            state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
+        }
+        Ok(state)
+    }
+
+    /// The coordinates of every axis at a state, mm and deg.
+    pub fn coordinates(&self, state: &State) -> BTreeMap<AxisName, f64> {
+        let axes = self.axes().iter().zip(&state.q);
+        axes.map(|(axis, &q)| {
+            (
+                axis.name,
+                Displacement::new(axis.name.kind(), q).mm_or_deg(),
+            )
+        })
+        .collect()
+    }
+
+    /// The errors as an `ErrorSource` of kinematics, at steady temperatures.
+    pub fn source(&self, temperatures: &Temperatures) -> MachineErrors<'_> {
+        MachineErrors::new(self, temperatures)
+    }
+
+    /// The volumetric error (mm, rad, workpiece axes) at a state.
+    pub fn error_at(
+        &self,
+        state: &State,
+        form: Form,
+        temperatures: &Temperatures,
+    ) -> VolumetricError {
+        volumetric_error(self.chain(), &self.source(temperatures), state, form)
+    }
+
+    /// The correction options of the machine file: its key `correct`, else the defaults.
+    pub fn correction_options(&self) -> CorrectionOptions {
+        CorrectionOptions {
+            // A machine has at most one axis for each letter, so the list fits.
+            correct: self
+                .correct()
+                .map(|axes| axes.iter().copied().take(MAX_AXES).collect()),
+            ..CorrectionOptions::default()
+        }
+    }
+
+    /// The correction at a command: the displacement to add to it. If `options` name no axes, the axes of the machine file's key `correct`
+    /// are used.
+    pub fn correction_at(
+        &self,
+        state: &State,
+        temperatures: &Temperatures,
+        options: &CorrectionOptions,
+    ) -> Correction {
+        let source = self.source(temperatures);
+        if options.correct.is_some() || self.correct().is_none() {
+            return correct(self.chain(), &source, state, options);
+        }
+        let options = CorrectionOptions {
+            correct: self.correction_options().correct,
+            ..options.clone()
+        };
+        correct(self.chain(), &source, state, &options)
+    }
+
+    /// The error motions whose curves are evaluated outside their range at a state, sorted by name.
+    pub fn outside_range(&self, state: &State) -> Vec<ErrorName> {
+        let coordinates = self.curve_coordinates(state);
+        let mut outside: Vec<ErrorName> = self
+            .errors()
+            .filter(|(name, curve)| {
+                let own = self.chain().structure().index_of(name.axis).unwrap_or(0);
+                !curve.contains(own, &coordinates[..])
+            })
+            .map(|(name, _)| name)
+            .collect();
+        outside.sort_unstable_by_key(ErrorName::to_string);
+        outside
+    }
+
+    /// The axes outside their travel at a state, in chain order.
+    pub fn outside_travel(&self, state: &State) -> Vec<AxisName> {
+        let outside = |&(axis, &q): &(&Axis, &f64)| {
+            let coordinate = Displacement::new(axis.name.kind(), q).mm_or_deg();
+            !axis.may_stand_at(coordinate)
+        };
+        let stands = self.axes().iter().zip(&state.q);
+        stands.filter(outside).map(|(axis, _)| axis.name).collect()
+    }
+}
+
+impl Machine {
+    /// Decodes an error name whose axis this machine has.
+    ///
+    /// # Errors
+    /// Not an error name, or an axis that the machine does not have.
+    pub fn decode_error(&self, value: &Value<'_>) -> Result<ErrorName, InputError> {
+        let name: ErrorName = value
+            .text()?
+            .parse()
+            .map_err(|error: UnknownErrorName| value.error(error.to_string()))?;
+        if self.axis(name.axis).is_none() {
+            return Err(value.error(self.lacks(name.axis)));
+        }
+        Ok(name)
+    }
+
+    /// The message for a file that names an axis that this machine does not have.
+    pub(crate) fn lacks(&self, axis: AxisName) -> String {
+        let structure = self.chain().structure();
+        format!("the structure `{structure}` has no axis {axis}")
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<Machine> for String {
+    fn from(machine: Machine) -> Self {
+        machine.to_toml()
+    }
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<String> for Machine {
+    type Error = ModelError;
+
+    fn try_from(text: String) -> Result<Self, ModelError> {
+        Self::parse(&text, "machine")
+    }
+}
+
+/// The errors of a machine at steady temperatures: an [`ErrorSource`] in mm and rad over curves in
+/// µm and µrad.
+#[derive(Clone, Debug)]
+pub struct MachineErrors<'a> {
+    machine: &'a Machine,
+    /// Offset (µm or µrad) and slope (per mm) that the thermal terms add.
+    thermal: [[[f64; 2]; 6]; MAX_AXES],
+    location: [ErrorMotion; MAX_AXES],
+}
+
+impl<'a> MachineErrors<'a> {
+    pub(crate) fn new(machine: &'a Machine, temperatures: &Temperatures) -> Self {
+        let mut thermal = [[[0.0; 2]; 6]; MAX_AXES];
+        let mut location = [ErrorMotion::ZERO; MAX_AXES];
+        for index in 0..machine.axes().len() {
+            thermal[index] = machine.thermal_of(index, temperatures);
+            location[index] = machine.location_of(index);
+        }
+        Self {
+            machine,
+            thermal,
+            location,
+        }
+    }
+}
+
+impl Machine {
+    /// Offset (µm or µrad) and slope (per mm) that the thermal terms add to each error motion of an axis.
+    pub(crate) fn thermal_of(&self, axis: usize, temperatures: &Temperatures) -> [[f64; 2]; 6] {
+        let name = self.axes()[axis].name;
+        let direction = self.chain().joints()[axis].direction;
+        Component::ALL.map(|component| {
+            let error = ErrorName::motion(component, name);
+            self.thermal()
+                .offset_and_slope(error, &direction, temperatures)
+        })
+    }
+}
+
+impl ErrorSource for MachineErrors<'_> {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        if axis >= self.machine.axes().len() {
+            return ErrorMotion::ZERO;
+        }
+        let coordinates = self.machine.curve_coordinates(state);
+        let branch = state.approach[axis];
+        let mut six = [0.0; 6];
+        for (component, value) in six.iter_mut().enumerate() {
+            let [offset, slope] = self.thermal[axis][component];
+            *value = offset + slope * coordinates[axis];
+            if let Some(curve) = self.machine.curve(axis, component) {
+                *value += curve.value(axis, &coordinates[..], branch);
+            }
+        }
+        ErrorMotion::from_um_urad(six)
+    }
+
+    fn location(&self, axis: usize) -> ErrorMotion {
+        self.location.get(axis).copied().unwrap_or_default()
+    }
+
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        ErrorMotion::from_um_urad(self.machine.assembly(axis))
+    }
+}
+
+/// µm and µrad: smaller than any measurement of an axis location, so a file whose location errors are all below it states them in mm or deg.
+const NEVER_MEASURED: f64 = 0.1;
+/// Maximum relative deviation of a rounded 2π (6.28).
+const WRITTEN: f64 = 6e-4;
+
+/// Notes on location errors far below what can be measured, and on waves with a period of 2π degrees.
+fn unit_notes(machine: &Machine) -> Vec<String> {
+    let stated = machine
+        .locations()
+        .iter()
+        .filter(|(_, value)| **value != 0.0);
+    let largest = stated.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    let small = largest.filter(|(_, value)| value.abs() < NEVER_MEASURED);
+    let of_locations = small.map(|(name, value)| {
+        format!(
+            "{name} = {value} is the largest location error: is it in mm or deg? Errors in machine files are in µm and µrad"
+        )
+    });
+    let rotary = machine.errors().filter(|(name, _)| name.axis.is_rotary());
+    let of_periods = rotary.filter_map(|(name, curve)| {
+        let period = curve.fields().find_map(|field| match field {
+            Field::Curve(Curve::Fourier(series)) => Some(series.period()),
+            _ => None,
+        })?;
+        ((period - TAU).abs() <= WRITTEN * TAU).then(|| {
+            format!(
+                "{name}: the period of {period} deg would be one turn in radians: is it meant so? Coordinates of rotary axes are in deg"
+            )
+        })
+    });
+    of_locations.into_iter().chain(of_periods).collect()
 }

@@ -7,8 +7,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Where the errors of a machine come from, as the program that found them has written it.
 ///
-/// It changes nothing about what a machine computes. Setting an error on a machine takes what stands here about it away:
-/// what is told is never about another curve.
+/// It does not change what a machine computes. Setting an error removes its provenance, so that provenance never describes another curve.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -163,10 +162,10 @@ pub enum ProvenanceRefusal {
     #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
     Date { found: String },
     /// An error is listed twice.
-    #[error("{error} stands twice")]
+    #[error("{error} appears twice")]
     Twice { error: ErrorName },
     /// The machine does not state the error.
-    #[error("found {error}, expected an error that stands in [errors]")]
+    #[error("found {error}, expected an error of the table [errors]")]
     NotStated { error: ErrorName },
     /// An invalid residual or leave-one-out error.
     #[error("{error}: found {found}, expected a finite number of 0 or more")]

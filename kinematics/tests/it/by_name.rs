@@ -4,7 +4,7 @@ use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, GivenErrors, Sta
 use volcomp_test_support::structures::all_types;
 use volcomp_vocabulary::AxisName;
 
-/// The ideal tip of a chain of linear axes is at their coordinates, in whatever order the axes stand in the chain and in the call.
+/// The ideal tip of a chain of linear axes is at their coordinates in any order of the chain and of the call.
 #[test]
 fn a_coordinate_goes_to_its_axis() {
     let at = [

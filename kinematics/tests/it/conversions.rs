@@ -84,7 +84,7 @@ fn a_table_moves_as_its_chain_in_every_type() {
 }
 
 /// The modified table of the textbook (Craig, *Introduction to Robotics*, example 3.3): three parallel axes of a plane
-/// arm, whose first row is empty and whose links stand in the rows of the joints behind them.
+/// arm, whose first row is empty and whose links are in the rows of the next joints.
 #[test]
 fn a_proximal_table_has_its_links_in_the_next_row() {
     let row = |a_mm| DhRow {

@@ -108,7 +108,7 @@ fn nothing_is_left_at_a_thousand_poses_of_each_type() {
                 waves: [(); MAX_AXES].map(|()| rng.random_range(0.0..6.0)),
             };
             let mut state = state(&chain, &mut rng);
-            // A third of the poses stand at the singular one, within 0.1° of it or within 5°.
+            // A third of the poses are at the singular one, within 0.1° of it or within 5°.
             if pose % 3 == 0 {
                 let most = [0.0, 0.1, 5.0][pose / 3 % 3];
                 let near = most * rng.random_range(-1.0_f64..1.0).to_radians();

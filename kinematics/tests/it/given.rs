@@ -99,8 +99,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
     assert!((error.position_mm.x - 0.005).abs() < 1e-12);
 }
 
-/// A misplaced axis, put in as an assembly error, is what the message says: the constant of that error motion, with that
-/// sign.
+/// A misplaced axis, as an assembly error, equals the constant error motion that the message names, with its sign.
 #[test]
 fn the_constant_that_is_named_says_the_same() {
     let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());

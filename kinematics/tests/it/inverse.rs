@@ -115,7 +115,7 @@ fn a_singular_pose_names_the_axis_that_is_free() {
 
 #[test]
 fn what_cannot_be_reached_says_by_how_much() {
-    // A fork head whose axes enclose 45° swings the tool by 90° at the most.
+    // A fork head whose axes enclose 45° swings the tool by at most 90°.
     let mut chain = Chain::new("w b X Y Z C B t".parse().unwrap());
     chain.set_direction(AxisName::B, [0.0, 1.0, 1.0]).unwrap();
     let down = -Vector3::z();
@@ -204,8 +204,8 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
-/// A quill beside the ram that is slanted: an axis that was brought to an end of its travel has to leave it again where the
-/// others take over, so that every tip of a pose within travel is reached within travel.
+/// A quill and a slanted ram: an axis at an end of its travel must leave it again where the others take over, so that the tip
+/// of every pose within travel is reached within travel.
 #[test]
 fn slanted_redundant_axes_give_back_what_they_took() {
     let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];

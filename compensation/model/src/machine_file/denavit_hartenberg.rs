@@ -128,7 +128,7 @@ fn decode_rows(value: &Value<'_>, structure: &Structure) -> Result<Vec<DhRow>, I
         let named = row.require("axis")?;
         if named.text()?.parse::<AxisName>() != Ok(axis) {
             return Err(named.error(format!(
-                "found \"{}\", expected \"{axis}\": rows stand in the order of `{structure}`",
+                "found \"{}\", expected \"{axis}\": rows are in the order of `{structure}`",
                 named.text()?
             )));
         }

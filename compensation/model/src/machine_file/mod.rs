@@ -4,28 +4,22 @@ use std::{collections::BTreeMap, path::Path};
 
 use sha2::{Digest, Sha256};
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
+use volcomp_kinematics::{MotionFrame, Structure};
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, UnknownErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{
-    error::ModelError,
-    machine::{Machine, Parts},
-    provenance::hexadecimal,
-    tool::Tool,
+    axis::Axis, curve_file::CurveContext, curve_file::decode_error_curve, error::ModelError,
+    error::ThermalRefusal, machine::Machine, machine::Parts, provenance::hexadecimal,
+    thermal::Drift, thermal::Expansion, thermal::MARGINS_K, thermal::Seen, thermal::Thermal,
+    thermal::default_margin_k, tool::Tool,
 };
 
-mod axes;
 mod denavit_hartenberg;
-mod errors;
 mod provenance;
-mod thermal;
-mod tool;
 mod write;
 
-use axes::{decode_axes, decode_correct, decode_structure};
 use denavit_hartenberg::place_by_table;
-use errors::{decode_assembly, decode_errors};
 use provenance::decode_provenance;
-use thermal::decode_thermal;
-use tool::{check_gauge_keys, decode_tool};
 use write::canonical;
 
 const TOP_KEYS: [&str; 14] = [
@@ -168,4 +162,319 @@ fn check_checksum(root: &Section<'_>, machine: &Machine) -> Result<(), InputErro
     Err(value.error(format!(
         "found {found}, expected {expected}: the file was changed after it was written; if that was meant, remove this line"
     )))
+}
+
+fn decode_errors(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelError> {
+    let Some(section) = root.section("errors")? else {
+        return Ok(());
+    };
+    let mut seen: BTreeMap<ErrorName, String> = BTreeMap::new();
+    for (key, value) in section.values() {
+        let name: ErrorName = key.parse().map_err(|e: UnknownErrorName| {
+            let upper = key.to_uppercase();
+            value.error(match upper.parse::<ErrorName>() {
+                Ok(_) => format!("found `{key}`, expected upper-case letters: `{upper}`"),
+                Err(_) => e.to_string(),
+            })
+        })?;
+        if let Some(other) = seen.insert(name, key.to_owned()) {
+            return Err(value
+                .error(format!("{key} is the same error as {other}"))
+                .into());
+        }
+        let axis = machine
+            .axis(name.axis)
+            .ok_or_else(|| value.error(machine.lacks(name.axis)))?;
+        let set = if name.location {
+            if value.section().is_ok() {
+                let message = "a location error is one number, never a curve";
+                return Err(value.error(message).into());
+            }
+            let number = value.number()?;
+            machine.set_location(name, number)
+        } else {
+            let context = CurveContext {
+                axes: machine.axes(),
+                travel: axis.travel,
+            };
+            let curve = decode_error_curve(&value, &context)?;
+            machine.set_error(name, curve)
+        };
+        set.map_err(|e| match e {
+            // The key of the value already names the error.
+            ModelError::Refused { reason, .. } => value.error(reason.to_string()),
+            other => value.error(other.to_string()),
+        })?;
+    }
+    Ok(())
+}
+
+fn decode_assembly(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelError> {
+    let Some(section) = root.section("assembly")? else {
+        return Ok(());
+    };
+    for (key, value) in section.values() {
+        let six = value.vector::<6>()?;
+        let name = key.parse::<AxisName>();
+        name.ok()
+            .filter(|&name| machine.axis(name).is_some())
+            .ok_or_else(|| {
+                let structure = machine.chain().structure();
+                value.error(format!("the structure `{structure}` has no axis {key}"))
+            })
+            .map_err(ModelError::from)
+            .and_then(|name| machine.set_assembly(name, six))?;
+    }
+    Ok(())
+}
+
+fn decode_structure(root: &Section<'_>) -> Result<Structure, InputError> {
+    match (root.get("structure"), root.section("type")?) {
+        (Some(value), None) => value
+            .text()?
+            .parse()
+            .map_err(|e: volcomp_kinematics::StructureError| value.error(e.to_string())),
+        (None, Some(section)) => {
+            section.allow(&["translational", "rotary", "rotary_axes"])?;
+            // `Structure` rejects numbers above 3.
+            let number = |key: &str| section.whole_or(key, 0..=u8::MAX, 0);
+            section.require("translational")?;
+            let rotary_axes = section
+                .get("rotary_axes")
+                .map_or_else(|| Ok(Vec::new()), |v| v.items())?
+                .iter()
+                .map(decode_axis_name)
+                .collect::<Result<Vec<_>, _>>()?;
+            Structure::from_type(number("translational")?, number("rotary")?, &rotary_axes)
+                .map_err(|e| section.error(e.to_string()))
+        }
+        (Some(value), Some(_)) => {
+            Err(value.error("found structure and [type] together, expected one of them"))
+        }
+        (None, None) => Err(root.error("key `structure` (or table [type]) is missing")),
+    }
+}
+
+fn decode_axis_name(value: &Value<'_>) -> Result<AxisName, InputError> {
+    let text = value.text()?;
+    text.parse().map_err(|_| {
+        value.error(format!(
+            "found \"{text}\", expected an axis letter: X Y Z A B C U V W"
+        ))
+    })
+}
+
+fn decode_axes(root: &Section<'_>, structure: &Structure) -> Result<Vec<Axis>, InputError> {
+    let section = root.require("axes")?.section()?;
+    for (key, value) in section.values() {
+        if key
+            .parse()
+            .map_or(true, |name| structure.index_of(name).is_none())
+        {
+            let upper = key.to_uppercase();
+            let is_lower_case = upper != key && upper.parse::<AxisName>().is_ok();
+            return Err(value.error(if is_lower_case {
+                format!("found `{key}`, expected an upper-case letter: `{upper}`")
+            } else {
+                format!("the structure `{structure}` has no axis {key}")
+            }));
+        }
+    }
+    let decode =
+        |&name: &AxisName| decode_axis(&section.require(&name.to_string())?.section()?, name);
+    structure.axes().iter().map(decode).collect()
+}
+
+fn decode_axis(section: &Section<'_>, name: AxisName) -> Result<Axis, InputError> {
+    section.allow(&["travel", "point", "direction", "modulo", "motion_frame"])?;
+    let travel_value = section.require("travel")?;
+    let travel: [f64; 2] = travel_value.vector()?;
+    if travel[0] >= travel[1] {
+        return Err(travel_value.error(format!(
+            "found [{:?}, {:?}], expected the lower end below the upper end",
+            travel[0], travel[1]
+        )));
+    }
+    let modulo = section.optional("modulo", |value| {
+        let period = value.number()?;
+        if name.kind() == AxisKind::Rotary && period > 0.0 {
+            return Ok(period);
+        }
+        Err(value.error(format!(
+            "found {period:?} on axis {name}, expected a positive period in deg on a rotary axis"
+        )))
+    })?;
+    let motion_frame = section.optional("motion_frame", |value| {
+        let words = [
+            ("fixed", MotionFrame::Fixed),
+            ("turning", MotionFrame::Turning),
+        ];
+        let frame = value.one_of(&words)?;
+        if name.kind() == AxisKind::Rotary {
+            return Ok(frame);
+        }
+        Err(value.error(format!(
+            "found a motion frame on axis {name}, whose error motions ride with its carriage, expected it on a rotary axis"
+        )))
+    })?;
+    Ok(Axis {
+        name,
+        travel,
+        modulo,
+        direction: section.optional("direction", decode_direction)?,
+        point_mm: section.optional("point", Value::vector)?,
+        motion_frame: motion_frame.unwrap_or_default(),
+    })
+}
+
+/// A direction of any non-zero length.
+fn decode_direction(value: &Value<'_>) -> Result<[f64; 3], InputError> {
+    let direction = value.vector()?;
+    if direction == [0.0; 3] {
+        return Err(value.error("found a zero direction, expected a vector of any other length"));
+    }
+    Ok(direction)
+}
+
+/// The key `correct`; errors point at the single names.
+fn decode_correct(root: &Section<'_>, machine: &mut Machine) -> Result<(), InputError> {
+    let Some(value) = root.get("correct") else {
+        return Ok(());
+    };
+    let mut axes: Vec<AxisName> = Vec::new();
+    for item in value.items()? {
+        let axis = decode_axis_name(&item)?;
+        axes.push(axis);
+        match machine.set_correct(Some(&axes)) {
+            Ok(()) => {}
+            Err(ModelError::NoSuchAxis { structure, .. }) => {
+                return Err(item.error(format!("the structure `{structure}` has no axis {axis}")));
+            }
+            Err(error) => return Err(item.error(error.to_string())),
+        }
+    }
+    machine
+        .set_correct(Some(&axes))
+        .map_err(|e| value.error(e.to_string()))
+}
+
+fn decode_thermal(section: &Section<'_>, structure: &Structure) -> Result<Thermal, InputError> {
+    section.allow(&["reference", "expansion", "drift", "seen", "margin_k"])?;
+    let mut thermal = Thermal {
+        reference_degc: section.number_or("reference", PLAUSIBLE_DEGC, 20.0)?,
+        expansion: section.tables("expansion", |term| decode_expansion(term, structure))?,
+        drift: section.tables("drift", |term| decode_drift(term, structure))?,
+        seen: Vec::new(),
+        margin_k: section.number_or("margin_k", MARGINS_K, default_margin_k())?,
+    };
+    let mut all = Vec::new();
+    section.tables("seen", |seen| {
+        all.push(decode_seen(seen, structure)?);
+        // Checked against the terms and against the ranges before it.
+        thermal.seen.clone_from(&all);
+        let last = all.last().map_or(Ok(()), |last| last.check(&thermal));
+        last.map_err(|refusal| seen.error(refusal.to_string()))
+    })?;
+    Ok(thermal)
+}
+
+fn decode_seen(seen: &Section<'_>, structure: &Structure) -> Result<Seen, InputError> {
+    seen.allow(&["error", "sensor", "degc", "k_per_min"])?;
+    Ok(Seen {
+        error: decode_motion(seen, structure)?,
+        sensor: seen.require("sensor")?.text()?.to_owned(),
+        degc: seen.require("degc")?.vector()?,
+        k_per_min: seen.get("k_per_min").map(|v| v.vector()).transpose()?,
+    })
+}
+
+/// The range of any finite number.
+const NUMBERS: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
+
+/// The error motion to which a thermal term is added.
+fn decode_motion(term: &Section<'_>, structure: &Structure) -> Result<ErrorName, InputError> {
+    let value = term.require("error")?;
+    let found = value.text()?;
+    let known = |name: &ErrorName| !name.location && structure.index_of(name.axis).is_some();
+    found.parse().ok().filter(known).ok_or_else(|| {
+        let refusal = ThermalRefusal::Motion {
+            found: found.to_owned(),
+            structure: structure.to_string(),
+        };
+        value.error(refusal.to_string())
+    })
+}
+
+fn decode_expansion(term: &Section<'_>, structure: &Structure) -> Result<Expansion, InputError> {
+    term.allow(&["error", "sensor", "um_per_m_k", "fixed_mm"])?;
+    let expansion = Expansion {
+        error: decode_motion(term, structure)?,
+        sensor: term.require("sensor")?.text()?.to_owned(),
+        um_per_m_k: term.require("um_per_m_k")?.number()?,
+        fixed_mm: term.number_or("fixed_mm", NUMBERS, 0.0)?,
+    };
+    match expansion.check(structure) {
+        Ok(()) => Ok(expansion),
+        Err(refusal) => Err(term.error(refusal.to_string())),
+    }
+}
+
+fn decode_drift(term: &Section<'_>, structure: &Structure) -> Result<Drift, InputError> {
+    term.allow(&["error", "sensors", "um_per_k", "urad_per_k", "lag_s"])?;
+    let error = decode_motion(term, structure)?;
+    let per_k = format!("{}_per_k", error.component.unit());
+    let mut sensors = BTreeMap::new();
+    for (name, weight) in term.require("sensors")?.section()?.values() {
+        sensors.insert(name.to_owned(), weight.number()?);
+    }
+    let drift = Drift {
+        error,
+        sensors,
+        per_k: term.require(&per_k)?.number()?,
+        lag_s: term.number_or("lag_s", NUMBERS, 0.0)?,
+    };
+    match drift.check(structure) {
+        Ok(()) => Ok(drift),
+        Err(refusal) => Err(term.error(refusal.to_string())),
+    }
+}
+
+fn decode_tool(section: &Section<'_>) -> Result<Tool, InputError> {
+    section.allow(&["tip", "axis", "gauge", "length", "offset"])?;
+    if let (Some(tip), Some(_)) = (section.get("tip"), section.get("gauge")) {
+        return Err(tip.error("found tip and gauge together, expected one of them"));
+    }
+    let vector = |key: &str| section.optional(key, Value::vector);
+    Ok(Tool {
+        tip_mm: vector("tip")?,
+        gauge_mm: vector("gauge")?,
+        length_mm: section.optional("length", Value::number)?,
+        offset_mm: vector("offset")?,
+        axis: section.optional("axis", decode_direction)?,
+    })
+}
+
+/// `length` and `offset` require a gauge point.
+fn check_gauge_keys(
+    root: &Section<'_>,
+    tool: &Tool,
+    tools: &BTreeMap<String, Tool>,
+) -> Result<(), InputError> {
+    let without_gauge =
+        |t: &Tool| t.gauge_mm.is_none() && (t.length_mm.is_some() || t.offset_mm.is_some());
+    let message = "length and offset need a gauge point: key `gauge` is missing";
+    if let (true, Some(section)) = (without_gauge(tool), root.section("tool")?) {
+        return Err(section.error(message));
+    }
+    if tool.gauge_mm.is_some() {
+        return Ok(());
+    }
+    for (name, other) in tools {
+        if without_gauge(other)
+            && let Some(section) = root.section("tools")?.and_then(|s| s.get(name))
+        {
+            return Err(section.error(message));
+        }
+    }
+    Ok(())
 }

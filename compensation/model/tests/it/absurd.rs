@@ -1,4 +1,4 @@
-//! Whatever is asked of a machine: an answer or an error to match on, never a panic.
+//! No call with absurd arguments panics: it returns a value or an error.
 
 use std::collections::BTreeMap;
 

@@ -48,12 +48,12 @@ fn a_grid_closes_along_the_axis_that_goes_round() {
         grid("[\"X\", \"C\"]", "[[0, 500], [0, 360]]", "[[0, 0], [1, 2]]").replace("EZC", "EZX"),
     ];
     for error in open {
-        let told = parsed(&error).expect_err(&error);
+        let message = parsed(&error).expect_err(&error);
         let expected =
             "first value 1 and last value 2 differ, expected the same: the axis has a modulo";
         assert!(
-            told.contains(expected) && told.starts_with("m.toml:8: "),
-            "{told}"
+            message.contains(expected) && message.starts_with("m.toml:8: "),
+            "{message}"
         );
     }
 }
@@ -70,13 +70,18 @@ fn curves_of_every_kind_close_where_the_axis_rolls_over() {
 { forward = { poly = [1.0] }, backward = { poly = [0.0, 0.5] } } | 180.000
 ",
     ) {
-        let told = parsed(&format!("EXC = {curve}")).expect_err(curve);
+        let message = parsed(&format!("EXC = {curve}")).expect_err(curve);
         let expected = format!("jumps by {jump}");
         assert!(
-            told.contains(&expected) && told.starts_with("m.toml:8: ") && told.contains("EXC"),
-            "{told}"
+            message.contains(&expected)
+                && message.starts_with("m.toml:8: ")
+                && message.contains("EXC"),
+            "{message}"
         );
-        assert!(told.contains("expected at most 1 µm or µrad"), "{told}");
+        assert!(
+            message.contains("expected at most 1 µm or µrad"),
+            "{message}"
+        );
     }
     for curve in [
         "{ poly = [3.0] }",
@@ -86,7 +91,7 @@ fn curves_of_every_kind_close_where_the_axis_rolls_over() {
         "{ chebyshev = [0.0, 0.4], domain = [0.0, 360.0] }",
         "{ poly = [0.0, -0.5, 0.0013888888888888888] }",
     ] {
-        let told = parsed(&format!("EXC = {curve}"));
-        assert!(told.is_ok(), "{curve}: {told:?}");
+        let message = parsed(&format!("EXC = {curve}"));
+        assert!(message.is_ok(), "{curve}: {message:?}");
     }
 }

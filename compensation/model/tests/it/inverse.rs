@@ -132,7 +132,7 @@ fn what_has_no_solution_says_why() {
     assert!(
         refused
             .to_string()
-            .contains("solutions, expected 1000 at the most"),
+            .contains("solutions, expected at most 1000"),
         "{refused}"
     );
 }
@@ -195,7 +195,7 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     );
 }
 
-/// Ranges that are narrower than the steps of the search, next to half a turn: the tip is 100 mm out, so that Y stands at
+/// Ranges that are narrower than the steps of the search, next to half a turn: the tip is 100 mm out, so that Y is at
 /// 100·|sin C|.
 #[test]
 fn a_narrow_range_next_to_half_a_turn_is_found() {
@@ -237,7 +237,7 @@ fn a_singular_pose_that_was_there_is_found() {
             .wrapping_add(1_442_695_040_888_963_407);
         low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
     };
-    // The axis that is free where the others stand at 0.
+    // The axis that is free where the others are at 0.
     let structures = [
         ("w C' A' b X Y Z t", AxisName::C),
         ("w C' A' X' b Y Z t", AxisName::C),

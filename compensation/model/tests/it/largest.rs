@@ -15,7 +15,7 @@ travel = [0.0, 250.0]
 EXX = { poly = [0.0, 0.01] }
 "#;
 
-/// Each sensor counts for itself: one that is warm beside one that is cold adds to it.
+/// The effects of the sensors add up, also of a warm one and a cold one.
 #[test]
 fn each_kelvin_changes_the_largest_correction_by_the_sum_over_the_sensors() {
     const DRIFT: &str = "[[thermal.drift]]\nerror = \"EXX\"\nsensors = { bed = 2.0, head = -3.0 }\num_per_k = 1.0\n";

@@ -1,4 +1,4 @@
-//! `[provenance]`: read, written, forgotten with the error that it tells of, refused where it cannot be.
+//! `[provenance]`: read, written, removed with its error, refused where it is invalid.
 
 use volcomp_model::{Machine, Provenance, Source, is_date, sha256_of};
 use volcomp_test_support::cases;
@@ -67,8 +67,8 @@ fn what_cannot_be_is_refused_with_its_place() {
         r#"
 2024-02-29 | 2023-02-29 | m.toml:9: provenance: date: found `2023-02-29`
 error = "EBZ" | error = "EXX" | residual_urad
-error = "EB0Z" | error = "EXX" | EXX stands twice
-error = "EB0Z" | error = "EYX" | found EYX, expected an error that stands in [errors]
+error = "EB0Z" | error = "EXX" | EXX appears twice
+error = "EB0Z" | error = "EYX" | found EYX, expected an error of the table [errors]
 residual_um = 0.25 | residual_um = -1 | EXX: found -1, expected a finite number of 0 or more
 residual_um | residual_urad | residual_urad
 ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad | abc | EXX: found `abc` as sha256

@@ -184,7 +184,7 @@ fn parts_are_put_together() {
     assert!((whole.rotation_rad - of_parts.rotation_rad).norm() < 1e-18);
 }
 
-/// Numbers that are none go through without a panic.
+/// NaN does not panic.
 #[test]
 fn what_is_no_number_stays_none() {
     for bad in [f64::NAN, f64::INFINITY, 1e300] {

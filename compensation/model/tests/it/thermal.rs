@@ -146,7 +146,7 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
     );
     thermal.step(1.0, &missing);
     assert!(thermal.is_degraded());
-    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "never heard");
+    assert!(tilt_y(&machine, &thermal).abs() < 1e-15, "no temperature");
     thermal.step(1.0, &warm);
     assert!(!thermal.is_degraded());
     thermal.step(299.0, &missing);
@@ -168,7 +168,7 @@ fn a_missing_sensor_holds_then_fades_then_counts_again() {
 }
 
 /// The machine has cooled down while its sensor was silent. Before, the term went back to its value of hours ago in one
-/// step when the sensor was heard again, and needed hours to be right.
+/// step when the sensor returned, and took hours to settle.
 #[test]
 fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
     let (machine, mut thermal) = state_of(THREE_AXES);
@@ -183,7 +183,7 @@ fn a_term_that_has_faded_does_not_go_back_to_its_value_of_hours_ago() {
         thermal.step(1.0, &at(Some(20.0)));
         assert!(tilt_y(&machine, &thermal).abs() < 1e-12);
     }
-    // A short silence: the lag goes on over it, with the temperature that is heard afterwards.
+    // A short silence: the lag advances over it with the next temperature.
     let (_, mut thermal) = state_of(THREE_AXES);
     thermal.step(0.0, &at(Some(20.0)));
     thermal.step(200.0, &at(None));
@@ -392,10 +392,10 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
     }
 }
 
-/// Terms of one error work against each other: none of them is in effect alone while a sensor whose range is stated has not
-/// told where it is.
+/// The terms of one error may cancel each other: none of them acts before every sensor with a tested range has delivered a
+/// temperature.
 #[test]
-fn terms_wait_until_every_watched_sensor_was_heard() {
+fn terms_wait_for_the_first_temperature_of_every_watched_sensor() {
     let (machine, mut thermal) = state_of(SEEN);
     for _ in 0..10 {
         thermal.step(6.0, &[Some(25.0), None]);
@@ -410,8 +410,8 @@ fn terms_wait_until_every_watched_sensor_was_heard() {
     assert!(!thermal.is_beyond_seen());
 }
 
-/// A temperature that leaves the range at 2 K/min: nothing jumps, nothing is told before it is so, and what has faded comes
-/// in again with the temperature.
+/// A temperature leaves the range at 2 K/min: the correction does not jump, the warning does not come early, and the terms
+/// return with the temperature.
 #[test]
 fn a_temperature_that_leaves_takes_the_terms_with_it_smoothly() {
     // Without rates, so that the temperature alone decides.
@@ -456,7 +456,7 @@ fn a_rate_beyond_what_was_seen_fades_as_well() {
         );
         assert!(!thermal.is_beyond_seen(), "{i}");
     }
-    // It stands at 29 °C for an hour; then down by 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
+    // 29 °C for an hour; then it falls by 0.7 K/min, whose smoothed rate passes 0.3 K/min after some minutes.
     for _ in 0..3600 {
         thermal.step(1.0, &column_spindle(20.0, 29.0));
     }
@@ -513,10 +513,10 @@ fn what_was_seen_is_written_and_read_and_checked() {
         ("k_per_min = [", "k_per_s = [", "k_per_s"),
     ] {
         let wrong = SEEN.replace(from, to);
-        let told = Machine::parse(&wrong, "m").unwrap_err().to_string();
-        assert!(told.contains(expected), "{told}");
+        let message = Machine::parse(&wrong, "m").unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
     let seen = &SEEN[SEEN.find("[[thermal.seen]]").unwrap()..];
-    let told = Machine::parse(&format!("{SEEN}{seen}"), "m").unwrap_err();
-    assert!(told.to_string().contains("stands twice"), "{told}");
+    let message = Machine::parse(&format!("{SEEN}{seen}"), "m").unwrap_err();
+    assert!(message.to_string().contains("appears twice"), "{message}");
 }

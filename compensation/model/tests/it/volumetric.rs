@@ -187,7 +187,7 @@ fn play_is_part_of_the_volumetric_error() {
     assert!((found.position_rms_mm - 0.05).abs() < 1e-3, "{found:?}");
 }
 
-/// The largest error stands at an end of the travel that is reached downwards, before alignment as after it.
+/// The largest error is at an end of the travel, approached downwards, before and after alignment.
 #[test]
 fn the_ends_of_the_travels_are_reached_from_both_sides() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0, 0.2] }, reversal = -40.0 }\n";
