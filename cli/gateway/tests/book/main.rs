@@ -129,7 +129,7 @@ impl Gateway {
 fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let gateway = Gateway::start(folder.path());
-    let page = chapter("gateway.md");
+    let page = chapter("http-api.md");
 
     let metrics = gateway.get("/metrics");
     let types = metrics.lines().filter_map(|l| l.strip_prefix("# TYPE "));
@@ -151,13 +151,13 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
         .keys()
         .filter(|key| !documented.contains(*key))
         .collect();
-    assert!(missing.is_empty(), "gateway.md does not say {missing:?}");
+    assert!(missing.is_empty(), "http-api.md does not say {missing:?}");
     assert!(fs::read_dir(folder.path()).expect("the folder").count() > 0);
 }
 
 #[test]
 fn every_reason_is_in_the_chapter() {
-    let text = fs::read_to_string(chapter("gateway.md")).expect("a page");
+    let text = fs::read_to_string(chapter("operating.md")).expect("a page");
     let rows = text
         .lines()
         .map(|line| line.split(" | ").collect::<Vec<_>>());
@@ -179,7 +179,7 @@ fn every_reason_is_in_the_chapter() {
         .collect();
     assert!(
         missing.is_empty(),
-        "gateway.md does not say whether these forbid arming: {missing:?}"
+        "operating.md does not say whether these forbid arming: {missing:?}"
     );
 }
 
