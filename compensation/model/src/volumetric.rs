@@ -23,7 +23,9 @@ const SAMPLES: u32 = 33;
 const STARTS_A_DIRECTION: usize = 4;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
-/// Smallest step of the search, as a share of the travel.
+/// Number of sampled maxima that are refined between the samples.
+const REFINED: usize = 16;
+/// Smallest step of the refinement, as a share of the travel.
 const MIN_STEP: f64 = 1e-4;
 /// Bases of the Halton sequence, one for each dimension.
 const BASES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
@@ -148,51 +150,51 @@ fn worst(
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
     let even = vec![equal_shares(); fields.first().map_or(0, |of| of.machine.axes().len())];
-    let mut best = Best::default();
+    let at_places: Vec<_> = fields.iter().map(at_places).collect();
+    let at_nodes: Vec<_> = fields.iter().map(at_nodes).collect();
+    let mut maxima = Vec::new();
     for (value, (field, place, _)) in starts.into_iter().take(STARTS) {
-        if value.is_nan() {
-            best.take(value, *field, place.clone());
-            break;
+        let mut ascent = Ascent::from(&fields[*field], place.clone(), value);
+        if !value.is_nan() {
+            ascent.sample(&even, &[], &length)?;
         }
-        let search = Search {
-            field: &fields[*field],
-            of_axes: &even,
-            of_grids: &[],
-        };
-        let (value, place) = search.ascend((place.clone(), value), &length)?;
-        best.take(value, *field, place);
+        maxima.push(ascent);
     }
-    let (at_places, at_nodes): (Vec<_>, Vec<_>) = (
-        fields.iter().map(at_places).collect(),
-        fields.iter().map(at_nodes).collect(),
-    );
     for direction in directions() {
         let component = |at: &At| of(at).dot(&direction);
         for part in found.chunks(found.len().div_ceil(STARTS_A_DIRECTION).max(1)) {
-            let largest = part
-                .iter()
-                .max_by(|a, b| component(&a.2).total_cmp(&component(&b.2)));
-            let Some((field, place, at)) = largest else {
+            let values = part.iter().map(|one| (component(&one.2), one));
+            let Some((value, (field, place, _))) = values.max_by(|a, b| a.0.total_cmp(&b.0)) else {
                 continue;
             };
-            let search = Search {
-                field: &fields[*field],
-                of_axes: &at_places[*field],
-                of_grids: &at_nodes[*field],
-            };
-            let (_, place) = search.ascend((place.clone(), component(at)), &component)?;
-            let value = length(&search.field.at(&place)?);
-            let (value, place) = search.ascend((place, value), &length)?;
-            best.take(value, *field, place);
+            let (of_axes, of_grids) = (&at_places[*field], &at_nodes[*field]);
+            let mut ascent = Ascent::from(&fields[*field], place.clone(), value);
+            ascent.sample(of_axes, of_grids, &component)?;
+            ascent.value = length(&ascent.field.at(&ascent.place)?);
+            ascent.sample(of_axes, of_grids, &length)?;
+            maxima.push(ascent);
         }
     }
-    Ok(best
-        .0
-        .map_or_else(Worst::default, |(value, field, place)| Worst {
-            value,
-            at: place.coordinates(fields[field].machine),
-            tool: fields[field].tool.to_owned(),
-        }))
+    maxima.sort_by(|a, b| b.value.total_cmp(&a.value));
+    maxima.dedup_by(|a, b| a.value == b.value && a.place.shares == b.place.shares);
+    maxima.truncate(REFINED);
+    let mut largest: Option<Ascent<'_>> = None;
+    for mut ascent in maxima {
+        if !ascent.value.is_nan() {
+            ascent.refine(&length)?;
+        }
+        if largest
+            .as_ref()
+            .is_none_or(|most| ascent.value > most.value)
+        {
+            largest = Some(ascent);
+        }
+    }
+    Ok(largest.map_or_else(Worst::default, |of| Worst {
+        value: of.value,
+        at: of.place.coordinates(of.field.machine),
+        tool: of.field.tool.to_owned(),
+    }))
 }
 
 /// Unit vectors to the corners, edges and faces of a cube.
@@ -201,18 +203,6 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
         let of = |divisor: i32| f64::from(number / divisor % 3 - 1);
         Vector3::new(of(1), of(3), of(9)).try_normalize(0.5)
     })
-}
-
-/// The largest value yet, its field and pose.
-#[derive(Default)]
-struct Best(Option<(f64, usize, Place)>);
-
-impl Best {
-    fn take(&mut self, value: f64, field: usize, place: Place) {
-        if self.0.as_ref().is_none_or(|(most, ..)| value > *most) {
-            self.0 = Some((value, field, place));
-        }
-    }
 }
 
 /// Two axes, and the shares of their travels at which a grid over them has nodes.
@@ -262,69 +252,89 @@ fn at_nodes(field: &ErrorField<'_>) -> Vec<GridNodes> {
     of_grids
 }
 
-/// What is sampled of a field: shares of the travel of each axis, and the nodes of grids.
-struct Search<'a> {
+/// Coordinate ascent over the poses of a field.
+struct Ascent<'a> {
     field: &'a ErrorField<'a>,
-    of_axes: &'a [Vec<f64>],
-    of_grids: &'a [GridNodes],
+    place: Place,
+    /// The quantity at `place`.
+    value: f64,
 }
 
-impl Search<'_> {
-    /// Coordinate ascent: nodes of grids are sampled, then each axis over its whole travel, until none improves; then each is moved by ever smaller steps,
-    /// and approached from the other side, too.
-    fn ascend(
-        &self,
-        (start, value): (Place, f64),
+impl<'a> Ascent<'a> {
+    fn from(field: &'a ErrorField<'a>, place: Place, value: f64) -> Self {
+        Self {
+            field,
+            place,
+            value,
+        }
+    }
+
+    /// Moves to a place if the quantity is larger there.
+    fn try_place(&mut self, place: Place, size: &dyn Fn(&At) -> f64) -> Result<bool, ModelError> {
+        let value = size(&self.field.at(&place)?);
+        let is_larger = value > self.value;
+        if is_larger {
+            (self.value, self.place) = (value, place);
+        }
+        Ok(is_larger)
+    }
+
+    /// The place with an axis at another share of its travel.
+    fn with(&self, axis: usize, share: f64) -> Place {
+        let mut place = self.place.clone();
+        place.shares[axis] = share.clamp(0.0, 1.0);
+        place
+    }
+
+    /// Samples the nodes of grids, then each axis over its whole travel, until none improves.
+    fn sample(
+        &mut self,
+        of_axes: &[Vec<f64>],
+        of_grids: &[GridNodes],
         size: &dyn Fn(&At) -> f64,
-    ) -> Result<(f64, Place), ModelError> {
-        let axes = 0..start.shares.len();
-        let (mut best, mut at) = (value, start);
-        let mut moved = |to: &[(usize, f64)], approach: Option<Direction>, at: &mut Place| {
-            let mut there = at.clone();
-            for (axis, share) in to {
-                there.shares[*axis] = share.clamp(0.0, 1.0);
-                there.approach[*axis] = approach.unwrap_or(there.approach[*axis]);
-            }
-            let value = size(&self.field.at(&there)?);
-            let better = value > best;
-            if better {
-                (best, *at) = (value, there);
-            }
-            Ok::<_, ModelError>(better)
-        };
-        for [(first, of_first), (second, of_second)] in self.of_grids {
+    ) -> Result<(), ModelError> {
+        for [(first, of_first), (second, of_second)] in of_grids {
             for a in of_first {
                 for b in of_second {
-                    moved(&[(*first, *a), (*second, *b)], None, &mut at)?;
+                    let mut place = self.with(*first, *a);
+                    place.shares[*second] = *b;
+                    self.try_place(place, size)?;
                 }
             }
         }
         for _ in 0..ROUNDS {
-            let mut better = false;
-            for axis in axes.clone() {
-                for to in &self.of_axes[axis] {
-                    better |= moved(&[(axis, *to)], None, &mut at)?;
+            let mut is_better = false;
+            for (axis, shares) in of_axes.iter().enumerate() {
+                for share in shares {
+                    is_better |= self.try_place(self.with(axis, *share), size)?;
                 }
             }
-            if !better {
+            if !is_better {
                 break;
             }
         }
+        Ok(())
+    }
+
+    /// Moves each axis by ever smaller steps, and approaches its place from the other side, too.
+    fn refine(&mut self, size: &dyn Fn(&At) -> f64) -> Result<(), ModelError> {
         let mut step = 1.0 / f64::from(SAMPLES - 1);
         while step > MIN_STEP {
-            let mut better = false;
-            for axis in axes.clone() {
-                let other = -at.approach[axis];
-                better |= moved(&[(axis, at.shares[axis])], Some(other), &mut at)?;
+            let mut is_better = false;
+            for axis in 0..self.place.shares.len() {
+                let mut place = self.place.clone();
+                place.approach[axis] = -place.approach[axis];
+                is_better |= self.try_place(place, size)?;
                 for by in [step, -step] {
-                    better |= moved(&[(axis, at.shares[axis] + by)], None, &mut at)?;
+                    let share = self.place.shares[axis] + by;
+                    is_better |= self.try_place(self.with(axis, share), size)?;
                 }
             }
-            if !better {
+            if !is_better {
                 step *= 0.5;
             }
         }
-        Ok((best, at))
+        Ok(())
     }
 }
 
