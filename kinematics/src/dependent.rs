@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 /// Maximum tip displacement, relative to the move, of a dependent move: 1 µm in a metre.
 const DEPENDENT_BELOW: f64 = 1e-6;
 /// Arbitrary angles, rad, at which no machine's axes are parallel: there the linear axes have their largest rank.
-const ANYWHERE: [[f64; MAX_AXES]; 3] = [
+const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
     [0.0; MAX_AXES],
     [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],
     [-1.13, 0.61, -0.43, 1.27, -0.79, 0.53, -1.01, 0.89, -0.67],
@@ -20,7 +20,7 @@ impl Chain {
     /// Empty if there are no more of them than at other rotary angles, so two axes in one direction (U parallel to X) do not count.
     pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
-        let elsewhere = ANYWHERE.map(|q| {
+        let elsewhere = GENERIC_ANGLES_RAD.map(|q| {
             let mut at = State::default();
             for (at, q) in at.q.iter_mut().zip(q) {
                 *at = q;

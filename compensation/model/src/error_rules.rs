@@ -13,7 +13,7 @@ const CLOSED_WITHIN: f64 = 1e-9;
 /// Maximum jump of a curve where its axis rolls over, µm or µrad: one increment of most controls. Curves fitted to readings close no better.
 const LARGEST_JUMP: f64 = 1.0;
 /// Distance from an end of travel at which the values on both sides are compared, deg.
-const BESIDE: f64 = 1e-6;
+const END_OFFSET_DEG: f64 = 1e-6;
 
 /// Why a location error is rejected; `None` if it is valid.
 pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
@@ -93,7 +93,7 @@ fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
 fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
     let [low, high] = travel;
     let value = |at: f64| curve.value(brought_into(travel, period, at));
-    let ends = [[low - BESIDE, low], [high, high + BESIDE]];
+    let ends = [[low - END_OFFSET_DEG, low], [high, high + END_OFFSET_DEG]];
     let across = ends.map(|sides| sides.map(value));
     let jumps = across.into_iter().find(|[one, other]| {
         let jump = (one - other).abs();

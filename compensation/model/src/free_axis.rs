@@ -10,9 +10,9 @@ use crate::machine::Machine;
 /// Number of steps in which a turn is sampled; between two of them the distance beyond travel has at most one relevant minimum.
 const STEPS: usize = 720;
 /// Number of bisection or ternary-search steps for the ends of ranges and for minima.
-const MET_IN: usize = 60;
+const SEARCH_STEPS: usize = 60;
 /// Tolerance of the travel limits, mm or rad.
-const WITHIN: f64 = 1e-10;
+const TRAVEL_TOLERANCE: f64 = 1e-10;
 
 /// The target: tip (mm) and tool direction in workpiece axes, reached with these rotary axes; the others stay.
 pub(crate) struct Target<'a> {
@@ -38,14 +38,14 @@ impl Machine {
         for place in 1..STEPS {
             let [before, here, after] =
                 [-1, 0, 1].map(|by| stations[place.saturating_add_signed(by)]);
-            if here.1 > WITHIN && here.1 <= before.1 && here.1 <= after.1 {
+            if here.1 > TRAVEL_TOLERANCE && here.1 <= before.1 && here.1 <= after.1 {
                 stations[place] = lowest(before.0, after.0, &beyond);
             }
         }
         // A minimum between an end and the adjacent sample. Over a full turn both ends are the same pose, and each is checked on its own side.
         for (end, beside) in [(STEPS, STEPS - 1), (0, 1)] {
             let ([end, beside], place) = ([stations[end], stations[beside]], end.max(beside));
-            if end.1 > WITHIN && end.1 <= beside.1 {
+            if end.1 > TRAVEL_TOLERANCE && end.1 <= beside.1 {
                 let dip = lowest(end.0.min(beside.0), end.0.max(beside.0), &beyond);
                 stations.insert(place, dip);
             }
@@ -54,9 +54,9 @@ impl Machine {
         let mut is_open = false;
         for (place, &(q, off)) in stations.iter().enumerate() {
             let before = place.checked_sub(1).map(|before| stations[before].0);
-            if off <= WITHIN && !is_open {
+            if off <= TRAVEL_TOLERANCE && !is_open {
                 ranges.push([before.map_or(q, |outside| edge(q, outside, &beyond)), q]);
-            } else if off > WITHIN
+            } else if off > TRAVEL_TOLERANCE
                 && is_open
                 && let Some(range) = ranges.last_mut()
             {
@@ -64,7 +64,7 @@ impl Machine {
             } else if let Some(range) = ranges.last_mut().filter(|_| is_open) {
                 range[1] = q;
             }
-            is_open = off <= WITHIN;
+            is_open = off <= TRAVEL_TOLERANCE;
         }
         ranges
     }
@@ -117,9 +117,9 @@ pub(crate) fn nearest_to_zero([low, high]: [f64; 2]) -> f64 {
 
 /// Bisects for the end of a range between a point inside and one outside.
 fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 {
-    for _ in 0..MET_IN {
+    for _ in 0..SEARCH_STEPS {
         let middle = 0.5 * (inside + outside);
-        if beyond(middle) <= WITHIN {
+        if beyond(middle) <= TRAVEL_TOLERANCE {
             inside = middle;
         } else {
             outside = middle;
@@ -130,7 +130,7 @@ fn edge(mut inside: f64, mut outside: f64, beyond: &impl Fn(f64) -> f64) -> f64 
 
 /// The position of a minimum, and its value.
 fn lowest(mut low: f64, mut high: f64, beyond: &impl Fn(f64) -> f64) -> (f64, f64) {
-    for _ in 0..MET_IN {
+    for _ in 0..SEARCH_STEPS {
         let [left, right] = [low + (high - low) / 3.0, high - (high - low) / 3.0];
         if beyond(left) <= beyond(right) {
             high = right;

@@ -469,7 +469,7 @@ impl Machine {
 }
 
 /// Maximum coordinate, mm or deg: beyond it the products of a chain lose the micrometre, and soon every digit.
-const MOST_COORDINATE: f64 = 1e9;
+const MAX_COORDINATE: f64 = 1e9;
 
 impl Machine {
     /// A state from coordinates in mm and deg; axes not named are at 0, approach unknown.
@@ -482,7 +482,7 @@ impl Machine {
         for (place, &(axis, found)) in coordinates.iter().enumerate() {
             let index = self.index_of(axis)?;
             // Also rejects NaN.
-            if !(-MOST_COORDINATE..=MOST_COORDINATE).contains(&found) {
+            if !(-MAX_COORDINATE..=MAX_COORDINATE).contains(&found) {
                 return Err(ModelError::Coordinate { axis, found });
             }
             if coordinates[..place]
@@ -685,9 +685,9 @@ impl ErrorSource for MachineErrors<'_> {
 }
 
 /// µm and µrad: smaller than any measurement of an axis location, so a file whose location errors are all below it states them in mm or deg.
-const NEVER_MEASURED: f64 = 0.1;
+const SMALLEST_MEASURABLE_UM: f64 = 0.1;
 /// Maximum relative deviation of a rounded 2π (6.28).
-const WRITTEN: f64 = 6e-4;
+const ROUNDED_TAU_WITHIN: f64 = 6e-4;
 
 /// Notes on location errors far below what can be measured, and on waves with a period of 2π degrees.
 fn unit_notes(machine: &Machine) -> Vec<String> {
@@ -696,7 +696,7 @@ fn unit_notes(machine: &Machine) -> Vec<String> {
         .iter()
         .filter(|(_, value)| **value != 0.0);
     let largest = stated.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    let small = largest.filter(|(_, value)| value.abs() < NEVER_MEASURED);
+    let small = largest.filter(|(_, value)| value.abs() < SMALLEST_MEASURABLE_UM);
     let of_locations = small.map(|(name, value)| {
         format!(
             "{name} = {value} is the largest location error: is it in mm or deg? Errors in machine files are in µm and µrad"
@@ -708,7 +708,7 @@ fn unit_notes(machine: &Machine) -> Vec<String> {
             Field::Curve(Curve::Fourier(series)) => Some(series.period()),
             _ => None,
         })?;
-        ((period - TAU).abs() <= WRITTEN * TAU).then(|| {
+        ((period - TAU).abs() <= ROUNDED_TAU_WITHIN * TAU).then(|| {
             format!(
                 "{name}: the period of {period} deg would be one turn in radians: is it meant so? Coordinates of rotary axes are in deg"
             )

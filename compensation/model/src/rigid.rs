@@ -7,7 +7,7 @@ use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 
 /// Threshold of the squared ratio of the points' distance off a line to their spread along it, below which the rotation about that line is
 /// indistinguishable from rounding: 10 µm in 100 m.
-const UNSEEN: f64 = 1e-14;
+const COLLINEAR_BELOW: f64 = 1e-14;
 
 /// State: sums over points and their error vectors, from which the best-fit rigid motion follows.
 ///
@@ -101,7 +101,7 @@ impl RigidSums {
         let columns = eigen.eigenvectors.column_iter();
         columns
             .zip(&eigen.eigenvalues)
-            .filter(|(_, value)| **value > UNSEEN)
+            .filter(|(_, value)| **value > COLLINEAR_BELOW)
             .map(|(about, value)| about * (about.dot(&right) / value))
             .sum()
     }

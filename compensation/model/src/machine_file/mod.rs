@@ -389,7 +389,7 @@ fn decode_seen(seen: &Section<'_>, structure: &Structure) -> Result<Seen, InputE
 }
 
 /// The range of any finite number.
-const NUMBERS: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
+const ANY_NUMBER: core::ops::RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 
 /// The error motion to which a thermal term is added.
 fn decode_motion(term: &Section<'_>, structure: &Structure) -> Result<ErrorName, InputError> {
@@ -411,7 +411,7 @@ fn decode_expansion(term: &Section<'_>, structure: &Structure) -> Result<Expansi
         error: decode_motion(term, structure)?,
         sensor: term.require("sensor")?.text()?.to_owned(),
         um_per_m_k: term.require("um_per_m_k")?.number()?,
-        fixed_mm: term.number_or("fixed_mm", NUMBERS, 0.0)?,
+        fixed_mm: term.number_or("fixed_mm", ANY_NUMBER, 0.0)?,
     };
     match expansion.check(structure) {
         Ok(()) => Ok(expansion),
@@ -431,7 +431,7 @@ fn decode_drift(term: &Section<'_>, structure: &Structure) -> Result<Drift, Inpu
         error,
         sensors,
         per_k: term.require(&per_k)?.number()?,
-        lag_s: term.number_or("lag_s", NUMBERS, 0.0)?,
+        lag_s: term.number_or("lag_s", ANY_NUMBER, 0.0)?,
     };
     match drift.check(structure) {
         Ok(()) => Ok(drift),

@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Maximum number of runs or targets.
-const MOST: usize = 100_000_000;
+const MAX_RUNS_OR_TARGETS: usize = 100_000_000;
 
 pub(super) fn decode_provenance(
     root: &Section<'_>,
@@ -63,7 +63,7 @@ fn decode_origin(section: &Section<'_>) -> Result<Origin, InputError> {
 
 fn decode_source(section: &Section<'_>) -> Result<Source, InputError> {
     section.allow(&["file", "sha256", "runs", "targets", "at", "date"])?;
-    let count = |key: &str| section.optional(key, |v| v.count(MOST));
+    let count = |key: &str| section.optional(key, |v| v.count(MAX_RUNS_OR_TARGETS));
     let mut at = Vec::new();
     if let Some(axes) = section.section("at")? {
         for (key, value) in axes.values() {
