@@ -130,11 +130,8 @@ impl<'a> Profile<'a> {
             return None;
         }
         let mut runs: BTreeMap<_, Run> = BTreeMap::new();
-        for reading in readings
-            .readings
-            .iter()
-            .filter(|r| r.direction == direction)
-        {
+        let completed = readings.completed_readings();
+        for reading in completed.iter().filter(|r| r.direction == direction) {
             let place = means.partition_point(|mean| mean.0 < reading.target);
             let (mean, point) = (means.get(place)?, points.get(place)?);
             let (x, u) = runs.entry(reading.run).or_default();

@@ -263,12 +263,13 @@ fn add_runs(
     factor: impl Fn(u32) -> f64,
 ) {
     let mut means: BTreeMap<(Direction, u64), (f64, f64)> = BTreeMap::new();
-    for reading in &line.readings.readings {
+    let readings = line.readings.completed_readings();
+    for reading in readings.iter() {
         let (sum, count) = means.entry(place(reading)).or_default();
         *sum += reading.deviation;
         *count += 1.0;
     }
-    for reading in &line.readings.readings {
+    for reading in readings.iter() {
         let (sum, count) = means[&place(reading)];
         if count > 1.0 {
             let deviation = reading.deviation - sum / count;

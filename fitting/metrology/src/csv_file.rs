@@ -9,6 +9,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use crate::csv_head::{heads, not_read, unit_of, with_unit};
 use crate::encoding::{decode, first_line, refuse_empty};
 use crate::number::{Place, decimals};
+use crate::run_alignment::alignment_notes;
 use crate::test_plan::counted;
 use crate::{
     DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
@@ -297,6 +298,7 @@ pub(crate) fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
             counted(forward, "run")
         ));
     }
+    notes.extend(alignment_notes(readings));
     notes
 }
 

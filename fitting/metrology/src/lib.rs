@@ -26,6 +26,7 @@ mod number;
 mod positioning_uncertainty;
 mod read;
 mod renishaw;
+mod run_alignment;
 mod run_scatter;
 mod squareness;
 mod straightness;

@@ -202,7 +202,7 @@ impl Measurement {
     }
 
     /// Targets and their means, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the only direction. Each target counts once,
-    /// however often it was measured.
+    /// however often it was measured. Runs are aligned if not all of them hold all targets ([`Self::aligned_readings`]).
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));
@@ -211,12 +211,14 @@ impl Measurement {
                 mean(&means.into_iter().flatten().collect::<Vec<_>>())?,
             ))
         };
-        self.by_target().iter().filter_map(at).collect()
+        let readings = by_target(&self.aligned_readings());
+        readings.iter().filter_map(at).collect()
     }
 
-    /// Targets and means of one direction, ascending; empty if the direction was not run.
+    /// Targets and means of one direction, ascending, aligned like those of [`Self::mean_curve`]; empty if the direction was not run.
     pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
-        let in_direction = self.readings.iter().filter(|r| r.direction == direction);
+        let readings = self.aligned_readings();
+        let in_direction = readings.iter().filter(|r| r.direction == direction);
         let mut sorted: Vec<&Reading> = in_direction.collect();
         sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
         let at = |readings: &[&Reading]| {
@@ -227,22 +229,26 @@ impl Measurement {
         groups.map(at).collect()
     }
 
-    /// Readings sorted by target, then by run.
+    /// Readings as they are, sorted by target, then by run.
     pub(crate) fn by_target(&self) -> Vec<TargetReadings> {
-        let mut sorted: Vec<&Reading> = self.readings.iter().collect();
-        sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
-        let of = |readings: &[&Reading], direction| {
-            let here = readings.iter().filter(|r| r.direction == direction);
-            here.map(|r| (r.run, r.deviation)).collect()
-        };
-        let groups = sorted.chunk_by(|a, b| a.target == b.target);
-        let group = |readings: &[&Reading]| TargetReadings {
-            target: readings[0].target,
-            forward: of(readings, Direction::Positive),
-            backward: of(readings, Direction::Negative),
-        };
-        groups.map(group).collect()
+        by_target(&self.readings)
     }
+}
+
+fn by_target(readings: &[Reading]) -> Vec<TargetReadings> {
+    let mut sorted: Vec<&Reading> = readings.iter().collect();
+    sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
+    let of = |readings: &[&Reading], direction| {
+        let here = readings.iter().filter(|r| r.direction == direction);
+        here.map(|r| (r.run, r.deviation)).collect()
+    };
+    let groups = sorted.chunk_by(|a, b| a.target == b.target);
+    let group = |readings: &[&Reading]| TargetReadings {
+        target: readings[0].target,
+        forward: of(readings, Direction::Positive),
+        backward: of(readings, Direction::Negative),
+    };
+    groups.map(group).collect()
 }
 
 /// All readings at one target, as (run, deviation).

@@ -25,13 +25,17 @@ pub struct RunScatter {
 
 impl Measurement {
     /// Standard deviation of a mean reading, pooled over targets and directions after removing the alignment of each run; `None` without repeated
-    /// runs, or without scatter.
+    /// runs, or without scatter. If not all runs hold all targets, it is estimated from the part of them that is complete.
     pub fn scatter_of_mean(&self, of_run: OfRun) -> Option<RunScatter> {
+        let parameters = match of_run {
+            OfRun::Zero => 1,
+            OfRun::Line => 2,
+        };
         // Sort once: a search for the readings of each target takes seconds with ten thousand targets.
-        let mut sorted: Vec<&Reading> = self.readings.iter().collect();
+        let mut sorted = self.complete_readings(parameters);
         let place = |of: &Reading| of.direction as usize;
         sorted.sort_by(|a, b| (a.target.total_cmp(&b.target)).then(place(a).cmp(&place(b))));
-        let (mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0_f64);
+        let mut freedom = 0.0;
         let mut runs: [BTreeMap<u32, Vec<(f64, f64)>>; 2] = Default::default();
         for here in sorted.chunk_by(|a, b| a.target == b.target && a.direction == b.direction) {
             let n = here.len() as f64;
@@ -41,19 +45,13 @@ impl Measurement {
                 run.push((reading.target, reading.deviation - mean));
             }
             freedom += n - 1.0;
-            count += n;
-            groups += 1.0;
         }
-        let parameters = match of_run {
-            OfRun::Zero => 1.0,
-            OfRun::Line => 2.0,
-        };
         for runs in &runs {
-            freedom -= parameters * (runs.len() as f64 - 1.0).max(0.0);
+            freedom -= parameters as f64 * (runs.len() as f64 - 1.0).max(0.0);
         }
         let all = runs.iter().flat_map(BTreeMap::values);
         let squares: f64 = all.map(|run| squares_without(run, of_run)).sum();
-        let variance = squares / freedom / (count / groups);
+        let variance = squares / freedom / self.readings_per_target();
         // Least squares of exactly straight lines leaves rounding errors.
         let largest = self.readings.iter().map(|r| r.deviation.abs());
         let rounding = (1e-12 * largest.fold(0.0, f64::max)).powi(2);

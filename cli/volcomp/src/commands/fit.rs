@@ -486,7 +486,8 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .into_iter()
         .filter(|way| measurement.has(*way))
         .count();
-    let mut readings: Vec<_> = measurement.readings.iter().collect();
+    let completed = measurement.completed_readings();
+    let mut readings: Vec<_> = completed.iter().collect();
     readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
     let by_run = readings.chunk_by(|a, b| a.run == b.run);
     let run = |readings: &[&volcomp_metrology::Reading]| -> Run {

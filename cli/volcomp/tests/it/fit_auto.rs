@@ -159,3 +159,49 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
         );
     }
 }
+
+/// Three runs with zeros far apart, of which the second stops half-way: the curve has no step there, and the band is that of complete runs.
+#[test]
+fn a_run_that_stops_changes_neither_curve_nor_band() {
+    let fitted = |stops: bool| {
+        let mut text = "target,run,direction,deviation_um\n".to_owned();
+        for (run, zero) in [(1, 0.0), (2, 40.0), (3, -8.0)] {
+            for step in (0..=20).filter(|step| run != 2 || !stops || *step <= 10) {
+                let x = 50.0 * f64::from(step);
+                let _ = writeln!(text, "{x},{run},+,{}", 1e-5 * x * x - 0.004 * x + zero);
+            }
+        }
+        let folder = Folder::new();
+        let path = folder.path().join("x.csv");
+        fs::write(&path, text).expect("written");
+        json(&[
+            "fit",
+            &path.display().to_string(),
+            "--method",
+            "auto",
+            "--at",
+            "0,450,500,550,600,1000",
+        ])
+    };
+    let [complete, stopped] = [false, true].map(fitted);
+    assert_eq!(stopped["choice"]["method"], complete["choice"]["method"]);
+    let number = |of: &serde_json::Value| of.as_f64().expect("a number");
+    for (list_of, key) in [("values", "value_um"), ("half_widths", "half_width")] {
+        let rows = |of: &serde_json::Value| {
+            let rows = if list_of == "values" {
+                &of[list_of]
+            } else {
+                &of["band"][list_of]
+            };
+            list(rows)
+                .iter()
+                .map(|row| number(&row[key]))
+                .collect::<Vec<_>>()
+        };
+        let [a, b] = [&complete, &stopped].map(rows);
+        assert!(
+            a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{a:?} {b:?}"
+        );
+    }
+}

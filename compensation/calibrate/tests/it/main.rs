@@ -5,6 +5,7 @@ mod both_sides;
 mod draft;
 mod fuzz_corpus;
 mod gantry;
+mod incomplete_runs;
 mod instrument;
 mod lab;
 mod located;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::sections::{Row, Targets};
 use crate::number::Place;
+use crate::run_alignment::alignment_notes;
 use crate::{Direction, MetrologyError, Reading};
 
 /// Assigns directions and run numbers to the readings, with notes for the user.
@@ -29,7 +30,9 @@ pub(super) fn readings(
         .map(|(pass, rows)| Ok((*pass, direction_of(file, *pass, rows, targets)?)))
         .collect::<Result<Vec<_>, MetrologyError>>()?;
     notes.extend(compare_with_flags(file, &directions, targets)?);
-    Ok((numbered(&passes, &directions), notes))
+    let readings = numbered(&passes, &directions);
+    notes.extend(alignment_notes(&readings));
+    Ok((readings, notes))
 }
 
 fn is_zero(rows: &[Row]) -> bool {

@@ -12,6 +12,7 @@ mod form_refused;
 mod form_revolved;
 mod fuzz_corpus;
 mod geometry;
+mod incomplete_runs;
 mod iso230_2;
 mod mapped;
 mod oddities;

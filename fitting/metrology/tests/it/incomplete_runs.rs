@@ -1,0 +1,317 @@
+//! Mean curves of measurements in which not all runs hold all targets, against closed forms and the normal equations of the two-way layout.
+
+use std::borrow::Cow;
+
+use proptest::prelude::*;
+use volcomp_metrology::{
+    Direction::{self, Negative, Positive},
+    Measurement, OfRun, Reading, evaluate, parse_csv,
+};
+
+const TARGETS: usize = 11;
+const RUNS: [u32; 5] = [0, 1, 2, 3, 4];
+
+fn truth(target: usize, direction: Direction) -> f64 {
+    let x = target as f64;
+    let reversal = if direction == Positive { 1.5 } else { -1.5 };
+    0.2 * x * x - 1.7 * x + (1.3 * x).sin() + reversal * (1.0 + 0.1 * x)
+}
+
+/// Runs 1, 2, … with these offsets, both ways over all targets that `holds` (run, direction, target) accepts.
+fn measured(
+    offsets: &[f64],
+    holds: impl Fn(u32, Direction, usize) -> bool,
+    more: impl Fn(u32, Direction, usize) -> f64,
+) -> Measurement {
+    let mut readings = Vec::new();
+    for (run, offset) in (1..).zip(offsets) {
+        for direction in Direction::BOTH {
+            for target in (0..TARGETS).filter(|target| holds(run, direction, *target)) {
+                readings.push(Reading {
+                    target: 100.0 * target as f64,
+                    run,
+                    direction,
+                    deviation: truth(target, direction) + offset + more(run, direction, target),
+                });
+            }
+        }
+    }
+    Measurement {
+        readings,
+        ..Measurement::default()
+    }
+}
+
+/// Mean curves minus the truth, forward and backward: the same constant at each target if no run makes a step.
+fn errors(measurement: &Measurement) -> Vec<f64> {
+    let of = |direction| {
+        let curve = measurement.mean_curve_in(direction).into_iter();
+        curve
+            .enumerate()
+            .map(move |(target, (_, mean))| mean - truth(target, direction))
+    };
+    Direction::BOTH.into_iter().flat_map(of).collect()
+}
+
+fn range(values: &[f64]) -> f64 {
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest - values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// Without noise the curve of both directions is the truth but for one constant, whichever readings are missing.
+#[test]
+fn runs_that_lack_targets_make_no_step_and_no_reversal() {
+    type Holds = fn(u32, Direction, usize) -> bool;
+    let layouts: [(&str, &[f64], Holds); 8] = [
+        (
+            "a single missing reading",
+            &[3.0, 40.0],
+            |run, way, target| (run, way, target) != (2, Positive, 4),
+        ),
+        (
+            "the second run stops half-way",
+            &[0.0, 40.0],
+            |run, way, target| run == 1 || (way == Positive && target <= 5),
+        ),
+        (
+            "it stops on its way back",
+            &[-7.0, 40.0],
+            |run, way, target| run == 1 || way == Positive || target >= 5,
+        ),
+        (
+            "the first run starts late",
+            &[55.0, -4.0, 9.0],
+            |run, _, target| run > 1 || target >= 7,
+        ),
+        (
+            "a run that has no way back",
+            &[1.0, -2.0, 40.0],
+            |run, way, _| run < 3 || way == Positive,
+        ),
+        (
+            "one run both ways, two backward only",
+            &[60.0, -5.0, 20.0],
+            |run, way, _| run == 1 || way == Negative,
+        ),
+        (
+            "a single reading in a run",
+            &[12.0, -30.0],
+            |run, way, target| run == 1 || (way == Positive && target == 3),
+        ),
+        (
+            "a chain of runs",
+            &[12.0, -30.0, 5.0],
+            |run, way, target| way == Positive || target.abs_diff(5 * run as usize - 5) <= 3,
+        ),
+    ];
+    for (name, offsets, holds) in layouts {
+        let measurement = measured(offsets, holds, |_, _, _| 0.0);
+        assert!(range(&errors(&measurement)) < 1e-9, "{name}");
+        let both = measurement.mean_curve();
+        let mean = |at: usize| {
+            Direction::BOTH
+                .map(|way| truth(at, way))
+                .iter()
+                .sum::<f64>()
+                / 2.0
+        };
+        let left: Vec<f64> = (both.iter())
+            .enumerate()
+            .map(|(target, (_, value))| value - mean(target))
+            .collect();
+        assert!(range(&left) < 1e-9, "{name}");
+        assert!(measurement.scatter_of_mean(OfRun::Zero).is_none(), "{name}");
+    }
+}
+
+/// Two runs of which the second stops: the offset between them is the mean of their differences at the common targets.
+#[test]
+fn two_runs_follow_the_closed_form() {
+    let noise = |run: u32, _, target: usize| (f64::from(run) * 7.1 + target as f64 * 2.3).sin();
+    let holds = |run, way, target| way == Positive && (run == 1 || target <= 5);
+    let measurement = measured(&[0.0, 40.0], holds, noise);
+    let read = |run: u32, target: usize| {
+        truth(target, Positive) + 40.0 * f64::from(run - 1) + noise(run, Positive, target)
+    };
+    let between = (0..=5).map(|at| read(2, at) - read(1, at)).sum::<f64>() / 6.0;
+    for (target, (_, mean)) in measurement.mean_curve_in(Positive).iter().enumerate() {
+        let expected = match target {
+            0..=5 => f64::midpoint(read(1, target), read(2, target)),
+            _ => read(1, target) + between / 2.0,
+        };
+        assert!(
+            (mean - expected).abs() < 1e-9,
+            "{target}: {mean} {expected}"
+        );
+    }
+    // ISO 230-2 takes the readings as they are.
+    let iso = evaluate(&measurement).unwrap();
+    assert_eq!(
+        iso.targets[5].forward.unwrap().mean,
+        f64::midpoint(read(1, 5), read(2, 5))
+    );
+    assert_eq!(iso.targets[6].forward.unwrap().mean, read(1, 6));
+}
+
+/// Forward and backward passes that were zeroed separately: neither branch has a step, and the reversal is that of the readings.
+#[test]
+fn passes_with_zeros_of_their_own_make_no_step() {
+    let own = |run, way, _| f64::from(run) * if way == Positive { 20.0 } else { -35.0 };
+    let stops = |run, way, target| run != 2 || way == Positive || target >= 6;
+    let measurement = measured(&[0.0; 3], stops, own);
+    let found = errors(&measurement);
+    let (forward, backward) = found.split_at(TARGETS);
+    assert!(range(forward) < 1e-9 && range(backward) < 1e-9);
+    // Means of the zeros: 40 and −70.
+    assert!((forward[0] - backward[0] - 110.0).abs() < 1e-9);
+    // Passes numbered one after the other, so that no number has both directions: as it was.
+    let mut one_by_one = measured(&[5.0, 9.0], |_, _, _| true, own);
+    for reading in &mut one_by_one.readings {
+        reading.run = 2 * reading.run - u32::from(reading.direction == Positive);
+    }
+    assert!(matches!(one_by_one.completed_readings(), Cow::Borrowed(_)));
+}
+
+/// A run that drifts has no constant offset. What is left where it ends is half its drift over the common targets, shared by the runs.
+#[test]
+fn a_drift_leaves_only_its_own_part_of_the_step() {
+    let drift = |run: u32, _, target: usize| if run == 2 { 0.4 * target as f64 } else { 0.0 };
+    let holds = |run, way, target| way == Positive && (run == 1 || target <= 5);
+    let found = errors(&measured(&[0.0, 40.0], holds, drift));
+    let step = found[5] - found[6];
+    assert!((step - 0.5 * (0.4 * 2.5)).abs() < 1e-9, "{step}");
+}
+
+/// The scatter of runs with ends is that of the readings about the common curve, not that of the steps.
+#[test]
+fn the_scatter_has_no_step_in_it() {
+    let noise =
+        |run: u32, _, target: usize| (f64::from(run * run) * 3.7 + target as f64 * 5.9).sin();
+    let complete = measured(&[0.0; 4], |_, _, _| true, noise);
+    for of_run in [OfRun::Zero, OfRun::Line] {
+        let expected = complete.scatter_of_mean(of_run).unwrap().deviation;
+        let holds = |run, way, target| run != 2 || (way == Positive && target <= 5);
+        let found = measured(&[0.0, 40.0, -3.0, 8.0], holds, noise);
+        let scatter = found.scatter_of_mean(of_run).unwrap();
+        assert!(
+            (0.7..1.4).contains(&(scatter.deviation / expected)),
+            "{scatter:?} {expected}"
+        );
+        // Each direction of each complete run: 2 · (3 − 1) · (11 − p).
+        let parameters = if of_run == OfRun::Zero { 1.0 } else { 2.0 };
+        assert!(scatter.freedom >= 4.0 * (11.0 - parameters), "{scatter:?}");
+    }
+}
+
+#[test]
+fn runs_without_a_common_target_are_noted() {
+    let notes = |rows: &str| {
+        let text = format!("target,run,direction,deviation\n{rows}");
+        let measurement = parse_csv(text.as_bytes(), "x.csv").unwrap();
+        let plain = measurement.mean_curve_in(Positive);
+        (measurement.notes.join("\n"), plain)
+    };
+    let (apart, curve) = notes("0,1,+,1\n10,1,+,2\n20,2,+,40\n30,2,+,41\n");
+    insta::assert_snapshot!(apart, @r"
+    run 1 + holds 2 of 4 targets
+    run 2 + holds 2 of 4 targets
+    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; ISO 230-2 uses the readings as they are
+    runs 1, 2 + have no common target, not even through other runs: their offsets are unknown, so the curve may have a false step between their targets
+    ");
+    assert_eq!(curve, [(0.0, 1.0), (10.0, 2.0), (20.0, 40.0), (30.0, 41.0)]);
+    let each: Vec<String> = (1..=40).map(|k| format!("{k},{k},+,1\n")).collect();
+    insta::assert_snapshot!(notes(&each.concat()).0.lines().last().unwrap(), @"runs 1, 2, 3 and 37 more + have no common target, not even through other runs: their offsets are unknown, so the curve may have a false step between their targets");
+    let (late, _) = notes("0,1,+,1\n10,1,+,2\n20,1,+,3\n10,2,+,40\n20,2,+,41\n");
+    insta::assert_snapshot!(late, @r"
+    run 2 + holds 2 of 3 targets
+    not all runs hold all targets: for curves the runs are aligned by their offsets at common targets; ISO 230-2 uses the readings as they are
+    ");
+}
+
+/// Readings of up to five runs, any of which may be missing.
+fn layout() -> impl Strategy<Value = Measurement> {
+    let cell = (0.0..1.0_f64, -50.0..50.0_f64);
+    (prop::collection::vec(cell, 2 * 5 * 7), 0.0..0.6_f64).prop_map(|(cells, missing)| {
+        let mut readings = Vec::new();
+        for (index, (chance, deviation)) in cells.into_iter().enumerate() {
+            let (target, run) = ((index / 10) as f64, RUNS[index % 5]);
+            let direction = Direction::BOTH[index / 5 % 2];
+            // The first target of the first run connects all.
+            if chance >= missing || target == 0.0 {
+                readings.push(Reading {
+                    target,
+                    run,
+                    direction,
+                    deviation,
+                });
+            }
+        }
+        Measurement {
+            readings,
+            ..Measurement::default()
+        }
+    })
+}
+
+proptest! {
+    /// A constant in all readings of a run moves the whole curve by one constant, and changes neither reversal nor scatter.
+    #[test]
+    fn offsets_of_runs_do_not_change_the_curve(measurement in layout(), run in 0..5_u32, offset in -1e3..1e3_f64) {
+        let mut moved = measurement.clone();
+        for reading in moved.readings.iter_mut().filter(|r| r.run == run) {
+            reading.deviation += offset;
+        }
+        let mut by = Vec::new();
+        for direction in Direction::BOTH {
+            let [before, after] = [&measurement, &moved].map(|m| m.mean_curve_in(direction));
+            by.extend(after.iter().zip(&before).map(|(a, b)| a.1 - b.1));
+        }
+        prop_assert!(range(&by) < 1e-9, "{by:?}");
+        for of_run in [OfRun::Zero, OfRun::Line] {
+            let [before, after] = [&measurement, &moved].map(|m| m.scatter_of_mean(of_run).map(|s| s.deviation));
+            let same = before.zip(after).is_none_or(|(a, b)| (a - b).abs() < 1e-9);
+            prop_assert!(same && before.is_some() == after.is_some(), "{before:?} {after:?}");
+        }
+    }
+
+    /// Least squares of reading = target + run: completed by the fit, the two-way table leaves no residual where a reading was missing, and its means
+    /// are the curve but for a constant.
+    #[test]
+    fn missing_readings_are_completed_by_least_squares(measurement in layout()) {
+        let completed = measurement.completed_readings();
+        let targets = Direction::BOTH.map(|direction| measurement.mean_curve_in(direction).len());
+        prop_assert_eq!(completed.len(), 5 * (targets[0] + targets[1]));
+        prop_assert_eq!(&completed[..measurement.readings.len()], &measurement.readings[..]);
+        for direction in Direction::BOTH {
+            let mean = |holds: &dyn Fn(&Reading) -> bool| {
+                let values = completed.iter().filter(|r| r.direction == direction && holds(r));
+                let values: Vec<f64> = values.map(|r| r.deviation).collect();
+                values.iter().sum::<f64>() / values.len() as f64
+            };
+            let all = mean(&|_| true);
+            let predicted = completed[measurement.readings.len()..].iter().filter(|r| r.direction == direction);
+            for reading in predicted {
+                let of_target = mean(&|r| r.target == reading.target);
+                let of_run = mean(&|r| r.run == reading.run);
+                let residual = reading.deviation - of_target - of_run + all;
+                prop_assert!(residual.abs() < 1e-9, "{residual}");
+            }
+            let curve = measurement.mean_curve_in(direction).into_iter();
+            let by: Vec<f64> = curve.map(|(target, value)| value - mean(&|r| r.target == target)).collect();
+            prop_assert!(range(&by) < 1e-9, "{by:?}");
+        }
+    }
+
+    /// Complete runs are averaged as they are, bit for bit.
+    #[test]
+    fn complete_runs_stay_as_they_are(deviations in prop::collection::vec(-1e3..1e3_f64, 2 * TARGETS * 3)) {
+        let noise = |run: u32, way: Direction, target: usize| deviations[(run as usize - 1) * 2 * TARGETS + way as usize * TARGETS + target];
+        let measurement = measured(&[0.0, 17.0, -4.0], |_, _, _| true, noise);
+        prop_assert!(matches!(measurement.completed_readings(), Cow::Borrowed(_)));
+        for direction in Direction::BOTH {
+            for (target, mean) in measurement.mean_curve_in(direction) {
+                prop_assert_eq!(mean, measurement.mean_at(target, direction).unwrap());
+            }
+        }
+    }
+}
