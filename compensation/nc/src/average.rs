@@ -271,6 +271,7 @@ fn at_places(
     mut take: impl FnMut(&Corrector, CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
     let mut corrector = job.corrector.clone();
+    corrector.begins(&job.setup.start().0);
     let (mut own, mut again) = (program, program);
     let mut programs: Vec<(&mut (dyn BufRead + Send), _)> = vec![(&mut own, job.setup)];
     if let Some(setup) = moved {
@@ -289,6 +290,7 @@ fn at_places(
                 None => None,
             };
             corrector.take_tool(&made.tool)?;
+            corrector.arrives(&made.motion.arrives_from_unknown);
             corrector.goes(&made.motion.to);
             let Some(at) = cuts_at(&made) else { continue };
             let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);

@@ -42,6 +42,10 @@ pub(crate) struct Codes {
     pub(crate) not_followed: Option<Code>,
     /// A code of this control that moves no axis and changes no coordinate.
     pub(crate) harmless: Option<Code>,
+    /// G61 (true), G64: the control stops at the end of every motion from now on, or no longer.
+    pub(crate) exact_stop: Option<bool>,
+    /// M10 (true), M11: clamps or unclamps a rotary axis on FANUC-like controls.
+    pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
     /// Index of the word with an unknown M code.
@@ -81,6 +85,7 @@ impl Codes {
                 match code {
                     20 | 300 => codes.ends = true,
                     60 => codes.changes_tool = true,
+                    100 | 110 => codes.clamps = Some(code == 100),
                     980 | 990 => codes.calls = Some(code),
                     970 | 1980 => codes.not_followed = Some(code),
                     // On Haas a jump; on the others an interrupt that calls a macro.
@@ -99,6 +104,7 @@ impl Codes {
                 }
                 continue;
             }
+            codes.exact_stop = stops_exactly(code, control).or(codes.exact_stop);
             let refused = control.and_then(|control| control.refuses(code));
             if code == 530 && refused.is_none() {
                 codes.in_machine = true;
@@ -226,6 +232,17 @@ fn m_code(code: Code, control: Option<Control>) -> MCode {
         // User programs, with P and Q.
         1000..=1990 if control == Some(Control::LinuxCnc) => MCode::WithWords,
         _ => MCode::Unknown,
+    }
+}
+
+/// Whether a G code switches the exact stop at the end of every motion on or off; `None`: neither.
+fn stops_exactly(code: Code, control: Option<Control>) -> Option<bool> {
+    match code {
+        // Shape compensation on Mazak controls.
+        611 if control == Some(Control::Mazak) => None,
+        610 | 611 => Some(true),
+        620 | 630 | 640 => Some(false),
+        _ => None,
     }
 }
 

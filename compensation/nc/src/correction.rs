@@ -67,7 +67,12 @@ pub struct Corrector {
     travels: Axes<[f64; 2]>,
     pub(crate) only_linear: bool,
     pub(crate) bidirectional: bool,
+    /// Direction of approach of each axis; `None` while it is unknown: the mean of both directions is corrected.
     pub(crate) approach: Axes<Option<Direction>>,
+    /// Axes that arrive from an unknown position by the current motion.
+    pub(crate) arrives_from_unknown: Axes<bool>,
+    /// Axes with a curve of two directions.
+    pub(crate) has_directions: Axes<bool>,
     pub(crate) play: Arc<Play>,
     /// Reverse travel after which an axis counts as reversed, mm and deg.
     pub(crate) turned_after: Axes<f64>,
@@ -427,6 +432,10 @@ impl Corrector {
             corrects,
             travels,
             approach: [None; MAX_AXES],
+            arrives_from_unknown: [false; MAX_AXES],
+            has_directions: std::array::from_fn(|axis| {
+                name_of(axis).is_some_and(|axis| has_directions(machine, axis))
+            }),
             turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
             play: Arc::new(play),
             furthest: [0.0; MAX_AXES],
@@ -708,6 +717,13 @@ impl Corrector {
         let reach_mm = self.tool.reach_mm;
         0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
     }
+}
+
+/// True if an error motion of the axis depends on its direction of approach.
+fn has_directions(machine: &Machine, axis: AxisName) -> bool {
+    machine
+        .errors()
+        .any(|(name, curve)| name.axis == axis && !matches!(curve, ErrorCurve::Single(_)))
 }
 
 /// Bidirectional curves of an axis along its own direction.

@@ -20,6 +20,9 @@ impl Rewriter {
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), NcError> {
+        if let Some(first) = holes.first() {
+            self.corrector.arrives(&first.arrives_from_unknown);
+        }
         let stays = self.row_stays(holes);
         if !stays {
             write_comment(line.text, out);
@@ -34,6 +37,7 @@ impl Rewriter {
             self.hole(motion, (place, stays), line, out);
             self.ends_part(1.0);
             self.notes_zero(line.number);
+            self.notes_approach(line.number);
         }
         self.notes_unstated(line.number);
         Ok(())

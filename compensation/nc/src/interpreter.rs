@@ -137,10 +137,10 @@ impl Extrusion {
 
 /// Identifiers of the unstated quantities between program and machine coordinates of an axis: work offset, tool length and shift. 0:
 /// stated.
-type Basis = [u32; 3];
+pub(crate) type Basis = [u32; 3];
 
 /// Position stated in machine coordinates.
-const OF_MACHINE: Basis = [0; 3];
+pub(crate) const OF_MACHINE: Basis = [0; 3];
 
 /// Position based on an assumption other than an offset, length or shift: a home position that is not stated.
 const ASSUMED: Basis = [u32::MAX >> 1; 3];
@@ -519,6 +519,10 @@ impl Interpreter {
             Some(950) => modal.feed_mode = FeedMode::PerRevolution,
             _ => {}
         }
+        modal.exact_stop = codes.exact_stop.unwrap_or(modal.exact_stop);
+        if self.dialect == Dialect::Rs274 && self.control.is_none_or(Control::is_fanuc_like) {
+            modal.clamped = codes.clamps.unwrap_or(modal.clamped);
+        }
         if let Some(feed) = given.find(b'F') {
             modal.feed = feed.value;
         }
@@ -656,6 +660,12 @@ impl Interpreter {
         self.known[axis] && self.rests.places[axis] == self.basis(axis)
     }
 
+    /// What the position of an axis depends on; `None` if it is unknown, or may have changed since.
+    pub(crate) fn known_basis(&self, axis: usize) -> Option<Basis> {
+        let basis = self.rests.places[axis];
+        (self.known[axis] && basis != ASSUMED && basis != UNCLAIMED).then_some(basis)
+    }
+
     /// True if the active work offset of the set-up file defines the program zero: it is replaced by neither G10 nor a G92 shift from
     /// another position.
     pub(crate) fn rests_on_stated_zero(&self) -> bool {
@@ -725,7 +735,7 @@ impl Interpreter {
     }
 
     /// Axes whose positions contribute to the coordinate of an axis (rotation in the plane).
-    fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
+    pub(crate) fn mixed_with(&self, axis: usize) -> std::ops::Range<usize> {
         if axis < 2 && self.frame.rotation_deg != 0.0 {
             0..2
         } else {

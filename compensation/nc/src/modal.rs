@@ -138,6 +138,10 @@ pub(crate) struct Modal {
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
+    /// The control stops at the end of every motion (G61, G60 of SINUMERIK).
+    pub(crate) exact_stop: bool,
+    /// The program has clamped a rotary axis (M10).
+    pub(crate) clamped: bool,
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
     /// G92 or G52 shift, active or not.
@@ -198,6 +202,8 @@ impl Default for Modal {
             motion_unsure: false,
             feed_mode: FeedMode::PerMinute,
             feed: None,
+            exact_stop: false,
+            clamped: false,
             system: 0,
             offsets: vec![WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],

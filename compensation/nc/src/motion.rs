@@ -70,6 +70,8 @@ pub(crate) struct Move {
     pub(crate) polar: Option<Polar>,
     /// Axes whose start position is known.
     pub(crate) known: Axes<bool>,
+    /// Axes that arrive from an unknown position, so that the motion gives no direction of approach.
+    pub(crate) arrives_from_unknown: Axes<bool>,
     /// Whole turns, deg, that were added to the start position of a rotary axis to get `from`.
     pub(crate) wraps: Axes,
 }

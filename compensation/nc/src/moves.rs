@@ -6,7 +6,7 @@ use crate::{
     codes::{Codes, Given, is_cycle, whole},
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, each, is_rotary},
-    interpreter::{Interpreter, Outcome},
+    interpreter::{Interpreter, OF_MACHINE, Outcome},
     modal::{CentrePoint, Code, Plane, Sticky, code_text},
     motion::{Arc, Move, Path, Polar},
     notes::Note,
@@ -96,8 +96,10 @@ impl Interpreter {
             in_machine: codes.in_machine,
             polar: self.polar_of(given),
             known: self.known_before(given, code),
+            arrives_from_unknown: [false; 9],
             wraps: [0.0; 9],
         };
+        motion.arrives_from_unknown = self.arrives_from_unknown(&motion);
         self.check_axes_of_tip(&motion, given)?;
         for axis in 0..9 {
             // In RS-274 the direction is a setting of each axis.
@@ -233,6 +235,20 @@ impl Interpreter {
                 || of_arc.is_some_and(|[first, second, _]| axis == first || axis == second);
             self.known[axis] && (!moves || self.says_place(axis))
         })
+    }
+
+    /// Axes whose start position is unknown relative to the end of a motion. The direction of an incremental word is known all the same.
+    fn arrives_from_unknown(&self, motion: &Move) -> Axes<bool> {
+        let own = each(|axis| {
+            let is_named = motion.words[axis].is_some();
+            let is_way = is_named && motion.incremental[axis];
+            let starts_in_program =
+                motion.in_machine && is_named && self.known_basis(axis) != Some(OF_MACHINE);
+            !is_way && (!motion.known[axis] || starts_in_program)
+        });
+        let has_unknown_lever =
+            self.frame.tip.is_some() && (3..6).any(|axis| self.machine_has(axis) && own[axis]);
+        each(|axis| axis < 3 && has_unknown_lever || self.mixed_with(axis).any(|axis| own[axis]))
     }
 
     /// Updates which positions are known after a motion.

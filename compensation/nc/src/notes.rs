@@ -84,6 +84,18 @@ pub enum Note {
     )]
     RollsOver(char),
     #[error(
+        "the direction of approach of {0} is unknown: the mean of both directions is corrected until {0} moves on. Before this line, move {0} from one position to another in known coordinates"
+    )]
+    UnknownApproach(char),
+    #[error(
+        "M10 clamps a rotary axis, and {0} gets words with its correction while it is clamped: remove the M10, or leave {0} out of `correct`"
+    )]
+    Clamped(char),
+    #[error(
+        "motions are split while an exact stop is active (G61, G60 of SINUMERIK): the control stops at the end of each part; use G64 where that leaves marks"
+    )]
+    ExactStop,
+    #[error(
         "at the zero of {0} the machine is off by X {x:.1} Y {y:.1} Z {z:.1} µm: where that zero was probed without the correction, add this to {0} at the control (not in the set-up); otherwise the whole part is offset by this amount",
         x = .1[0] as f64 / 10.0, y = .1[1] as f64 / 10.0, z = .1[2] as f64 / 10.0
     )]

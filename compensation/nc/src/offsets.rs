@@ -307,6 +307,7 @@ impl Interpreter {
         }
         let is_other = which == 1 && given.has(b'P') && given.whole(b'P')? != Some(2);
         let known = each(|axis| self.says_place(axis));
+        let before = each(|axis| self.known_basis(axis));
         let from = self.position;
         let mut says_all = true;
         for (axis, place) in given.places.iter().enumerate() {
@@ -336,6 +337,9 @@ impl Interpreter {
             in_machine: true,
             polar: None,
             known,
+            arrives_from_unknown: each(|axis| {
+                before[axis].is_none() || before[axis] != self.known_basis(axis)
+            }),
             wraps: [0.0; 9],
         });
         Ok(())

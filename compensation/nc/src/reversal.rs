@@ -46,6 +46,8 @@ impl Turns {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Carriages {
     drive: Axes,
+    /// Axes that arrive from an unknown position.
+    arrives_from_unknown: Axes<bool>,
     /// Carriage minus drive position, mm or deg: at most half of the play. 0 (the middle) while the direction of approach is unknown.
     pub(crate) off: Axes,
 }
@@ -55,8 +57,14 @@ impl Carriages {
     pub(crate) fn at(drive: &Axes) -> Self {
         Self {
             drive: *drive,
+            arrives_from_unknown: [false; 9],
             off: [0.0; 9],
         }
+    }
+
+    /// Sets the axes that arrive from an unknown position until this is called again: their carriages are taken in the middle of the play.
+    pub(crate) fn arrive(&mut self, from_unknown: &Axes<bool>) {
+        self.arrives_from_unknown = *from_unknown;
     }
 
     /// Applies new numbers (whole turns, deg) to unchanged rotary positions.
@@ -71,6 +79,10 @@ impl Carriages {
         let from = std::mem::replace(&mut self.drive, *to);
         let lost = truth.lost(to);
         for axis in 0..9 {
+            if self.arrives_from_unknown[axis] {
+                self.off[axis] = 0.0;
+                continue;
+            }
             let half = 0.5 * lost[axis];
             self.off[axis] = (from[axis] + self.off[axis] - to[axis]).clamp(-half, half);
         }
@@ -93,6 +105,23 @@ impl Corrector {
         self.approach = [None; MAX_AXES];
         let more = self.without_play(at);
         self.furthest = std::array::from_fn(|axis| at[axis] + more[axis]);
+    }
+
+    /// Sets the axes that arrive from an unknown position by the next motion: they lose their direction of approach.
+    pub(crate) fn arrives(&mut self, from_unknown: &Axes<bool>) {
+        if !self.bidirectional {
+            return;
+        }
+        self.arrives_from_unknown = *from_unknown;
+        for axis in (0..MAX_AXES).filter(|axis| from_unknown[*axis]) {
+            self.version += u64::from(self.approach[axis].take().is_some());
+        }
+    }
+
+    /// Axes whose correction depends on a direction of approach that is unknown.
+    pub(crate) fn axes_with_unknown_approach(&self) -> impl Iterator<Item = usize> + use<> {
+        let (has_directions, approach) = (self.has_directions, self.approach);
+        (0..MAX_AXES).filter(move |axis| has_directions[*axis] && approach[*axis].is_none())
     }
 
     /// True if the carriage of an axis lags anywhere.
@@ -143,7 +172,8 @@ impl Corrector {
         })
     }
 
-    /// Moves the axes to a position and updates their directions of approach. Returns true if any reverses.
+    /// Moves the axes to a position and updates their directions of approach. An axis from an unknown position gets none. Returns true if
+    /// any reverses.
     pub(crate) fn goes(&mut self, to: &Axes) -> bool {
         if !self.bidirectional {
             return false;
@@ -153,6 +183,10 @@ impl Corrector {
         for axis in 0..MAX_AXES {
             let after = self.turned_after[axis];
             let here = to[axis] + more[axis];
+            if std::mem::take(&mut self.arrives_from_unknown[axis]) {
+                self.furthest[axis] = here;
+                continue;
+            }
             let way = here - self.furthest[axis];
             let on = match self.approach[axis] {
                 Some(Direction::Positive) => way > 0.0 || way < -after,
@@ -207,13 +241,14 @@ impl Corrector {
     /// previous extreme counts.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Turns {
         let mut turns = Vec::new();
-        let mut furthest_of = [0.0; MAX_AXES];
+        let mut furthest_of = self.furthest;
         if !self.bidirectional {
             return Turns::default();
         }
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let places: Vec<Axes> = (0..=steps).map(|step| at(share(step))).collect();
-        for axis in (0..MAX_AXES).filter(|axis| self.has(*axis)) {
+        let has_start = |axis: &usize| self.has(*axis) && !self.arrives_from_unknown[*axis];
+        for axis in (0..MAX_AXES).filter(has_start) {
             let after = self.turned_after[axis];
             let (side, mut furthest) = (self.approach[axis], self.furthest[axis]);
             let mut side = side;

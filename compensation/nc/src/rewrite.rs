@@ -432,6 +432,7 @@ impl Rewriter {
     }
 
     fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {
+        self.corrector.arrives(&motion.arrives_from_unknown);
         self.note_axes(motion, line);
         self.note_unknown(motion, line.number);
         self.corrector.wraps(&motion.wraps);
@@ -458,6 +459,7 @@ impl Rewriter {
         self.notes_unstated(line.number);
         if motion.cuts() {
             self.notes_zero(line.number);
+            self.notes_approach(line.number);
         }
         Ok(())
     }

@@ -887,10 +887,13 @@ fn g_code(code: u32) -> (u8, Meaning) {
         71 | 710 => (13, Meaning::Code(21.0)),
         90 | 91 => (14, Meaning::Code(f64::from(code))),
         93..=95 => (15, Meaning::Code(f64::from(code))),
-        // Surface speeds, exact stops, path control, approach and corner behaviour.
-        96 | 97 | 961 | 962 | 971..=973 => (15, Meaning::Nothing),
+        // Surface speeds: they end G93. After G962 and G972 F is that of G94 or G95, which are alike here.
+        961 | 971 => (15, Meaning::Code(94.0)),
+        96 | 97 | 962 | 972 | 973 => (15, Meaning::Code(95.0)),
+        // Exact stops, path control, approach and corner behaviour.
         9 => (11, Meaning::Nothing),
-        60 | 64 | 641..=645 => (10, Meaning::Nothing),
+        60 => (10, Meaning::Code(61.0)),
+        64 | 641..=645 => (10, Meaning::Code(64.0)),
         601..=603 => (12, Meaning::Nothing),
         62 | 621 => (57, Meaning::Nothing),
         140..=143 => (43, Meaning::Nothing),

@@ -506,8 +506,11 @@ impl Rewriter {
 
     /// # Errors
     /// F (in G93) or E of the parts of a motion is unknown.
-    pub(crate) fn check_shares(&self, line: Line<'_>) -> Result<(), NcError> {
+    pub(crate) fn check_shares(&mut self, line: Line<'_>) -> Result<(), NcError> {
         self.check_extrusion(line)?;
+        if self.interpreter.modal.exact_stop {
+            self.interpreter.notes.add(Note::ExactStop, line.number);
+        }
         let modal = &self.interpreter.modal;
         if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
             return Err(NcError::not_compensated(
@@ -744,7 +747,13 @@ impl Rewriter {
         }
         let may_be_added = known && corrects && self.may_add(axis, way, line);
         let scale = self.interpreter.modal.scale(axis);
-        AxisWay { delta, ..*way }.word(scale, may_be_added)
+        let (number, carried) = AxisWay { delta, ..*way }.word(scale, may_be_added);
+        let is_added = way.written.is_none() && number.is_some();
+        if is_added && is_rotary(axis) && self.interpreter.modal.clamped {
+            let note = Note::Clamped(char::from(LETTERS[axis]));
+            self.interpreter.notes.add(note, line);
+        }
+        (number, carried)
     }
 
     /// True if the words of an axis include a correction; with tool centre point control X, Y and Z do if any linear axis is corrected.
@@ -912,6 +921,16 @@ impl Rewriter {
         if matters {
             let note = Note::NotSplit(char::from(LETTERS[axis]));
             self.interpreter.notes.add(note, line);
+        }
+    }
+
+    /// Adds a note about each axis that cuts with the mean of both directions, because its direction of approach is unknown.
+    pub(crate) fn notes_approach(&mut self, line: usize) {
+        for axis in self.corrector.axes_with_unknown_approach() {
+            if self.interpreter.known[axis] {
+                let note = Note::UnknownApproach(char::from(LETTERS[axis]));
+                self.interpreter.notes.add(note, line);
+            }
         }
     }
 

@@ -158,6 +158,7 @@ impl Interpreter {
             polar,
             motion: _,
             motion_unsure,
+            clamped,
             // Scale of words.
             unit_mm: _,
             diameter: _,
@@ -180,6 +181,7 @@ impl Interpreter {
             centre_absolute: _,
             feed_mode: _,
             feed: _,
+            exact_stop: _,
             pole: _,
             awaits_preset: _,
             defined: _,
@@ -198,6 +200,7 @@ impl Interpreter {
             && radius.is_none()
             && polar.is_none()
             && !*motion_unsure
+            && !*clamped
             && !*rotation_is_new
     }
 }

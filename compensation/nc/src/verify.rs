@@ -378,6 +378,7 @@ impl Comparison {
 
     fn motion(&mut self, original: &Made) {
         let path = original.motion.path;
+        self.arrive(&original.motion.arrives_from_unknown);
         if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
             self.truth.goes(&original.motion.to);
             self.before.go(&self.truth, &original.motion.to);
@@ -414,6 +415,10 @@ impl Comparison {
             }
             passed = share;
             let (wanted, commanded) = (place_of(original, share), self.result_goes(share));
+            if is_hole && station == stations.first {
+                // The way down starts at the plane R.
+                self.arrive(&[false; 9]);
+            }
             if stations.is_looked_at(station) {
                 let begins = only_end && station == stations.first;
                 self.look(original, share, [&wanted, &commanded], begins);
@@ -426,6 +431,12 @@ impl Comparison {
         self.truth.reaches(&self.turns.furthest);
         self.truth.goes(&original.motion.to);
         self.judge(original.line);
+    }
+
+    fn arrive(&mut self, from_unknown: &Axes<bool>) {
+        self.truth.arrives(from_unknown);
+        self.before.arrive(from_unknown);
+        self.after.arrive(from_unknown);
     }
 
     /// Moves the result on to a share of the program's motion. Returns the commanded axis positions there.

@@ -394,3 +394,18 @@ fn offsets_are_told_without_digits_that_mean_nothing() {
     }
     assert!(differ > 0, "the product has no such digits anywhere");
 }
+
+/// X reaches 50 from 100 or from an unknown position, then cuts at rest: the mean correction has this direction of approach, or none.
+#[test]
+fn the_mean_has_the_direction_of_approach() {
+    let errors = "EXX = { mean = { poly = [0.0] }, reversal = -4 }\n";
+    let offset = "[work_offset.G54]\nX = 0\n";
+    for (start, mean) in [("[start]\nX = 100\nY = 0\nZ = 0\n", -0.002), ("", 0.0)] {
+        let program = "G54 G0 X50 Y0 Z0\nG1 Y10 F100\n";
+        let (_, found) = run(errors, &format!("{offset}{start}"), program).expect("averaged");
+        assert!(
+            (found[0].mean_mm[0] - mean).abs() < 1e-9,
+            "{start}{found:?}"
+        );
+    }
+}

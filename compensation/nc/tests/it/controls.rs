@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
 use volcomp_test_support::cases;
 
-use crate::identity::{begins, compensated_in, has, rows, verified_in};
+use crate::identity::{TRAVELS, begins, compensated_in, has, rows, verified_in, written};
 
 /// X needs 1 µm for each millimetre of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
@@ -574,5 +575,75 @@ fn presets_are_work_offsets() {
         .expect_err(line)
         .to_string();
         assert!(error.starts_with(expected), "{error}");
+    }
+}
+
+/// The lines with the notes that contain a text.
+fn noted(dialect: Dialect, machine: &str, program: &str, text: &str) -> Vec<String> {
+    let machine = Machine::parse(machine, "m.toml").expect("a good machine");
+    let (_, notes) = written(dialect, &machine, "", program).expect(program);
+    notes
+        .into_iter()
+        .filter(|note| note.contains(text))
+        .collect()
+}
+
+/// M10 clamps a rotary axis: words that only correct it are noted, until M11 unclamps it.
+#[test]
+fn corrections_of_a_clamped_axis_are_noted() {
+    let tilts = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-100, 100]\n[errors]\nEAX = { poly = [0.0, 1.0] }\n";
+    let program = |codes: [&str; 2]| {
+        let [first, second] = codes;
+        format!("G0 X0 Y0 Z0 A0\n{first}G1 X200 F100\n{second}G1 X400\nG1 A10\n")
+    };
+    for (codes, line) in [
+        (["", ""], None),
+        (
+            ["M10\n", ""],
+            Some("3: M10 clamps a rotary axis, and A gets words"),
+        ),
+        (
+            ["", "M10\n"],
+            Some("4: M10 clamps a rotary axis, and A gets words"),
+        ),
+        (["M10\nM11\n", ""], None),
+    ] {
+        let found = noted(Dialect::Rs274, tilts, &program(codes), "M10");
+        assert_eq!(
+            found.len(),
+            usize::from(line.is_some()),
+            "{codes:?}: {found:?}"
+        );
+        assert!(
+            line.is_none_or(|line| found[0].starts_with(line)),
+            "{found:?}"
+        );
+    }
+}
+
+/// A modal exact stop also stops at the end of each part of a split motion.
+#[test]
+fn split_motions_with_an_exact_stop_are_noted() {
+    let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");
+    for (dialect, code, cuts, noted_line) in [
+        (Dialect::Rs274, "G61", "", 3),
+        (Dialect::Rs274, "G61.1", "", 3),
+        (Dialect::Rs274, "G61", "G64\n", 0),
+        (Dialect::Rs274, "G64", "", 0),
+        (Dialect::Siemens, "G60", "", 3),
+        (Dialect::Siemens, "G60", "G641\n", 0),
+        (Dialect::Siemens, "G64", "", 0),
+    ] {
+        let program = format!("{code}\nG0 X0 Y0 Z0\n{cuts}G1 X400 F100\nG1 X0\n");
+        let found = noted(dialect, &bends, &program, "exact stop");
+        assert_eq!(
+            found.len(),
+            usize::from(noted_line > 0),
+            "{program}{found:?}"
+        );
+        assert!(
+            found.iter().all(|note| note.starts_with("3: ")),
+            "{found:?}"
+        );
     }
 }

@@ -1,9 +1,12 @@
 //! Play: a carriage that lags, as a virtual machine has it and as the result takes it up.
 
+use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Strategy, Verification};
 
-use crate::identity::{TRAVELS, verified_in};
+use crate::identity::{TRAVELS, verified_in, written};
 
+/// X begins at the zero of the part.
+const START: &str = "[start]\nX = 0\nY = 0\nZ = 0\n[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0\n";
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 const CONE: &str = include_str!("../../../../examples/parts/cone.ngc");
 const CONE_SETUP: &str = include_str!("../../../../examples/parts/cone-setup.toml");
@@ -45,7 +48,8 @@ fn the_shorter_way_keeps_the_flank() {
     );
     let program =
         "G0 X0 Y100 Z0 A340\nA=DC(350)\nA=DC(10)\nA=DC(30)\nA=DC(10)\nA=DC(350)\nA=DC(330)\n";
-    let found = played(Dialect::Siemens, [&lags, "", program], Strategy::Plain);
+    let start = "[start]\nA = 0\n[work_offset.G500]\nA = 0\n";
+    let found = played(Dialect::Siemens, [&lags, start, program], Strategy::Plain);
     let length = |um: [f64; 3]| um.iter().map(|um| um * um).sum::<f64>().sqrt();
     // Which way the table is off: along the circle about its centre.
     let off: Vec<f64> = found
@@ -93,8 +97,9 @@ fn worn_machines_are_within_a_step_and_a_half() {
 #[test]
 fn play_is_taken_up_before_arcs_with_other_codes() {
     let machine = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -4.0 }\n";
-    let around =
-        |before: &str, block: &str| format!("{before}G0 X60 Y40 Z0 F400\nG1 X80\n{block}\nM2\n");
+    let around = |before: &str, block: &str| {
+        format!("{before}G0 X50 Y40 Z0 F400\nG0 X60\nG1 X80\n{block}\nM2\n")
+    };
     for block in [
         "G3 X80 Y40 I-20 J0",
         "G17 G3 X80 Y40 I-20 J0",
@@ -110,25 +115,133 @@ fn play_is_taken_up_before_arcs_with_other_codes() {
         "#5=7 G3 X80 Y40 I-20 J0",
     ] {
         let out = crate::flow::text(machine, &around("", block));
-        let line = out.lines().nth(2);
-        assert_eq!(out.lines().nth(1), Some("G1 X80.002"), "{block}: {out}");
+        let line = out.lines().nth(3);
+        assert_eq!(out.lines().nth(2), Some("G1 X80.002"), "{block}: {out}");
         assert_eq!(line, Some("G1 X79.998"), "{block}: {out}");
     }
     // In ways, and in inches: 3 inch are 76.2 mm.
     let out = crate::flow::text(
         machine,
-        "G0 X60 Y40 Z0 F400\nG91 G1 X20\nG90 G3 X80 Y40 I-20 J0\nM2\n",
+        "G0 X50 Y40 Z0 F400\nG0 X60\nG91 G1 X20\nG90 G3 X80 Y40 I-20 J0\nM2\n",
     );
-    assert_eq!(out.lines().nth(2), Some("G1 X-0.004"), "{out}");
+    assert_eq!(out.lines().nth(3), Some("G1 X-0.004"), "{out}");
     let out = crate::flow::text(
         machine,
-        "G20 G0 X2 Y2 Z0 F40\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
+        "G20 G0 X1 Y2 Z0 F40\nG0 X2\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
     );
-    assert_eq!(out.lines().nth(2), Some("G1 X2.9999"), "{out}");
+    assert_eq!(out.lines().nth(3), Some("G1 X2.9999"), "{out}");
     // The feed is that of the arc where no other has been said.
     let out = crate::flow::text(
         machine,
         "G0 X60 Y40 Z0\nG0 X80\nG0 Y50\nG17 G3 X80 Y50 I-20 J0 F250\nM2\n",
     );
     assert!(out.contains("\nG1 X79.998 F250\nG17 G3 "), "{out}");
+}
+
+/// Lost motion of 4 µm in X: 80.002 after a positive motion, 79.998 after a negative one, and the mean where the direction is unknown.
+#[test]
+fn an_axis_from_an_unknown_position_has_no_direction_of_approach() {
+    const G54: &str = "[work_offset.G54]\nX = 0\n";
+    const HOME: &str = "[home.G28]\nX = 0\n[work_offset.G54]\nX = 0\n";
+    let lags = format!("{TRAVELS}[errors]\nEXX = {{ mean = {{ poly = [0.0] }}, reversal = -4 }}\n");
+    let machine = Machine::parse(&lags, "m.toml").expect("a good machine");
+    // The corrected lines, and the line of the note about X (0: none).
+    for (setup, program, expected, noted) in [
+        (
+            START,
+            "G0 X80 Y0 Z0\nG1 Z5 F100\n",
+            "G0 X80.002 Y0 Z0\nG1 Z5 F100\n",
+            0,
+        ),
+        (
+            "",
+            "G0 X80 Y0 Z0\nG1 Z5 F100\n",
+            "G0 X80 Y0 Z0\nG1 Z5 F100\n",
+            2,
+        ),
+        (
+            "",
+            "G1 X80 Y0 Z0 F100\nX90\n",
+            "G1 X80 Y0 Z0 F100\nX80.002\nX90.002\n",
+            1,
+        ),
+        (
+            "",
+            "G81 X80 Y0 Z-10 R5 F100\n",
+            "G81 X80 Y0 Z-10 R5 F100\n",
+            1,
+        ),
+        // A tool change, an M code that may have moved X, and a motion that may be skipped.
+        (
+            START,
+            "G0 X80\nT1 M6\nG0 X60 Y0 Z5\nG1 Z0 F100\n",
+            "G0 X80.002\nT1 M6\nG0 X60 Y0 Z5\nG1 Z0 F100\n",
+            4,
+        ),
+        (
+            START,
+            "G0 X80\nM92 X80\nG0 X60 Y0 Z5\nG1 Z0 F100\n",
+            "G0 X80.002\nM92 X80\nG0 X60 Y0 Z5\nG1 Z0 F100\n",
+            4,
+        ),
+        (
+            START,
+            "G0 X80\n/G0 X100\nG0 X60\nG1 Z0 F100\n",
+            "G0 X80.002\n/G0 X100.002\nG0 X60\nG1 Z0 F100\n",
+            4,
+        ),
+        // An incremental word states the direction.
+        (
+            START,
+            "G0 X80\nT1 M6\nG91 G0 X-5\nG1 Z1 F100\n",
+            "G0 X80.002\nT1 M6\nG91 G0 X-5.004\nG1 Z1 F100\n",
+            0,
+        ),
+        // Machine coordinates, with and without the work offset between them and the target.
+        (G54, "G53 G0 X0\nG0 X60\n", "G53 G0 X0\nG0 X60.002\n", 0),
+        (
+            "",
+            "G53 G0 X0\nG0 X60\nG1 Z0 F100\n",
+            "G53 G0 X0\nG0 X60\nG1 Z0 F100\n",
+            3,
+        ),
+        (HOME, "G28 X0\nG0 X60\n", "G28 X0\nG0 X60.002\n", 0),
+        (G54, "G28 X0\nG0 X60\n", "G28 X0\nG0 X60\n", 0),
+        (
+            START,
+            "G0 X60\nG53 G0 X0\nG53 G0 X90\nG0 X80\n",
+            "G0 X60.002\nG53 G0 X0\nG53 G0 X90\nG0 X79.998\n",
+            0,
+        ),
+    ] {
+        let (out, notes) = written(Dialect::Rs274, &machine, setup, program).expect(program);
+        assert_eq!(out, expected, "{setup}{notes:?}");
+        let approach = notes
+            .iter()
+            .find(|note| note.contains("direction of approach of X"));
+        let line = approach.and_then(|note| note.split(':').next()?.parse().ok());
+        assert_eq!(line.unwrap_or(0), noted, "{program}{notes:?}");
+    }
+}
+
+/// The virtual machine assumes no direction either: without `[start]` the carriage of X is in the middle of its play at first.
+#[test]
+fn the_virtual_machine_assumes_no_direction_of_approach() {
+    let program = "G0 X80 Y0 Z0\nG1 Z5 F100\nX90\nX70\n";
+    for reversal in [-4.0, 4.0] {
+        let error = format!("EXX = {{ mean = {{ poly = [0.0] }}, reversal = {reversal} }}\n");
+        let machine = format!("{TRAVELS}[errors]\n{error}");
+        for (setup, first) in [("", 0.0), (START, 0.5)] {
+            let found = verified(&machine, setup, program, Strategy::Plain);
+            for (line, share) in [(1, first), (2, first), (3, 0.5), (4, -0.5)] {
+                let at = found.path.iter().rfind(|place| place.line == line);
+                let at = at.expect("a place of the line");
+                assert!(
+                    (at.before_um[0] - share * reversal).abs() < 1e-6,
+                    "{setup}{at:?}"
+                );
+                assert!(at.after_um[0].abs() < 1e-6, "{setup}{at:?}");
+            }
+        }
+    }
 }

@@ -505,3 +505,21 @@ fn blanks_behind_computed_words_stay() {
     let error = taken(&format!("X={}\n", "R[".repeat(2000))).expect_err("refused");
     assert!(error.to_string().contains("nested too deeply"), "{error}");
 }
+
+/// G96, G97 and their variants end G93: the parts of a split motion keep the F of the block.
+#[test]
+fn surface_speed_ends_inverse_time() {
+    let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");
+    let machine = Machine::parse(&bends, "m.toml").expect("a good machine");
+    for code in [
+        "G93", "G94", "G96", "G961", "G962", "G97", "G971", "G972", "G973",
+    ] {
+        let program = format!("G0 X0 Y0 Z0\nG93 G1 X10 F2\n{code} S100\nG1 X400 F0.2\n");
+        let (out, _) = identity::written(Dialect::Siemens, &machine, "", &program).expect(code);
+        let lines: Vec<&str> = out.lines().skip(3).collect();
+        assert!(lines.len() > 2, "{out}");
+        let has_own_feed = lines[1..].iter().any(|line| line.contains('F'));
+        assert_eq!(has_own_feed, code == "G93", "{out}");
+        assert_eq!(lines[0].contains("F0.2"), code != "G93", "{out}");
+    }
+}
