@@ -1,6 +1,9 @@
 //! What an operator confirms: a machine file together with the limits of its correction.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 use sha2::{Digest, Sha256};
 use volcomp_port::Description;
@@ -73,6 +76,8 @@ pub(crate) struct Judge {
     pub confirm_urad: Option<f64>,
     /// The hash that was confirmed.
     pub confirmed: Option<String>,
+    /// While armed: the model from which unconfirmed changes of a reload are measured, so that small ones cannot add up.
+    pub confirmed_model: Option<Arc<Model>>,
     /// Other differences that must be confirmed, one sentence each: signs that the model belongs to another machine.
     pub differences: Vec<String>,
 }
@@ -109,14 +114,16 @@ impl Judge {
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
         let is_small = !moves && limits.is_empty() && self.differences.is_empty();
+        let is_confirmed = self.confirmed.as_ref() == Some(&hash);
         // A machine with other axes has an infinite change, which JSON cannot represent.
         let finite = |x: f64| x.is_finite().then_some(x);
         // Without limits for rotary axes none is corrected, so none can move.
         let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
-        if is_small || self.confirmed.as_ref() == Some(&hash) {
+        if is_small || is_confirmed {
             return Judged {
                 worst,
                 question: None,
+                is_confirmed,
             };
         }
         let question = Question {
@@ -131,6 +138,7 @@ impl Judge {
         Judged {
             worst,
             question: Some(question),
+            is_confirmed,
         }
     }
 }
@@ -142,6 +150,8 @@ pub(crate) struct Judged {
     pub(crate) worst: [Option<f64>; 2],
     /// The question that must be confirmed first.
     pub(crate) question: Option<Question>,
+    /// Whether an operator confirmed this change by its hash.
+    pub(crate) is_confirmed: bool,
 }
 
 /// Hash that confirms a change: of the machine file, and of the new limits if limits change.
@@ -218,6 +228,7 @@ mod tests {
             confirm_um: 5.0,
             confirm_urad: Some(5.0),
             confirmed: None,
+            confirmed_model: None,
             differences: Vec::new(),
         };
         let judged = |to| judge.judged([&model(); 2], changes(&old, to), to).question;

@@ -54,6 +54,7 @@ impl Service {
             confirm_um: guard.linear.confirm.0,
             confirm_urad: guard.rotary.as_ref().map(|rotary| rotary.confirm.0),
             confirmed,
+            confirmed_model: (self.confirmed_model.clone()).filter(|_| self.last_state.is_armed()),
             differences: Vec::new(),
         })
     }
@@ -161,6 +162,7 @@ impl Service {
 
     /// Saves the current model and limits as confirmed.
     pub(super) fn keep_confirmed(&mut self) -> [Receipt; 2] {
+        self.confirmed_model = Some(Arc::clone(&self.parts.model));
         let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
         let texts = [self.parts.model.text.clone(), limits];
         let [machine, limits] = self.confirmed_paths();

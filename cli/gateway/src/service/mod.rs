@@ -95,6 +95,8 @@ pub struct Service {
     worker: Worker,
     /// The check at start-up whether the model or limits need confirmation.
     unconfirmed: Option<Comparing>,
+    /// The model armed or confirmed last.
+    confirmed_model: Option<Arc<Model>>,
     switch: DisarmSwitch,
     publisher: Publisher,
     asked: Queue,
@@ -152,6 +154,7 @@ impl Service {
             clerk,
             worker: Worker::default(),
             unconfirmed: None,
+            confirmed_model: None,
             switch: parts.handle.disarm_switch(),
             publisher,
             asked,

@@ -26,7 +26,7 @@ use crate::{
         Question, Reloaded,
     },
     error::GatewayError,
-    identity::{self, Judge},
+    identity::{self, Judge, Judged},
     options::Options,
     plan::Plan,
     request::{Ask, Asked, CentreAsk, ModelAsk, Reply, refused},
@@ -65,7 +65,7 @@ impl Service {
         {
             return Progress::Done(self.refused_files(&whose, who, why));
         }
-        let (plan, judged) = match planned {
+        let (plan, mut judged) = match planned {
             Ok(planned) => planned,
             Err(e) => {
                 return Progress::Done(self.refused_files(&whose, who, e.to_string()));
@@ -82,7 +82,7 @@ impl Service {
             );
             return Progress::Done(self.refused_files(&whose, who, what));
         }
-        if let Some(question) = judged.question {
+        if let Some(question) = judged.question.take() {
             self.note(
                 &whose,
                 who,
@@ -116,7 +116,7 @@ impl Service {
             who: who.to_owned(),
             whose,
             plan,
-            worst: judged.worst,
+            judged,
             receipts,
             until: self.clock.now() + FILES,
         })))
@@ -149,7 +149,7 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            self.note(&whose, &step.who, &plan, step.worst, ModelOutcome::InForce);
+            self.note(&whose, &step.who, &plan, step.judged.worst, ModelOutcome::InForce);
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
@@ -170,7 +170,7 @@ impl Service {
         if unchanged {
             self.parts.config.machine = plan.config.machine;
         } else {
-            self.take(plan);
+            self.take(plan, step.judged.is_confirmed);
         }
         match whose {
             Whose::Configured => {
@@ -381,8 +381,8 @@ impl Service {
         }
     }
 
-    /// Applies limits and model of a plan.
-    fn take(&mut self, plan: Plan) {
+    /// Applies limits and model of a plan. Only a confirmed model becomes the one from which the next change is measured.
+    fn take(&mut self, plan: Plan, is_confirmed: bool) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
             // The queue has room for all of them: this is the only sending thread.
             let _ = self
@@ -402,8 +402,7 @@ impl Service {
         }
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
         self.parts.config = config;
-        if self.last_state.is_armed() {
-            // The model and limits just applied are now the confirmed ones.
+        if is_confirmed && self.last_state.is_armed() {
             let _ = self.keep_confirmed();
         }
         self.tell_thread();
@@ -478,10 +477,17 @@ fn plan_with(
         identity::changes(limits, &new_limits)
     };
     let differs = plan.model.hash != model.hash || !changes.is_empty();
-    let judged = judge
-        .filter(|_| differs)
-        .map(|judge| judge.judged([model, &plan.model], changes, &new_limits));
-    Ok((Box::new(plan), judged.unwrap_or_default()))
+    let Some(judge) = judge.filter(|_| differs) else {
+        return Ok((Box::new(plan), Judged::default()));
+    };
+    let mut judged = judge.judged([model, &plan.model], changes.clone(), &new_limits);
+    if judged.question.is_none()
+        && let Some(confirmed) = &judge.confirmed_model
+    {
+        let since_confirmed = judge.judged([confirmed, &plan.model], changes, &new_limits);
+        judged.question = since_confirmed.question;
+    }
+    Ok((Box::new(plan), judged))
 }
 
 /// Rejects changes of keys that are fixed while the gateway runs.

@@ -118,8 +118,8 @@ pub(super) struct Keeping {
     pub(super) who: String,
     pub(super) whose: Whose,
     pub(super) plan: Box<Plan>,
-    /// Change of the correction, µm and µrad.
-    pub(super) worst: [Option<f64>; 2],
+    /// Change of the correction, with no question left.
+    pub(super) judged: Judged,
     pub(super) receipts: Vec<Receipt>,
     pub(super) until: Instant,
 }

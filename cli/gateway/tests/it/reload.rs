@@ -122,6 +122,41 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     refused(&mut gateway, "[guard] is missing");
 }
 
+/// Each of two small changes needs no confirmation, their sum does: the change is measured from the model that was
+/// confirmed last, not only from the active one.
+#[test]
+fn small_changes_do_not_add_up_without_a_confirmation() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let machine = dir.path().join("machine.toml");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    let worst_um = |question: &Value| question["worst_corner_um"].as_f64().expect("a number");
+    // Armed with 20 µm; `confirm_um` is 10.
+    change(&machine, "EYX = 20.0", "EYX = 28.0");
+    assert_eq!(reload(&mut gateway).0, 200);
+    wait_for_y(&mut gateway, -28.0);
+    change(&machine, "EYX = 28.0", "EYX = 36.0");
+    let question = asked(&mut gateway);
+    assert!((worst_um(&question) - 16.0).abs() < 0.1, "{question}");
+    gateway.run(Duration::from_secs(1));
+    wait_for_y(&mut gateway, -28.0);
+    confirm(&mut gateway, &question);
+    wait_for_y(&mut gateway, -36.0);
+    // The confirmed change is the new origin.
+    change(&machine, "EYX = 36.0", "EYX = 44.0");
+    assert_eq!(reload(&mut gateway).0, 200);
+    wait_for_y(&mut gateway, -44.0);
+    // The distance from the active model counts as well.
+    change(&machine, "EYX = 44.0", "EYX = 32.0");
+    let question = asked(&mut gateway);
+    assert!((worst_um(&question) - 12.0).abs() < 0.1, "{question}");
+    // After a restart, arming measures from the same origin.
+    change(&machine, "EYX = 32.0", "EYX = 52.0");
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.wait_until_says("must be confirmed");
+}
+
 /// The machine file becomes another machine's between two runs: arming asks.
 #[test]
 fn another_machines_file_is_not_armed_unasked() {
