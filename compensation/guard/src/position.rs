@@ -28,7 +28,7 @@ pub enum PositionFlaw {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Accepted {
+struct AcceptedPosition {
     /// Position, mm or rad.
     position: f64,
     taken: Duration,
@@ -40,7 +40,7 @@ struct Accepted {
 /// the axis had at the first rejection.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
-    accepted: Option<Accepted>,
+    accepted: Option<AcceptedPosition>,
     /// Timestamp of the first rejected position since.
     rejected_since: Option<Duration>,
 }
@@ -65,7 +65,7 @@ impl PositionCheck {
         };
         match found {
             Ok(offset_range) => {
-                self.accepted = Some(Accepted {
+                self.accepted = Some(AcceptedPosition {
                     position,
                     taken,
                     offset_range,

@@ -324,7 +324,7 @@ impl Link {
 
 /// The meaning of a report for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
+pub enum ReportStatus {
     /// The control's scans have not advanced since the last report, or this one is from before it: nothing new.
     Old,
     /// Another sender owns the control, or this one did before its restart: nothing may be sent until the control has released it at its timeout.
@@ -372,7 +372,7 @@ impl Session {
     }
 
     /// Processes the head of a complete report and returns its meaning.
-    pub fn read(&mut self, report: Head) -> Seen {
+    pub fn read(&mut self, report: Head) -> ReportStatus {
         let Head {
             epoch,
             tick,
@@ -383,16 +383,16 @@ impl Session {
             .last
             .is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick))
         {
-            return Seen::Old;
+            return ReportStatus::Old;
         }
         if owner != 0 && (owner != self.owner || !self.has_sent(epoch, sequence)) {
             self.last = None;
             self.sent = None;
-            return Seen::Held { owner };
+            return ReportStatus::Held { owner };
         }
         let epoch_began = self.last.is_none_or(|last| last.epoch != epoch);
         self.last = Some(report);
-        Seen::Confirmed {
+        ReportStatus::Confirmed {
             landed: owner == self.owner && self.sent == Some((epoch, sequence)),
             epoch_began,
         }

@@ -168,8 +168,8 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
         let direction = memory.at(reported - output, threshold, None);
         turns += u32::from(cycle > 130 && direction != before);
         before = direction;
-        let wanted = direction.map_or(0.0, |direction| 0.010 * direction.sign());
-        let goal = output + (wanted - output).clamp(-slew, slew);
+        let requested = direction.map_or(0.0, |direction| 0.010 * direction.sign());
+        let goal = output + (requested - output).clamp(-slew, slew);
         output = (goal / STEP).round() * STEP;
     }
     turns

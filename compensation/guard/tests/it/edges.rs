@@ -115,8 +115,8 @@ fn a_read_back_older_than_allowed_makes_no_step() {
             world.target = Some(axes(0.150, 0.0));
             let mut world = world.arm_from_here();
             for cycle in 0..2000_u32 {
-                let wanted = 0.1 * (TAU * f64::from(cycle) * 0.001).sin();
-                world.target = Some(axes(0.050 + wanted, 0.0));
+                let requested = 0.1 * (TAU * f64::from(cycle) * 0.001).sin();
+                world.target = Some(axes(0.050 + requested, 0.0));
                 world.run(Duration::ZERO);
                 assert!(world.applied[0].abs() <= 0.150 + 1e-9);
             }
@@ -269,7 +269,7 @@ fn a_read_back_that_is_no_number_is_not_called_compensating() {
 fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
     for silent in [1, 3, 12, 100] {
         let mut world = World::compensating(&limits());
-        let wanted = world.applied;
+        let requested = world.applied;
         world.hides_applied = true;
         world.clear(PerChannel::ZERO);
         for _ in 0..silent {
@@ -279,7 +279,7 @@ fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
         world.hides_applied = false;
         world.run(3 * SECOND);
         assert!(world.largest_step <= MOST, "{}", world.largest_step);
-        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+        assert_eq!(world.applied, requested, "silent for {silent} cycles");
     }
 }
 
@@ -289,7 +289,7 @@ fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
 fn a_barrier_that_is_not_heard_lets_go_by_itself() {
     for silent in [1, 3, 12, 100, 500] {
         let mut world = World::guarded(&limits()).arm();
-        let wanted = world.applied;
+        let requested = world.applied;
         world.hides_applied = true;
         for _ in 0..silent {
             world.run(Duration::ZERO);
@@ -299,7 +299,7 @@ fn a_barrier_that_is_not_heard_lets_go_by_itself() {
         world.hides_applied = false;
         world.run(3 * SECOND);
         assert!(world.largest_step <= MOST, "{}", world.largest_step);
-        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+        assert_eq!(world.applied, requested, "silent for {silent} cycles");
     }
 }
 
@@ -361,8 +361,8 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
         .arm();
         world.told_late = 7;
         for cycle in 0..2000_u32 {
-            let wanted = 0.040 + 0.004 * (TAU * f64::from(cycle) * 0.02).sin();
-            world.target = Some(axes(wanted, -0.020));
+            let requested = 0.040 + 0.004 * (TAU * f64::from(cycle) * 0.02).sin();
+            world.target = Some(axes(requested, -0.020));
             world.sticks = pattern >> (cycle / 3 % 6) & 1 == 0;
             world.run(Duration::ZERO);
         }

@@ -21,15 +21,15 @@ const STOP: Option<Interlock> = Some(Interlock {
 #[test]
 fn what_one_path_says_holds_all_until_the_same_path_clears_it() {
     let mut interlocks = Interlocks::default();
-    interlocks.see(0, CLEAR);
-    interlocks.see(1, STOP);
+    interlocks.update(0, CLEAR);
+    interlocks.update(1, STOP);
     assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP);
     // Another path that sees nothing of it lifts nothing, and neither does silence.
-    interlocks.see(0, CLEAR);
-    interlocks.see(1, None);
+    interlocks.update(0, CLEAR);
+    interlocks.update(1, None);
     let told = interlocks.reasons();
     assert_eq!(told, Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN);
-    interlocks.see(1, CLEAR);
+    interlocks.update(1, CLEAR);
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
@@ -60,14 +60,14 @@ fn old_flags_forbid() {
 #[test]
 fn a_person_lifts_what_a_silent_path_said_last_and_nothing_else() {
     let mut interlocks = Interlocks::default();
-    interlocks.see(0, STOP);
+    interlocks.update(0, STOP);
     interlocks.acknowledge();
     assert_eq!(
         interlocks.reasons(),
         Reasons::EMERGENCY_STOP,
         "it still says so"
     );
-    interlocks.see(0, None);
+    interlocks.update(0, None);
     interlocks.acknowledge();
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
@@ -79,7 +79,7 @@ fn an_axis_stands_in_a_stop_that_another_path_shows() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
             let mut world = World::in_motion(late, at);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             // What was on its way lands, and is led back.
             world.run(20 * PERIOD);
             let stands = world.applied;
@@ -88,7 +88,7 @@ fn an_axis_stands_in_a_stop_that_another_path_shows() {
                 world.run(PERIOD);
                 assert_eq!(world.applied, stands, "{late} cycles late");
             }
-            world.interlocks.see(1, CLEAR);
+            world.interlocks.update(1, CLEAR);
             assert_eq!(world.run(Duration::from_secs(2)).state, State::Compensating);
         }
     }
@@ -115,7 +115,7 @@ fn what_the_barrier_holds_in_a_stop_is_taken_over() {
     );
     // Only the barrier is free again.
     (world.emergency_stop, world.answers) = (false, true);
-    world.interlocks.see(1, STOP);
+    world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
     assert_eq!(world.applied, stands);
 }
@@ -136,7 +136,9 @@ fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
             for cycle in 0..400 {
                 let stopped = (10..10 + cycles).contains(&cycle);
                 world.emergency_stop = holds && stopped;
-                world.interlocks.see(1, if stopped { STOP } else { CLEAR });
+                world
+                    .interlocks
+                    .update(1, if stopped { STOP } else { CLEAR });
                 let output = world.run(Duration::ZERO);
                 let applied = world.applied[0];
                 assert!(
@@ -211,7 +213,7 @@ fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
 #[test]
 fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
     let mut world = stopped(2);
-    world.interlocks.see(1, STOP);
+    world.interlocks.update(1, STOP);
     world.emergency_stop = false;
     world.run(Duration::from_millis(200));
     let stands = world.applied;
@@ -258,7 +260,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
 fn limits_lowered_as_a_stop_begins_lead_no_axis_back() {
     for late in [0, 2, 4, 6] {
         let mut world = World::in_motion(late, 100);
-        world.interlocks.see(1, STOP);
+        world.interlocks.update(1, STOP);
         world.lower_limits(0.030);
         let mut furthest = 0.0_f64;
         for _ in 0..300 {
@@ -302,7 +304,7 @@ fn a_stop_that_begins_as_the_control_is_free_again_leads_no_axis_back() {
             for _ in 0..cycles {
                 world.run(Duration::ZERO);
             }
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             let back = goes_back(&mut world, 200);
             assert!(back <= 1e-9, "{late} late, after {cycles}: {back}");
         }
@@ -316,7 +318,7 @@ fn what_holds_by_itself_in_a_stop_stands_when_it_is_free_again() {
     for late in [0, 1, 2, 4, 6] {
         for limit in [0.150, 0.030] {
             let mut world = held_by_itself(late);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             let stood = world.applied;
             world.run(Duration::from_millis(40));
             world.lower_limits(limit);
@@ -336,7 +338,7 @@ fn what_is_free_again_in_a_stop_is_led_nowhere() {
     for late in [0, 1, 2, 4, 6] {
         for after in (0..200).step_by(12) {
             let mut world = held_by_itself(late);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             world.run(Duration::from_millis(after));
             world.holds = false;
             // Until this is seen, and what was sent until then has landed.
@@ -375,7 +377,7 @@ fn a_stop_that_chatters_does_not_speed_up_what_comes_in_from_beyond_a_limit() {
             emergency_stop: cycle % 2 == 0,
             ..Interlock::default()
         };
-        world.interlocks.see(1, Some(interlock));
+        world.interlocks.update(1, Some(interlock));
         world.cycle_after(PERIOD, None);
     }
     let passed_s = world.now.saturating_sub(begun).as_secs_f64();

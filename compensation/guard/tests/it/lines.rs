@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State, Told};
+use volcomp_guard::{ControlTimeOut, CorrectionReport, ReadBack, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
@@ -295,22 +295,26 @@ fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() 
         world.read_back.sent(sent, &written, true);
         let now = sent + waited;
         let mut hear = || {
-            world.read_back.hear(now, now, &Told::Nothing, &limits());
-            let known = world.read_back.known();
+            world
+                .read_back
+                .receive(now, now, &CorrectionReport::Missing, &limits());
+            let known = world.read_back.status();
             (
                 known.confirmed.map(|confirmed| confirmed.values),
-                known.until,
+                known.control_acts_at,
             )
         };
         hear();
         let before = hear();
         world.read_back.take_over(now, false);
         let mut hear = || {
-            world.read_back.hear(now, now, &Told::Nothing, &limits());
-            let known = world.read_back.known();
+            world
+                .read_back
+                .receive(now, now, &CorrectionReport::Missing, &limits());
+            let known = world.read_back.status();
             (
                 known.confirmed.map(|confirmed| confirmed.values),
-                known.until,
+                known.control_acts_at,
             )
         };
         assert_eq!(hear(), before, "{waited_ms} ms");

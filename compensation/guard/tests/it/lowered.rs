@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Cause, Interlock, Limits, ReadBack, Request, State, Vector, Wanted};
+use volcomp_guard::{
+    Cause, Interlock, Limits, ReadBack, Request, RequestedCorrection, State, Vector,
+};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
@@ -13,13 +15,13 @@ use crate::{
 const CYCLE_S: f64 = 0.004;
 
 /// X follows A with 500 mm for each rad, and no position is wanted beside: the tip misses by X − 500·A.
-fn led_by_a() -> Wanted {
+fn led_by_a() -> RequestedCorrection {
     let mut follow = PerChannel::default();
     follow[3] = of([500.0]);
-    Wanted {
+    RequestedCorrection {
         rotary: of([0.0, 0.0, 0.0, 200e-6]),
         follow,
-        ..Wanted::default()
+        ..RequestedCorrection::default()
     }
 }
 
@@ -43,15 +45,15 @@ fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
 }
 
 /// The most by which the tip misses (mm) on the way within limits that were lowered, as the guard does it.
-fn misses_most(wanted: &Wanted, before: &Limits, after: &Limits) -> (f64, Vector) {
+fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits) -> (f64, Vector) {
     let mut vector = Vector::at(&PerChannel::ZERO);
     for _ in 0..2000 {
-        vector.follow(wanted, before, CYCLE_S);
+        vector.follow(requested, before, CYCLE_S);
     }
     vector.begin_ramp();
     let mut most = 0.0_f64;
     for _ in 0..2000 {
-        vector.follow(wanted, after, CYCLE_S);
+        vector.follow(requested, after, CYCLE_S);
         let output = vector.output();
         most = most.max((output[0] - 500.0 * output[3]).abs());
     }
@@ -111,18 +113,18 @@ fn a_line_that_ends_beyond_a_lowered_limit_takes_all_axes_along() {
 /// Without rotary axes: one factor for all, on the way in too.
 #[test]
 fn a_lowered_limit_takes_the_same_part_of_every_share() {
-    let wanted = Wanted::linear(of([0.100, -0.050, 0.020]));
+    let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));
     let before = three();
     let mut after = before;
     after.axes[0].limit = 0.030;
-    let mut vector = Vector::at(&wanted.position);
+    let mut vector = Vector::at(&requested.position);
     for _ in 0..200 {
-        vector.follow(&wanted, &before, CYCLE_S);
+        vector.follow(&requested, &before, CYCLE_S);
     }
     vector.begin_ramp();
     let mut cycles = 0;
     while !vector.is_ramped() {
-        vector.follow(&wanted, &after, CYCLE_S);
+        vector.follow(&requested, &after, CYCLE_S);
         let [x, y, z, ..] = vector.smooth().0;
         assert!((x + 2.0 * y).abs() < 1e-9 && (x - 5.0 * z).abs() < 1e-9);
         cycles += 1;
@@ -135,7 +137,7 @@ fn a_lowered_limit_takes_the_same_part_of_every_share() {
 /// to the limit, beyond what is wanted.
 #[test]
 fn a_lowered_acceleration_does_not_overshoot() {
-    let wanted = Wanted::linear(of([0.091, -0.040, 0.0]));
+    let requested = RequestedCorrection::linear(of([0.091, -0.040, 0.0]));
     for (cycles, part) in [(10, 0.1), (30, 0.025), (40, 0.005), (20, 0.005)] {
         let before = Limits {
             ramp: Duration::from_millis(100),
@@ -146,7 +148,7 @@ fn a_lowered_acceleration_does_not_overshoot() {
         let mut rate = 0.0;
         let mut follow = |vector: &mut Vector, limits: &Limits, accel_per_s2: f64| {
             let stood = vector.smooth()[0];
-            vector.follow(&wanted, limits, CYCLE_S);
+            vector.follow(&requested, limits, CYCLE_S);
             let now = (vector.smooth()[0] - stood) / CYCLE_S;
             let most = accel_per_s2 * CYCLE_S * (1.0 + 1e-6);
             assert!((now - rate).abs() <= most, "{rate} to {now}");
@@ -214,10 +216,10 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
                         ..Interlock::default()
                     })
                 };
-                world.interlocks.see(1, stop(emergency_stop));
+                world.interlocks.update(1, stop(emergency_stop));
                 world.request(Request::Switched);
                 world.run(Duration::from_secs(1));
-                world.interlocks.see(1, stop(false));
+                world.interlocks.update(1, stop(false));
                 let state = world.run(Duration::from_secs(3)).state;
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}, {emergency_stop}");

@@ -3,11 +3,11 @@
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
 use volcomp_guard::{
-    AxisLimits, Limits, Moves, Proof, Proven, Reading, Reasons, Request, State, Verdict,
+    AxisLimits, AxisProof, Limits, MotionHistory, Proof, Reading, Reasons, Request, State, Verdict,
 };
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
-use Proven::{Contained, NotContained, NotProven};
+use AxisProof::{Contained, NotContained, NotProven};
 
 use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
 
@@ -35,7 +35,7 @@ struct Axis {
 
 struct Rig {
     limits: Limits,
-    moves: Moves,
+    moves: MotionHistory,
     now: Duration,
     machine: [Axis; 2],
     history: VecDeque<[f64; 2]>,
@@ -51,7 +51,7 @@ impl Rig {
                 test_shift: PerChannel([SHIFT; 9]),
                 ..*limits
             },
-            moves: Moves::default(),
+            moves: MotionHistory::default(),
             now: SECOND,
             machine,
             history: VecDeque::new(),
@@ -91,7 +91,7 @@ impl Rig {
             }
         });
         self.moves
-            .see(self.now, &positions, &self.output, &self.limits);
+            .update(self.now, &positions, &self.output, &self.limits);
         positions
     }
 
@@ -128,7 +128,7 @@ fn axes_of(of: impl Fn(usize) -> f64) -> PerChannel<f64> {
     axes(of(0), of(1))
 }
 
-fn proven(machine: [Axis; 2]) -> [Proven; 2] {
+fn proven(machine: [Axis; 2]) -> [AxisProof; 2] {
     let (verdict, _) = Rig::new(&limits(), machine, PerChannel::ZERO).prove(20 * SECOND);
     let axes = verdict.expect("a verdict").axes;
     [axes[0], axes[1]]
@@ -350,13 +350,13 @@ fn a_correction_is_no_motion_of_the_axis() {
             rig.output[0] = 0.1 * (f64::from(cycle) * 0.05).sin();
             rig.reading();
         }
-        assert!(!rig.moves.lately(rig.now, 0));
-        assert!(!rig.moves.lately(rig.now, 1));
+        assert!(!rig.moves.moved_recently(rig.now, 0));
+        assert!(!rig.moves.moved_recently(rig.now, 1));
         rig.machine[0].stood = false;
         rig.reading();
-        assert!(rig.moves.lately(rig.now, 0));
-        assert!(!rig.moves.lately(rig.now + 11 * SECOND, 0));
-        assert!(!rig.moves.lately(rig.now, 99));
+        assert!(rig.moves.moved_recently(rig.now, 0));
+        assert!(!rig.moves.moved_recently(rig.now + 11 * SECOND, 0));
+        assert!(!rig.moves.moved_recently(rig.now, 99));
     }
 }
 

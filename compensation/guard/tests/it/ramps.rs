@@ -5,7 +5,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisLimits, Limits, Request, State, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, Request, RequestedCorrection, State, Vector};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
@@ -112,7 +112,7 @@ fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
     let limits = five(0.0);
     let mut follow = PerChannel::default();
     follow[3] = of([0.0, 200.0, -100.0]);
-    let wanted = Wanted {
+    let requested = RequestedCorrection {
         position: of([0.030, -0.020, 0.010]),
         rotary: of([0.0, 0.0, 0.0, 50e-6]),
         follow,
@@ -122,18 +122,18 @@ fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
         let mut cycles = 0;
         while !vector.is_ramped() {
             let before = vector.smooth();
-            let followed = vector.follow(&wanted, &limits, 0.004);
+            let followed = vector.follow(&requested, &limits, 0.004);
             assert!(!followed.slewing, "{followed:?}");
             cycles += 1;
             for i in 0..5 {
-                let most = (wanted.full()[i] - from[i]).abs() / 120.0 + 1e-6;
+                let most = (requested.full()[i] - from[i]).abs() / 120.0 + 1e-6;
                 assert!((vector.smooth()[i] - before[i]).abs() <= most);
             }
         }
         assert!((124..=126).contains(&cycles), "{cycles}");
         for i in 0..5 {
             let step = limits.axes[i].resolution;
-            assert!((vector.output()[i] - wanted.full()[i]).abs() < 0.51 * step);
+            assert!((vector.output()[i] - requested.full()[i]).abs() < 0.51 * step);
         }
     }
 }
@@ -146,7 +146,11 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut vector = Vector::default();
     let mut cycles = 0;
     while !vector.is_ramped() {
-        let followed = vector.follow(&Wanted::linear(of([0.1, 0.02, -0.05])), &limits, 0.004);
+        let followed = vector.follow(
+            &RequestedCorrection::linear(of([0.1, 0.02, -0.05])),
+            &limits,
+            0.004,
+        );
         let [x, y, z, ..] = vector.smooth().0;
         assert!((x - 5.0 * y).abs() < 1e-9 && (z + 2.5 * y).abs() < 1e-9);
         assert!(!followed.behind && (followed.slewing || vector.is_ramped()));
@@ -160,7 +164,7 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
 fn what_begins_after_a_line_begins_with_its_last_rate() {
     let limits = five(0.118);
     // Back to where it came from.
-    let wanted = Wanted::linear(of([0.260, 0.0, 0.0]));
+    let requested = RequestedCorrection::linear(of([0.260, 0.0, 0.0]));
     for from_um in 1..150_u32 {
         for dt in [0.004, 0.0013, 0.020] {
             let mut vector = Vector::at(&of([f64::from(from_um) * 1e-3, -0.004, 0.0]));
@@ -171,7 +175,7 @@ fn what_begins_after_a_line_begins_with_its_last_rate() {
                 let arrived = if on_line {
                     vector.advance_line(&limits, dt)
                 } else {
-                    vector.follow(&wanted, &limits, dt);
+                    vector.follow(&requested, &limits, dt);
                     false
                 };
                 for (i, axis) in limits.axes.iter().enumerate().take(3) {
@@ -208,7 +212,7 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     let right = |follow_mm: f64| {
         let mut follow = PerChannel::default();
         follow[3] = of([follow_mm]);
-        Wanted {
+        RequestedCorrection {
             position: of([0.010]),
             rotary: of([0.0, 0.0, 0.0, 100e-6]),
             follow,
@@ -216,17 +220,17 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     };
     for from in [PerChannel::ZERO, of([0.020, 0.0, 0.0, 100e-6])] {
         for absurd in [1.0, 20.0, 1e3, 1e5, -1e12] {
-            for (limits, wanted, wrong) in [
+            for (limits, requested, wrong) in [
                 (
                     linear,
-                    Wanted::linear(of([0.010])),
-                    Wanted::linear(of([absurd])),
+                    RequestedCorrection::linear(of([0.010])),
+                    RequestedCorrection::linear(of([absurd])),
                 ),
                 // The levers are as wrong as the position.
                 (
                     rotary,
                     right(100.0),
-                    Wanted {
+                    RequestedCorrection {
                         position: of([absurd]),
                         ..right(1e3 * absurd)
                     },
@@ -238,13 +242,13 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
                 vector.follow(&wrong, &limits, 0.004);
                 let mut cycles = 1;
                 while !vector.is_ramped() {
-                    vector.follow(&wanted, &limits, 0.004);
+                    vector.follow(&requested, &limits, 0.004);
                     cycles += 1;
                     assert!(cycles <= 140, "{absurd}: {vector:?}");
                 }
-                let most = wanted.full()[0];
+                let most = requested.full()[0];
                 for _ in 0..25 {
-                    vector.follow(&wanted, &limits, 0.004);
+                    vector.follow(&requested, &limits, 0.004);
                 }
                 assert!(
                     (vector.output()[0] - most).abs() < 0.001,
@@ -269,7 +273,11 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         // The machine goes on: 0.2 µm more in each cycle.
         let x = (0.100 + 0.0002 * f64::from(cycle)).min(0.155);
         let before = vector.smooth()[1];
-        vector.follow(&Wanted::linear(of([x, -0.120, 0.0])), &limits, 0.004);
+        vector.follow(
+            &RequestedCorrection::linear(of([x, -0.120, 0.0])),
+            &limits,
+            0.004,
+        );
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
@@ -278,22 +286,22 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
 }
 
 /// By how much the tip is off along X, Y, Z, mm: the linear axes against what belongs to A and C where these are.
-fn tip_misses(wanted: &Wanted, at: &PerChannel<f64>) -> f64 {
+fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
     let off = |l: usize| {
-        let follows = wanted.follow[3][l] * at[3] + wanted.follow[4][l] * at[4];
-        at[l] - follows - wanted.position[l]
+        let follows = requested.follow[3][l] * at[3] + requested.follow[4][l] * at[4];
+        at[l] - follows - requested.position[l]
     };
     (0..3).map(|l| off(l).powi(2)).sum::<f64>().sqrt()
 }
 
 /// What is wanted of five axes, by any levers to 0.4 m.
-fn any_wanted(random: &mut ChaCha8Rng) -> Wanted {
+fn any_wanted(random: &mut ChaCha8Rng) -> RequestedCorrection {
     let mut share = |size: f64| random.random_range(-size..size);
     let mut follow = PerChannel::default();
     for rotary in [3, 4] {
         follow[rotary] = of([share(400.0), share(400.0), share(400.0)]);
     }
-    Wanted {
+    RequestedCorrection {
         position: of([share(0.2), share(0.2), share(0.2)]),
         rotary: of([0.0, 0.0, 0.0, share(300e-6), share(300e-6)]),
         follow,
@@ -314,9 +322,9 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
                 1e-8
             };
         }
-        let mut wanted = any_wanted(&mut random);
+        let mut requested = any_wanted(&mut random);
         let mut vector = Vector::default();
-        let mut begun = tip_misses(&wanted, &vector.smooth());
+        let mut begun = tip_misses(&requested, &vector.smooth());
         for cycle in 0..3000 {
             let what = random.random_range(0..200);
             if what < 3 {
@@ -332,15 +340,15 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
                             axis.warn = axis.limit;
                         }
                     }
-                    1 => wanted = any_wanted(&mut random),
+                    1 => requested = any_wanted(&mut random),
                     _ => vector = Vector::at(&vector.smooth()),
                 }
                 vector.begin_ramp();
-                begun = tip_misses(&wanted, &vector.smooth());
+                begun = tip_misses(&requested, &vector.smooth());
             }
-            let followed = vector.follow(&wanted, &limits, 0.004);
-            let off = tip_misses(&wanted, &vector.smooth());
-            let without = tip_misses(&wanted, &PerChannel::ZERO);
+            let followed = vector.follow(&requested, &limits, 0.004);
+            let off = tip_misses(&requested, &vector.smooth());
+            let without = tip_misses(&requested, &PerChannel::ZERO);
             if followed.behind {
                 begun = begun.max(off);
             } else {
@@ -419,16 +427,16 @@ fn a_ramp_to_zero_ends_where_a_rotary_axis_went_back_to_zero_before() {
 }
 
 /// How long the ramp takes of a correction that is wanted beyond the limit, s; infinite: two minutes and more.
-fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, wanted: [f64; 2]) -> f64 {
+fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]) -> f64 {
     let mut limits = limits();
     limits.ramp = ramp;
     for axis in &mut limits.axes {
         (axis.limit, axis.warn, axis.slew_per_s, axis.accel_per_s2) = (limit, limit, slew, accel);
     }
-    let wanted = Wanted::linear(axes(wanted[0], wanted[1]));
+    let requested = RequestedCorrection::linear(axes(requested[0], requested[1]));
     let mut vector = Vector::default();
     for cycle in 1..=30_000_u32 {
-        vector.follow(&wanted, &limits, 0.004);
+        vector.follow(&requested, &limits, 0.004);
         if vector.is_ramped() {
             return f64::from(cycle) * 0.004;
         }
@@ -445,17 +453,17 @@ fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
         for slew in [0.05, 0.5] {
             for accel in [0.2, 2.0, 10.0, f64::INFINITY] {
                 for ramp_ms in [100, 2000] {
-                    for wanted in [[0.040, 0.0], [0.186, 0.0], [0.186, -0.172], [0.060, 0.040]] {
+                    for requested in [[0.040, 0.0], [0.186, 0.0], [0.186, -0.172], [0.060, 0.040]] {
                         let ramp = Duration::from_millis(ramp_ms);
-                        let taken_s = ramp_s(limit, slew, accel, ramp, wanted);
-                        let most = wanted[0].abs();
+                        let taken_s = ramp_s(limit, slew, accel, ramp, requested);
+                        let most = requested[0].abs();
                         let alone_s = (most / slew + 2.0 * slew / accel)
                             .max(2.0 * (2.0 * most / accel).sqrt());
                         let allowed_s = 2.0 * ramp.as_secs_f64().max(alone_s) + 0.1;
                         if taken_s > allowed_s {
                             wrong += 1;
                             println!(
-                                "limit {limit} slew {slew} accel {accel} ramp {ramp_ms} ms wanted {wanted:?}: {taken_s} s, {allowed_s} s allowed"
+                                "limit {limit} slew {slew} accel {accel} ramp {ramp_ms} ms wanted {requested:?}: {taken_s} s, {allowed_s} s allowed"
                             );
                         }
                     }

@@ -6,7 +6,8 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    BarrierLink, Cause, Interlock, Limits, ReadBack, Request, State, Told, barrier::REPORT_WORDS,
+    BarrierLink, Cause, CorrectionReport, Interlock, Limits, ReadBack, Request, State,
+    barrier::REPORT_WORDS,
 };
 use volcomp_vocabulary::PerChannel;
 
@@ -33,7 +34,7 @@ fn shows(world: &mut World, emergency_stop: bool) {
         emergency_stop,
         ..Interlock::default()
     };
-    world.interlocks.see(1, Some(interlock));
+    world.interlocks.update(1, Some(interlock));
 }
 
 /// The way that stands by is asked.
@@ -43,8 +44,8 @@ fn is_asked(standby: &mut ReadBack, world: &World) {
     };
     let mut words = [0; REPORT_WORDS];
     let length = barrier.report().encode(&mut words);
-    let told = Told::Report(&words[..length]);
-    standby.hear(world.now, world.now, &told, world.guard.limits());
+    let told = CorrectionReport::Barrier(&words[..length]);
+    standby.receive(world.now, world.now, &told, world.guard.limits());
 }
 
 /// Behind a barrier some cycles away, to which another way leads, too.

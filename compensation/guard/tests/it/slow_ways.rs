@@ -167,7 +167,7 @@ fn a_way_that_takes_over_and_shows_a_stop_moves_no_axis_back() {
         let mut world = World::in_motion(late, 80);
         let limits = *world.guard.limits();
         world.take_other_way(&limits);
-        world.interlocks.see(1, STOP);
+        world.interlocks.update(1, STOP);
         let mut watch = Watch::of(&world);
         watch.look(&mut world, 200, Some(Request::TakeOver));
         assert!(watch.back <= 1e-9, "{late} late: {watch:?}");

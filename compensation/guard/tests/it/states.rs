@@ -319,7 +319,7 @@ fn disarming_takes_no_other_gateways_correction_out() {
     world.request(Request::Disarm);
     assert_eq!(world.run(4 * SECOND).state, State::Disarmed);
     // Also where it is seen later.
-    world.read_back.see_other(world.now);
+    world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));

@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 use volcomp_guard::{
-    Heard, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
+    SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 
 /// Sensors of a machine, asked once in `pause` seconds.
@@ -24,21 +24,21 @@ impl Machine {
     }
 
     /// The next round: what is heard of each sensor, measured now.
-    fn hears(&mut self, heard: &[Heard]) -> Vec<SensorReport> {
+    fn hears(&mut self, readings: &[SensorReading]) -> Vec<SensorReport> {
         self.now += self.pause;
         let now = Duration::from_secs_f64(self.now);
-        let mut told = vec![SensorReport::default(); heard.len()];
-        judge_temperatures(&mut self.checks, heard, now, &self.limits, &mut told);
+        let mut told = vec![SensorReport::default(); readings.len()];
+        judge_temperatures(&mut self.checks, readings, now, &self.limits, &mut told);
         told
     }
 
     fn reads(&mut self, degc: &[f64]) -> Vec<Option<SensorFlaw>> {
         let taken = Duration::from_secs_f64(self.now + self.pause);
-        let heard: Vec<Heard> = degc
+        let readings: Vec<SensorReading> = degc
             .iter()
-            .map(|degc| Heard::Temperature { degc: *degc, taken })
+            .map(|degc| SensorReading::Temperature { degc: *degc, taken })
             .collect();
-        let told = self.hears(&heard);
+        let told = self.hears(&readings);
         for (told, degc) in told.iter().zip(degc) {
             let used = told.flaw.is_none_or(SensorFlaw::is_used);
             assert_eq!(told.degc, used.then_some(*degc));
@@ -68,14 +68,14 @@ const DAY: f64 = 86_400.0;
 fn every_way_to_be_wrong() {
     let limits = SensorLimits::default();
     let check = |checks: &mut [SensorCheck], now: u64, degc: f64, taken: u64| {
-        let heard = Heard::Temperature {
+        let readings = SensorReading::Temperature {
             degc,
             taken: Duration::from_secs(taken),
         };
         let mut told = [SensorReport::default()];
         judge_temperatures(
             checks,
-            &[heard],
+            &[readings],
             Duration::from_secs(now),
             &limits,
             &mut told,
@@ -93,10 +93,10 @@ fn every_way_to_be_wrong() {
     // The same reading again and again is fine.
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
-    for heard in [Heard::Silence, Heard::Fault] {
+    for readings in [SensorReading::Silence, SensorReading::Fault] {
         let mut told = [SensorReport::default()];
         let mut new = [SensorCheck::default()];
-        judge_temperatures(&mut new, &[heard], Duration::ZERO, &limits, &mut told);
+        judge_temperatures(&mut new, &[readings], Duration::ZERO, &limits, &mut told);
         assert_eq!((told[0].degc, told[0].flaw), out(SensorFlaw::Broken));
     }
 }
@@ -120,7 +120,7 @@ fn forty_kelvin_are_never_believed() {
 /// Behind a fault, a break or a pause there is no other way in.
 #[test]
 fn a_jump_behind_a_gap_is_a_jump() {
-    for gap in [Heard::Fault, Heard::Silence] {
+    for gap in [SensorReading::Fault, SensorReading::Silence] {
         let mut machine = Machine::new(1, SensorLimits::default());
         assert_eq!(machine.reads(&[20.0]), [None]);
         for _ in 0..3600 {
@@ -144,7 +144,7 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     // And so does a fault.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
-    machine.hears(&[Heard::Fault]);
+    machine.hears(&[SensorReading::Fault]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
 }
 
@@ -179,8 +179,8 @@ fn cooled_while_the_first_was_broken() -> Machine {
     for second in 0..7200 {
         let degc = 40.0 - 15.0 * f64::from(second) / 7200.0;
         let taken = Duration::from_secs_f64(machine.now + machine.pause);
-        let other = Heard::Temperature { degc, taken };
-        machine.hears(&[Heard::Fault, other, other]);
+        let other = SensorReading::Temperature { degc, taken };
+        machine.hears(&[SensorReading::Fault, other, other]);
     }
     machine
 }
@@ -204,8 +204,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
         assert_eq!(machine.used_after(&[40.0, 25.0, 25.0], 3600.0), None);
         for _ in 0..3600 {
             let taken = Duration::from_secs_f64(machine.now + machine.pause);
-            let wrong = Heard::Temperature { degc: 40.0, taken };
-            let told = machine.hears(&[wrong, Heard::Silence, Heard::Silence]);
+            let wrong = SensorReading::Temperature { degc: 40.0, taken };
+            let told = machine.hears(&[wrong, SensorReading::Silence, SensorReading::Silence]);
             assert_eq!(told[0].flaw, Some(SensorFlaw::Jumped));
         }
         machine.acknowledge();
@@ -256,7 +256,7 @@ fn a_cold_morning_is_believed() {
     let mut machine = Machine::new(2, SensorLimits::default());
     machine.reads(&[31.0, 24.0]);
     for _ in 0..8 * 3600 {
-        machine.hears(&[Heard::Silence; 2]);
+        machine.hears(&[SensorReading::Silence; 2]);
     }
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
@@ -268,7 +268,7 @@ fn a_sensor_that_was_away_for_minutes_is_not_believed_far_off() {
     let mut machine = Machine::new(1, SensorLimits::default());
     machine.reads(&[22.0]);
     for _ in 0..300 {
-        machine.hears(&[Heard::Silence]);
+        machine.hears(&[SensorReading::Silence]);
     }
     assert_eq!(machine.reads(&[44.0]), [Some(SensorFlaw::Jumped)]);
 }
@@ -332,7 +332,7 @@ fn a_sensor_apart_from_the_others_is_told() {
     let told = Machine::new(80, limits).hears(
         &many
             .iter()
-            .map(|degc| Heard::Temperature {
+            .map(|degc| SensorReading::Temperature {
                 degc: *degc,
                 taken: Duration::ZERO,
             })
@@ -362,7 +362,7 @@ proptest! {
         machine.pause = pause;
         for round in 0..400 {
             if (silent..silent + 5).contains(&round) {
-                machine.hears(&[Heard::Silence]);
+                machine.hears(&[SensorReading::Silence]);
                 continue;
             }
             // Within the range of the machine the temperature goes up or down and then stands.
@@ -390,9 +390,9 @@ proptest! {
             machine.reads(&usual[..sensors]);
         }
         if hides_in_a_gap {
-            let mut heard = vec![Heard::Silence; sensors];
-            heard[0] = Heard::Fault;
-            machine.hears(&heard);
+            let mut readings = vec![SensorReading::Silence; sensors];
+            readings[0] = SensorReading::Fault;
+            machine.hears(&readings);
         }
         for round in 0_u32..4000 {
             // The machine drifts by up to 4 K, there and back.
@@ -404,9 +404,9 @@ proptest! {
             let flaw = match gap {
                 Some((_, is_fault, _)) => {
                     let taken = Duration::from_secs_f64(machine.now + pause);
-                    let mut heard: Vec<Heard> = degc.iter().map(|degc| Heard::Temperature { degc: *degc, taken }).collect();
-                    heard[0] = if *is_fault { Heard::Fault } else { Heard::Silence };
-                    machine.hears(&heard)[0].flaw
+                    let mut readings: Vec<SensorReading> = degc.iter().map(|degc| SensorReading::Temperature { degc: *degc, taken }).collect();
+                    readings[0] = if *is_fault { SensorReading::Fault } else { SensorReading::Silence };
+                    machine.hears(&readings)[0].flaw
                 }
                 None => machine.reads(&degc)[0],
             };

@@ -8,7 +8,7 @@ use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
     AxisSettings, BarrierSettings, GuardSettings, Model, PathPlan, PlanError, Replacement,
-    WhyLeftOut, WithoutBarrier,
+    UncorrectedReason, WithoutBarrier,
     guard::{Reasons, Request},
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
@@ -201,9 +201,9 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
                 let case = format!("{step_deg} deg, barrier {has_barrier}, {rotary:?}");
                 let plan = shipped(step_deg, has_barrier, rotary)
                     .unwrap_or_else(|error| panic!("{case}: {error}"));
-                let left_out = plan.left_out.iter().map(|out| out.axis);
-                let left_out: Vec<_> = left_out.collect();
-                assert_eq!(left_out, [AxisName::C, AxisName::B], "{case}");
+                let uncorrected = plan.uncorrected.iter().map(|out| out.axis);
+                let uncorrected: Vec<_> = uncorrected.collect();
+                assert_eq!(uncorrected, [AxisName::C, AxisName::B], "{case}");
                 for axis in plan.limits.axes.iter().take(plan.limits.count) {
                     let is_rotary = axis.kind == AxisKind::Rotary;
                     assert_eq!(axis.reachable() == 0.0 && is_rotary, axis.limit == 0.0);
@@ -234,14 +234,17 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     assert!(b < c && b > Um(1.0), "levers of B and C: {b} {c}");
     let corrects = |most: f64| {
         let plan = plan(&NAMES, 20.0, Um(most)).expect("fits");
-        let left_out = plan.left_out.iter().map(|out| (out.axis, out.why));
-        (plan.correctors.rotary().len(), left_out.collect::<Vec<_>>())
+        let uncorrected = plan.uncorrected.iter().map(|out| (out.axis, out.why));
+        (
+            plan.correctors.rotary().len(),
+            uncorrected.collect::<Vec<_>>(),
+        )
     };
     assert_eq!(corrects(c.0 * 1.001), (2, Vec::new()));
-    let (count, left_out) = corrects(c.0 * 0.999);
+    let (count, uncorrected) = corrects(c.0 * 0.999);
     assert_eq!(count, 1);
-    let [(AxisName::C, WhyLeftOut::Coarse(error))] = left_out[..] else {
-        panic!("{left_out:?}")
+    let [(AxisName::C, UncorrectedReason::Coarse(error))] = uncorrected[..] else {
+        panic!("{uncorrected:?}")
     };
     assert!((error.to_um() - c).0.abs() < 1e-9);
     assert_eq!(corrects(b.0 * 0.999).0, 0);
@@ -255,10 +258,10 @@ fn rotary_axes_correct_only_beside_three_linear_directions() {
     let plan = |axes: &[AxisName]| plan(axes, 1.0, Um(1000.0));
     let two = plan(&[x, b, y]).expect("X and Y correct");
     assert!(two.correctors.rotary().is_empty());
-    assert_eq!(two.left_out.len(), 1);
+    assert_eq!(two.uncorrected.len(), 1);
     assert_eq!(
-        (two.left_out[0].axis, two.left_out[0].why),
-        (b, WhyLeftOut::Uncatchable)
+        (two.uncorrected[0].axis, two.uncorrected[0].why),
+        (b, UncorrectedReason::Uncatchable)
     );
     let refused = plan(&[b, c]).expect_err("nothing corrects");
     assert!(

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, RequestedCorrection, Vector};
 use volcomp_kinematics::actual_pose;
 use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_runtime::{
@@ -93,7 +93,7 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
             let without = off_um(&machine, &state, &PerAxis::ZERO);
             for cycle in 0..200 {
                 let wanted = model.wanted(&state, &correctors, &PerAxis(vector.output().0));
-                let wanted = Wanted {
+                let wanted = RequestedCorrection {
                     position: PerChannel(wanted.position.0),
                     rotary: PerChannel(wanted.rotary.0),
                     follow: PerChannel(wanted.follow.0.map(|row| PerChannel(row.0))),

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_model::Machine;
 use volcomp_port::{Clock, Description};
 use volcomp_runtime::{
-    Asked, BarrierSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError,
+    BarrierSettings, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings, PlanError,
     PositionReader, ReaderPlan, Report,
     guard::{ControlTimeOut, Hold, Reasons, Request, State, protocol::Counts},
 };
@@ -312,14 +312,14 @@ fn after_a_restart(
     }
     for number in 0..500 {
         ways.clock.advance(PERIOD);
-        let asked = Asked {
+        let asked = CycleInput {
             request: match number {
                 50 if acknowledged => Some(Request::Acknowledge),
                 100 => Some(Request::Arm),
                 _ => None,
             },
             forbids: Reasons::FAULTED_BEFORE.when(was_faulted && number <= 50),
-            ..Asked::default()
+            ..CycleInput::default()
         };
         cycle.run(ways.clock.now(), &asked, &mut || Duration::ZERO);
     }
@@ -468,7 +468,7 @@ fn a_controller_that_is_only_read_and_hangs_costs_no_cycle() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());
     ways.plant().hangs = Duration::from_secs(2);
     let mut cycle = with_scale(&ways);
-    cycle.attend_standbys().expect("threads");
+    cycle.start_standby_threads().expect("threads");
     let mut longest = Duration::ZERO;
     for n in 0..400 {
         std::thread::sleep(PERIOD);

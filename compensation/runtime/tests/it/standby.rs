@@ -8,7 +8,7 @@ use volcomp_port::{
     inject::{Faults, Faulty, HangSwitch, Hanging, Injection, Remote},
 };
 use volcomp_runtime::{
-    Asked, Cycle, Handle, Model, Order, Realtime, Report,
+    Cycle, CycleInput, Handle, Model, Order, Realtime, Report,
     guard::{Reasons, Request},
     start,
 };
@@ -113,11 +113,11 @@ fn taking_over_allocates_nothing() {
     let TwoWays {
         mut cycle, first, ..
     } = two_ways();
-    cycle.attend_standbys().expect("threads");
+    cycle.start_standby_threads().expect("threads");
     let mut run = |cycles: u32, request: Option<Request>| {
-        let mut asked = Asked {
+        let mut asked = CycleInput {
             request,
-            ..Asked::default()
+            ..CycleInput::default()
         };
         for _ in 0..cycles {
             assert_no_alloc(|| {

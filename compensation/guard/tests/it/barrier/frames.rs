@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use volcomp_guard::{
     barrier::{Barrier, Frame, REPORT_WORDS, Report},
-    protocol::{Checksum, Counts, Head, Layout, Seen, Session, checksum},
+    protocol::{Checksum, Counts, Head, Layout, ReportStatus, Session, checksum},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -177,7 +177,7 @@ fn a_report_of_what_was_not_sent_is_anothers() {
             session.sends(*epoch, *sequence);
         }
         let seen = session.read(report(epoch, OWNER, sequence).head());
-        let held = Seen::Held { owner: OWNER };
+        let held = ReportStatus::Held { owner: OWNER };
         assert_eq!(
             seen != held,
             is_own,
@@ -188,9 +188,9 @@ fn a_report_of_what_was_not_sent_is_anothers() {
         }
         // Free, or another's: the numbers do not matter.
         let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
-        assert!(matches!(free, Seen::Confirmed { .. }), "{free:?}");
+        assert!(matches!(free, ReportStatus::Confirmed { .. }), "{free:?}");
         let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
-        assert_eq!(other, Seen::Held { owner: 3 });
+        assert_eq!(other, ReportStatus::Held { owner: 3 });
     }
 }
 
@@ -245,7 +245,7 @@ proptest! {
                 Step::Read(way, late) => {
                     let report = late.map_or_else(|| barrier.report(), |late| *late.get(&reports));
                     let seen = ways[way].read(report.head());
-                    prop_assert!(!matches!(seen, Seen::Held { .. }), "{:?} {:?}", ways[way], report);
+                    prop_assert!(!matches!(seen, ReportStatus::Held { .. }), "{:?} {:?}", ways[way], report);
                 }
                 Step::Send(way) => {
                     if let Some(frame) = ways[way].frame(&PerChannel::leading([1])) {

@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     barrier::{Barrier, DigitalLines},
-    protocol::{Counts, Refusal, Seen, Session},
+    protocol::{Counts, Refusal, ReportStatus, Session},
     vocabulary::PerChannel,
 };
 
@@ -55,11 +55,14 @@ impl Rig {
         [applied[0], applied[1]]
     }
 
-    fn sends(&mut self, sender: &mut Session, wanted: Counts) {
+    fn sends(&mut self, sender: &mut Session, requested: Counts) {
         let report = self.barrier.report();
         let seen = sender.read(report.head());
-        assert!(!matches!(seen, Seen::Held { .. }), "lines hold nothing");
-        if let Some(frame) = sender.frame(&wanted) {
+        assert!(
+            !matches!(seen, ReportStatus::Held { .. }),
+            "lines hold nothing"
+        );
+        if let Some(frame) = sender.frame(&requested) {
             self.frame = words(&report.settings, &frame);
         }
     }
@@ -164,12 +167,12 @@ fn frames_and_lines_in_turn_with_faults() {
         for scan in 0..1500_u32 {
             let memory = rig.barrier.memory();
             let uses_lines = (scan / 300) % 2 == 1;
-            let wanted = [12, -6];
+            let requested = [12, -6];
             if uses_lines && scan % 2 == 0 {
                 // It begins with zero once nothing can be left: a time-out, the age of a frame, and the way.
                 let axis = usize::from(scan % 4 == 0);
                 let waits = scan % 300 < 12 + 5 + 10;
-                output[axis] += (wanted[axis] - output[axis]).signum();
+                output[axis] += (requested[axis] - output[axis]).signum();
                 if waits {
                     output = [0; 2];
                 } else {
@@ -181,7 +184,7 @@ fn frames_and_lines_in_turn_with_faults() {
             } else if uses_lines && !rng.random_bool(0.05) {
                 rig.lines.latch ^= true;
             } else if !uses_lines {
-                rig.sends(&mut sender, PerChannel::leading(wanted));
+                rig.sends(&mut sender, PerChannel::leading(requested));
                 output = [0; 2];
                 if rng.random_bool(0.05) {
                     late.push(std::mem::take(&mut rig.frame));

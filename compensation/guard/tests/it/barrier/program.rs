@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_guard::{
     barrier::{Program, Protection, Report, SettingsError},
-    protocol::{Counts, Refusal, Seen, Session},
+    protocol::{Counts, Refusal, ReportStatus, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad},
 };
 use volcomp_port::{Axis, ControlProgram};
@@ -78,7 +78,7 @@ fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     for _ in 0..40 {
         assert!(matches!(
             session.read(report.head()),
-            Seen::Confirmed { .. }
+            ReportStatus::Confirmed { .. }
         ));
         mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
         report = decode(&program.scan(&[&mailbox], false));

@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     barrier::{FRAME_WORDS, Program, Protection, Report, Settings},
-    protocol::{Counts, Seen, Session},
+    protocol::{Counts, ReportStatus, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel},
 };
 use volcomp_port::{
@@ -56,7 +56,7 @@ struct Sender {
 }
 
 impl Sender {
-    fn cycle(&mut self, controller: &mut impl Controller, goal: &Counts) -> Option<Seen> {
+    fn cycle(&mut self, controller: &mut impl Controller, goal: &Counts) -> Option<ReportStatus> {
         let report = controller.read(soon()).ok()?.report?;
         let report = Report::decode(self.settings.machine, self.settings.axes, report.as_slice())?;
         let seen = self.session.read(report.head());
@@ -112,7 +112,7 @@ fn the_axes_go_at_the_barriers_rate_stop_with_the_machine_and_go_to_zero_without
     };
     clock.advance(period);
     let seen = other.cycle(&mut second, &PerChannel::leading([-150, 40]));
-    assert_eq!(seen, Some(Seen::Held { owner: 77 }));
+    assert_eq!(seen, Some(ReportStatus::Held { owner: 77 }));
     // The gateway dies: within the time-out and the way the axes are at zero, and they never step.
     let plant = controller.plant();
     drop(controller);

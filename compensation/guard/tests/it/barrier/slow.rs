@@ -35,7 +35,7 @@ fn a_slow_control_is_at_zero_when_it_is_taken_for_it() {
         assert!(world.run(Duration::ZERO).write);
         let last = std::mem::replace(&mut world.mailbox, before);
         let sent = world.now;
-        let wait = world.read_back.zero_by_itself(&limits);
+        let wait = world.read_back.zero_after_last_write(&limits);
         while world.now <= sent + wait.expect("a barrier") {
             world.now += PERIOD;
             world.scan();

@@ -172,13 +172,13 @@ fn random_lines(
     let axis = lines.axis.min(8);
     let most = i32::from(settings.rate[axis]) * rng.random_range(0..5);
     let applied = i32::from(barrier.memory().applied[axis]);
-    let wanted = match rng.random_range(0..12) {
+    let requested = match rng.random_range(0..12) {
         0 => rng.random_range(-4100..4100),
         1 => applied - most,
         2 => applied + most,
         _ => applied + rng.random_range(-most..=most),
     };
-    lines.value = i16::try_from(wanted).unwrap_or(0);
+    lines.value = i16::try_from(requested).unwrap_or(0);
     lines.latch ^= !rng.random_bool(0.1);
 }
 

@@ -16,7 +16,7 @@ fn what_is_kept_is_never_worse_than_nothing() {
         for degree in 0..360 {
             let (sin, cos) = f64::from(degree).to_radians().sin_cos();
             let (does, needed) = (of(1.0, 0.0), of(1.0 + distance * cos, distance * sin));
-            let part = Against::new(&does, &needed, 0.0).part();
+            let part = Comparison::new(&does, &needed, 0.0).part();
             let left = (needed[0] - part).hypot(needed[1]);
             let without = needed[0].hypot(needed[1]);
             assert!(left <= without + 1e-12, "{distance} {degree}: {part}");
@@ -27,7 +27,7 @@ fn what_is_kept_is_never_worse_than_nothing() {
             );
         }
     }
-    let part = |needed, step| Against::new(&of(0.0, 0.0), &of(needed, 0.0), step).part();
+    let part = |needed, step| Comparison::new(&of(0.0, 0.0), &of(needed, 0.0), step).part();
     assert_eq!(part(0.0, 0.0), 1.0);
     assert_eq!(part(0.5, 1.0), 1.0, "within a step");
     assert_eq!(part(2.0, 1.0), 0.0);
@@ -73,7 +73,7 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
 struct Looks {
     spared: u32,
     taken: u32,
-    let_go: u32,
+    reduced: u32,
     least: f64,
 }
 
@@ -105,19 +105,19 @@ fn look(
         read_back_cycles: 1,
         only_thermal: false,
     };
-    let place = Place {
+    let place = MachinePosition {
         positions: q,
         oldest: Some(now),
-        ..Place::default()
+        ..MachinePosition::default()
     };
-    lag.see(&place, model);
+    lag.update(&place, model);
     let state = State {
         q,
         ..State::default()
     };
     let correctors = model.correctors_among(&model.axes);
     let wanted = model.wanted(&state, &correctors, &PerAxis::ZERO);
-    let asked = Asked {
+    let inputs = PredictionInputs {
         model,
         correctors: &correctors,
         only_thermal: false,
@@ -127,9 +127,9 @@ fn look(
         wanted: &wanted,
         applied: &PerAxis::ZERO,
     };
-    let part = asked.part_ahead(&lag.speed, ahead);
-    looks.let_go += u32::from(part < 1.0);
-    if lag.is_calm(&asked, now, ahead) {
+    let part = inputs.part_ahead(&lag.speed, ahead);
+    looks.reduced += u32::from(part < 1.0);
+    if lag.is_calm(&inputs, now, ahead) {
         looks.spared += 1;
         looks.least = looks.least.min(part);
     } else {
@@ -141,7 +141,7 @@ fn look(
 const NO_LOOKS: Looks = Looks {
     spared: 0,
     taken: 0,
-    let_go: 0,
+    reduced: 0,
     least: 1.0,
 };
 
@@ -183,7 +183,7 @@ fn a_look_ahead_that_is_spared_would_let_nothing_go() {
     }
     println!("{looks:?}");
     assert!(looks.least >= 1.0, "{looks:?}");
-    assert!(looks.spared > 50_000 && looks.let_go > 5_000, "{looks:?}");
+    assert!(looks.spared > 50_000 && looks.reduced > 5_000, "{looks:?}");
 }
 
 /// A curve that is flat up to a node and steep behind it: what changed until now tells nothing of that.
@@ -207,6 +207,6 @@ fn a_look_ahead_is_not_spared_before_a_curve_bends() {
         );
     }
     println!("{looks:?}");
-    assert!(looks.least >= 1.0 && looks.let_go > 5, "{looks:?}");
+    assert!(looks.least >= 1.0 && looks.reduced > 5, "{looks:?}");
     assert!(looks.spared > 900, "{looks:?}");
 }
