@@ -23,6 +23,10 @@ struct SentRange {
 }
 
 /// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words which expire in a cycle still count in it.
+///
+/// Invariants:
+/// - `largest` is at least the limit of each axis.
+/// - Every word that may still be in transit counts in `recent` or `earlier`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct AcceptedRange {
     /// Largest accepted absolute correction of each axis, mm or rad.

@@ -28,6 +28,10 @@ pub struct Choice {
 }
 
 /// Selects the path, with hysteresis. State: the active path and since when each is usable.
+///
+/// Invariants:
+/// - `usable_since` of a path is `None` while it is not usable.
+/// - `active` changes only to a path that is ready.
 #[derive(Clone, Copy, Debug)]
 pub struct Selector {
     active: usize,

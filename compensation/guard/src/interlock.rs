@@ -51,6 +51,9 @@ impl Interlock {
 
 /// The interlocks of a machine. State: the last flags of each path. An interlock on one path applies to all; it is cleared only by the same path
 /// reporting it clear, or by the operator, not by silence.
+///
+/// Invariants:
+/// - The flags of a path change only by its own report, or by an acknowledgement while it is silent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlocks {
     flags: [Interlock; MAX_PATHS],

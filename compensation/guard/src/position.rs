@@ -38,6 +38,10 @@ struct AcceptedPosition {
 
 /// The last accepted position of an axis. After a rejection no position is accepted, however much time passes, until one is within the reach that
 /// the axis had at the first rejection.
+///
+/// Invariants:
+/// - `rejected_since` is set only between a rejection and the next accepted position.
+/// - The offset range of the accepted position is within the timestamp uncertainty and never empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
     accepted: Option<AcceptedPosition>,

@@ -177,6 +177,11 @@ struct Findings {
 /// linear axes. The correction is shifted in one direction and then in the other, with a rest in between, so that creep or a slow position cannot
 /// look like a response. If the machine starts to move, the correction returns to the start, and the proof restarts at the next standstill: a
 /// remaining shift would be an error of the part.
+///
+/// Invariants:
+/// - `before_leg[0]` is valid from the first leg on, `before_leg[1]` from the second.
+/// - `rotary` is set once the rotary axes were shifted: from then on the linear ones are.
+/// - A reading counts only if it was valid after the correction had reached the goal of the leg (`arrived_at`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
     /// When the last reading was valid.

@@ -233,6 +233,10 @@ pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
 }
 
 /// The numbers that a control publishes and by which it accepts frames.
+///
+/// Invariants:
+/// - An epoch is never reused within 65,536 starts and timeouts.
+/// - `silent` grows only without an accepted frame, and not beyond the timeout, at which `owner` is free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Link {
     /// Incremented at each start and at each timeout.
@@ -346,6 +350,9 @@ pub enum ReportStatus {
 const MOST_EPOCHS: usize = 4;
 
 /// A sender's knowledge of a control.
+///
+/// Invariants:
+/// - `last` is set only while this sender may send. `sent` is the frame that answered the latest answered report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
     /// Random number drawn by this sender at its start.

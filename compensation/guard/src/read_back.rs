@@ -24,6 +24,11 @@ use no_read_back::NoReadBack;
 use status::{Arrival, ArrivalMonitor};
 
 /// The read-back of one path. State: what was sent, what was received, and the conclusions.
+///
+/// Invariants:
+/// - `status.between` contains the confirmed correction, and without a barrier every correction sent since that may have arrived.
+/// - `status.unlanded_since` is that of `arrivals`.
+/// - `status.scheme` belongs to `kind` and never changes.
 #[derive(Clone, Debug)]
 pub struct ReadBack {
     kind: Kind,

@@ -156,6 +156,10 @@ struct AcceptedTemperature {
 }
 
 /// The history of one sensor: the last accepted temperature, and whether it has jumped since.
+///
+/// Invariants:
+/// - `jumped` is set only with an accepted temperature, which does not change until the sensor is readmitted or acknowledged.
+/// - `used` is the result of the last check.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SensorCheck {
     /// The last reading and its flaw: a repeated reading is not checked again.

@@ -52,6 +52,12 @@ enum Motion {
 /// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance of the position share
 /// from the requested one shrinks in proportion: the position error of the tool shrinks from its value at the start of the ramp, even if the
 /// machine moves.
+///
+/// Invariants:
+/// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.
+/// - `smooth` never moves further out than its previous value or the limit.
+/// - On a ramp and while following, `goal` of the rotary axes is on whole steps, or where the motion began.
+/// - `output` changes only together with a motion: after [`stop`](Self::stop) it stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
     output: PerChannel<f64>,

@@ -83,7 +83,7 @@ fn timespec(time: Duration) -> Timespec {
 mod tests {
     use super::*;
 
-    /// Deadlines that have passed are left out, and the grid of deadlines is kept.
+    /// The grid of deadlines is kept.
     #[test]
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;

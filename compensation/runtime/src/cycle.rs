@@ -90,6 +90,13 @@ impl StandbyCheck {
 }
 
 /// The complete state of a cycle.
+///
+/// Invariants:
+/// - There is an active path, and the guard has its limits.
+/// - All paths are fitted to `model`, which always has the same axes in the same order.
+/// - Paths and readers together are at most `MAX_PATHS`; their interlocks are numbered in this order.
+/// - `commanded` is set only if every position is known, plausible and not too old.
+/// - The active path's controller is held by the cycle, never by its thread.
 pub struct Cycle {
     model: Replacement,
     paths: Vec<ControlPath>,

@@ -472,9 +472,8 @@ pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
 mod tests {
     use super::*;
 
-    /// A change that shows only when the machine is warm.
     #[test]
-    fn corners_are_compared_warm_too() {
+    fn models_are_compared_warm_too() {
         let model = |um_per_m_k: f64| {
             let text = format!(
                 "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 1000.0]\n[axes.Y]\ntravel = [0.0, 1.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {um_per_m_k}\n"
@@ -496,9 +495,9 @@ mod tests {
         );
     }
 
-    /// With the axis A held, Z takes what A would take: a tilt of A moves nothing of X, Y and Z else.
+    /// With A held, Z takes its share of the correction.
     #[test]
-    fn corners_are_compared_by_the_axes_that_a_controller_writes() {
+    fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {
             let text = format!(
                 "structure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 1.0]\n[axes.Y]\ntravel = [0.0, 200.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[axes.A]\ntravel = [-1.0, 1.0]\n[errors]\nEAA = {urad}\n"

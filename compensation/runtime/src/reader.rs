@@ -62,6 +62,10 @@ impl ReaderPlan {
 }
 
 /// A read-only controller.
+///
+/// Invariants:
+/// - Nothing is ever written to the controller.
+/// - `interlock` is that of the last valid reading; it is unknown after a failed or missing one.
 pub struct PositionReader {
     device: ControllerSlot,
     description: Description,

@@ -377,6 +377,12 @@ fn reference_ns() -> u64 {
     nanos(thread_time().saturating_sub(begun))
 }
 
+/// The thread's side.
+///
+/// Invariants:
+/// - An order is executed only if the ring of retired objects has room, so that nothing is freed here.
+/// - `disarms` never exceeds the number of disarm orders given.
+/// - `last` is the state and path of the last published change.
 struct Control {
     cycle: Cycle,
     /// Whether to run the reference computation after each cycle.
@@ -589,7 +595,7 @@ mod tests {
 
     /// The series is -ln(1 - x) / x.
     #[test]
-    fn it_is_the_series_of_the_logarithm() {
+    fn the_reference_is_the_series_of_the_logarithm() {
         for x in [-0.9_f64, -0.5, 0.25, 0.5, 0.9] {
             let expected = -(1.0 - x).ln() / x;
             assert!(

@@ -78,8 +78,7 @@ mod tests {
 
     use super::*;
 
-    /// Two thermometers one after the other: every sensor has its own place, silence and faults are told apart, and a jump
-    /// is believed once it is acknowledged.
+    /// Each sensor has its own index, silence and faults differ, and a jump is accepted once acknowledged.
     #[test]
     fn sensors_of_several_thermometers() {
         let start = Instant::now();

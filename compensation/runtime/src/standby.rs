@@ -20,6 +20,9 @@ pub(crate) const STANDBY_INTERVAL: Duration = Duration::from_millis(100);
 const ANSWERS: usize = 8;
 
 /// The controller of a path, held by the cycle or by the thread that reads it on standby.
+///
+/// Invariants:
+/// - The controller is in exactly one place: here, in a ring, or with the thread.
 pub(crate) struct ControllerSlot {
     controller: Option<Box<dyn Controller>>,
     thread: Option<StandbyThread>,

@@ -18,6 +18,11 @@ const COUNTED: Duration = Duration::from_secs(1);
 const GAP: Duration = Duration::from_secs(5);
 
 /// The path to a barrier. State: the session, and the scan rate of the control.
+///
+/// Invariants:
+/// - `can_send` and `held_by_other` exclude each other, and both follow from the last new report.
+/// - `stands` is the applied correction of all new reports since its time: the control accepted another one, and did not move.
+/// - `counted` scans passed since `counted_from`, in one epoch and without a gap.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
     session: Session,
@@ -232,7 +237,7 @@ fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
 /// Converts mm and rad to counts of each axis; `None` if a count does not fit into a word.
 #[expect(
     clippy::cast_possible_truncation,
-    reason = "the range of a word was looked at before"
+    reason = "the range of a word was checked before"
 )]
 fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
     let mut counts = Counts::default();

@@ -34,6 +34,12 @@ struct Equal {
     taken: Duration,
 }
 
+/// The values of one path that may be applied.
+///
+/// Invariants:
+/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 nothing is known, and nothing is sent.
+/// - After a confirmation the first candidate is the confirmed correction; the later ones were sent after it.
+/// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
     /// How long nothing else may have changed the values before the first write.

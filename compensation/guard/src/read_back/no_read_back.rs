@@ -27,8 +27,14 @@ impl ControlTimeOut {
     }
 }
 
+/// A control without read-back, and what is known of it from the writes.
+///
+/// Invariants:
+/// - `reports_now` implies `has_reported`.
+/// - `acts` is in order of time, and is set only if the control goes to zero on its own.
+/// - While `unknown`, nothing is written. A reading that confirms a correction, the time of zero or an acknowledgement ends it.
 #[derive(Clone, Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
     /// From when on the control may act on its own, and from when on it is at zero, without another write.

@@ -89,6 +89,10 @@ pub(super) enum Arrival {
 }
 
 /// State: since when a sent correction has not arrived.
+///
+/// Invariants:
+/// - Both times advance while the control does not answer: only time with readings counts against it.
+/// - Nothing is missing once nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArrivalMonitor {
     /// When the control was last read, and when something was last sent to it.

@@ -62,10 +62,9 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
 
-/// What is foretold of the way to zero is what it takes, whether slew, acceleration or the twenty cycles hold it back. It
-/// was foretold without the acceleration: 80 ms instead of 121 ms.
+/// Bounded by slew, acceleration or the twenty cycles. Without the acceleration it used to be 80 ms instead of 121 ms.
 #[test]
-fn the_time_to_zero_is_what_a_line_takes() {
+fn the_predicted_time_to_zero_is_that_of_a_line() {
     for slew_per_s in [0.05, 0.4, 5.0] {
         for accel_per_s2 in [0.5, 10.0, 200.0, f64::INFINITY] {
             for x in [0.001, 0.020, 0.140] {
@@ -96,7 +95,7 @@ fn the_time_to_zero_is_what_a_line_takes() {
     }
 }
 
-/// The line ends on the step that it was given, also from a value off the grid.
+/// The line ends exactly at its goal, also from a value off the grid.
 #[test]
 fn a_correction_off_the_grid_goes_to_zero() {
     let limits = five(0.0);
@@ -108,7 +107,7 @@ fn a_correction_off_the_grid_goes_to_zero() {
 }
 
 #[test]
-fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
+fn a_ramp_takes_its_time_and_begins_at_the_present_correction() {
     let limits = five(0.0);
     let mut follow = PerChannel::default();
     follow[3] = of([0.0, 200.0, -100.0]);
@@ -138,7 +137,7 @@ fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
     }
 }
 
-/// A ramp that the slew of one axis allows in two seconds only takes two seconds for all axes, and it is said.
+/// If one axis needs two seconds at its slew, all take two seconds, and this is reported.
 #[test]
 fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut limits = three();
@@ -159,9 +158,9 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     assert!((499..=502).contains(&cycles), "{cycles}");
 }
 
-/// A line ended with a last motion that was forgotten: what began in the next cycle accelerated by it more than it may.
+/// The next motion used to exceed the acceleration by the forgotten rate.
 #[test]
-fn what_begins_after_a_line_begins_with_its_last_rate() {
+fn a_motion_after_a_line_starts_with_its_last_rate() {
     let limits = five(0.118);
     // Back to where it came from.
     let requested = RequestedCorrection::linear(of([0.260, 0.0, 0.0]));
@@ -199,10 +198,9 @@ fn what_begins_after_a_line_begins_with_its_last_rate() {
     }
 }
 
-/// One wrong position in the cycle in which a ramp begins asked for 20 mm: the correction went to the opposite limit, and
-/// came back after nine seconds.
+/// A single request of 20 mm used to send the correction to the opposite limit for nine seconds.
 #[test]
-fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
+fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let mut linear = three();
     let mut rotary = five(0.0);
     for axis in linear.axes.iter_mut().chain(&mut rotary.axes).take(3) {
@@ -259,9 +257,9 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     }
 }
 
-/// A ramp of five seconds. On its way X is wanted 5 µm beyond its limit, as on any machine with a limit: Y goes on by the ramp.
+/// During a ramp of 5 s, X is requested 5 µm beyond its limit: Y continues its ramp.
 #[test]
-fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
+fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
     let limits = Limits {
         ramp: Duration::from_secs(5),
         ..three()
@@ -308,10 +306,10 @@ fn any_wanted(random: &mut ChaCha8Rng) -> RequestedCorrection {
     }
 }
 
-/// Limits of linear and rotary axes are lowered and raised at random, and other models come: while nothing is behind, the tip is
-/// no further off than without correction or than where the ramp began, but for the rounding.
+/// Random changes of limits and models: unless reported as behind, the tip is no further off than without correction or than at the start of the
+/// ramp, except for rounding.
 #[test]
-fn the_tip_is_never_further_off_than_where_the_ramp_began() {
+fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     for seed in 0..60_u64 {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut limits = five(if random.random() { 0.0 } else { 0.05 });
@@ -359,10 +357,9 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
     }
 }
 
-/// A control that was left between two steps is led to zero, also where a cycle slews less than a step and the next
-/// whole step is as far as a word may be from what is applied.
+/// Also if a cycle slews less than a step, and the next whole step is as far as a word may be from the applied correction.
 #[test]
-fn what_stands_between_steps_is_ramped_out() {
+fn a_correction_between_steps_ramps_out() {
     for seed in 0..2000 {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let accel_s = if random.random_bool(0.5) { 0.0 } else { 0.02 };
@@ -397,10 +394,9 @@ fn what_stands_between_steps_is_ramped_out() {
     }
 }
 
-/// A rotary axis with an acceleration, linear ones without: what went back to zero stands a hair beside it, and the ramp
-/// to zero never begins.
+/// The rotary axis, with an acceleration limit, had returned to almost zero, and the ramp never began.
 #[test]
-fn a_ramp_to_zero_ends_where_a_rotary_axis_went_back_to_zero_before() {
+fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();
     limits.count = 2;
     limits.axes[0].accel_per_s2 = f64::INFINITY;
@@ -444,10 +440,9 @@ fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]
     f64::INFINITY
 }
 
-/// The ramp of what is wanted beyond the limit takes no longer than the ramp, or than slew and acceleration need for all that
-/// is wanted, twice.
+/// At most twice the ramp time, or twice the time that slew and acceleration need for the whole request.
 #[test]
-fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
+fn the_ramp_to_a_request_beyond_a_limit_ends_in_time() {
     let mut wrong = 0;
     for limit in [0.030, 0.050, 0.100] {
         for slew in [0.05, 0.5] {
@@ -475,8 +470,7 @@ fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
 }
 
 proptest! {
-    /// However fast slew and ramp allow, after k cycles no more than k twentieths of the way are gone: in, out, and to
-    /// another target.
+    /// However fast slew and ramp are, at most k twentieths of the way are covered after k cycles: in, out, and to another target.
     #[test]
     fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
         let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };

@@ -48,7 +48,7 @@ fn is_asked(standby: &mut ReadBack, world: &World) {
     standby.receive(world.now, world.now, &told, world.guard.limits());
 }
 
-/// Behind a barrier some cycles away, to which another way leads, too.
+/// Behind a barrier some cycles away, with a second path to it.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
     // Beside any: those in which an axis moved in a stop, and one in which what was sent was a fault, once.
@@ -155,8 +155,7 @@ impl Window {
     }
 }
 
-/// The same by words that are read back some cycles late, or not at all for a while, and a way that names the axes the
-/// other way round.
+/// The same with late or missing read-back, and a path with another axis order.
 #[test]
 fn random_changes_of_limits_without_a_barrier_are_no_fault() {
     for seed in 0..400_u64 {

@@ -25,9 +25,9 @@ fn heard(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration)
     (*read_back.status(), now)
 }
 
-/// A reading confirms as of when it held, however late it is heard; one older than `hold` confirms nothing.
+/// However late it is received; readings older than `hold` confirm nothing.
 #[test]
-fn a_reading_confirms_as_of_when_it_held() {
+fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;
     for late in [Duration::ZERO, 7 * MS, hold] {
         let (known, now) = heard(&mut ReadBack::plain(Duration::ZERO), late);
@@ -39,10 +39,9 @@ fn a_reading_confirms_as_of_when_it_held() {
     assert_eq!((known.confirmed, known.writable), (None, false));
 }
 
-/// What was told last is told again and again, with its time: it grows old, nothing is written on it, and what was sent counts as
-/// not landed only for as long as readings came.
+/// Nothing is written on it, and sent corrections count as missing only while readings arrive.
 #[test]
-fn a_reading_that_is_repeated_grows_old() {
+fn a_repeated_reading_ages() {
     let limits = limits();
     let mut read_back = ReadBack::plain(Duration::ZERO);
     let (known, last) = heard(&mut read_back, Duration::ZERO);
@@ -63,10 +62,8 @@ fn a_reading_that_is_repeated_grows_old() {
     );
 }
 
-/// Lines of which it was not known what they carry are known from the first readings that the device tells, also where these
-/// are some cycles old.
 #[test]
-fn lines_are_known_by_readings_that_are_late() {
+fn late_readings_reveal_the_levels_of_lines() {
     let control = ControlTimeOut {
         after: 200 * MS,
         to_zero: 100 * MS,
@@ -89,9 +86,8 @@ fn lines_are_known_by_readings_that_are_late() {
     }
 }
 
-/// Whatever an integrator passes, nothing panics.
 #[test]
-fn absurd_times_and_counts_are_no_panic() {
+fn extreme_times_and_counts_do_not_panic() {
     use volcomp_guard::{
         BarrierLink, ControlTimeOut, Limits, barrier::Settings, barrier_misfits, scans_fit,
     };

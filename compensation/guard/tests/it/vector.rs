@@ -130,7 +130,7 @@ fn run(
 }
 
 proptest! {
-    /// Slew, acceleration and limit hold in every cycle and window of time, cycles from a third of a period to five.
+    /// In every cycle and window of time, with cycles from a third of a period to five.
     #[test]
     fn slew_acceleration_and_limit_hold(
         tasks in prop::collection::vec(any_task(), 1..10),
@@ -174,10 +174,10 @@ proptest! {
         })?;
     }
 
-    /// Limit, slew and acceleration lowered in motion: nothing goes further out than it stood or than the new limit,
-    /// and what is outside comes in at the old slew or the new one, whichever is lower.
+    /// Limit, slew and acceleration are lowered in motion: nothing moves further out than before or than the new limit, and the return takes the
+    /// lower of both slews.
     #[test]
-    fn lowered_limits_are_not_passed(
+    fn lowered_limits_are_not_exceeded(
         before in prop::collection::vec(any_task(), 1..5),
         after in prop::collection::vec(any_wanted(), 1..5),
         parts in prop::array::uniform3(prop_oneof![Just(1.0), 0.02..1.0_f64]),
@@ -225,7 +225,7 @@ proptest! {
         }
     }
 
-    /// The linear axes are where they belong for the rotary shares as they are, unless it is said that they are behind.
+    /// They match the present rotary shares, unless reported as behind.
     #[test]
     fn linear_axes_follow_the_moving_shares(
         requested in any_wanted(),
@@ -260,9 +260,9 @@ proptest! {
         }
     }
 
-    /// Without rotary axes: fresh goals that the slew can follow are reached in every cycle, but for the quantiser.
+    /// Without rotary axes, requests within the slew are reached in every cycle, except for the quantiser.
     #[test]
-    fn three_axes_are_where_they_are_wanted(
+    fn three_axes_reach_their_request(
         at in prop::array::uniform3(-0.1..0.1_f64),
         rates in prop::array::uniform3(-0.45..0.45_f64),
         dts in prop::collection::vec(0.001..0.020_f64, 200),
@@ -289,7 +289,7 @@ proptest! {
         prop_assert!(vector.is_ramped());
     }
 
-    /// Noise of less than the hysteresis at standstill changes each word once at the most.
+    /// Noise below the hysteresis changes each word at most once.
     #[test]
     fn no_chatter_at_standstill(
         requested in any_wanted(),
@@ -330,9 +330,8 @@ proptest! {
     }
 }
 
-/// What no machine sends moves nothing, and no call panics.
 #[test]
-fn what_is_no_number_moves_nothing() {
+fn nan_and_infinity_move_nothing() {
     let limits = five(0.0);
     let here = of([0.020, 0.030, -0.040, -40e-6, 35e-6]);
     let mut follow = PerChannel::default();
@@ -361,10 +360,9 @@ fn what_is_no_number_moves_nothing() {
     assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
 }
 
-/// What no machine asks for, in one cycle of a ramp: the axes are away for as long as they need to come back, and the ramp
-/// goes on. It was over for all axes at once.
+/// The axes leave only as long as they need to return, and the ramp continues.
 #[test]
-fn one_absurd_cycle_does_not_end_the_ramp() {
+fn one_absurd_request_does_not_end_the_ramp() {
     let requested = RequestedCorrection {
         rotary: of([0.0, 0.0, 0.0, 100e-6, -80e-6]),
         follow: {
@@ -413,9 +411,9 @@ fn one_absurd_cycle_does_not_end_the_ramp() {
     }
 }
 
-/// The ramp to zero begins in the cycle after something absurd was wanted, levers as well: what moves is braked all the same.
+/// The ramp to zero begins in the cycle after it: moving axes brake.
 #[test]
-fn one_absurd_cycle_does_not_keep_a_line_from_beginning() {
+fn one_absurd_request_does_not_block_a_line() {
     for accel_s in [0.0, 0.1] {
         let limits = five(accel_s);
         for size in [30.0, 1e6, 1e12, 1e300] {
@@ -446,9 +444,8 @@ fn one_absurd_cycle_does_not_keep_a_line_from_beginning() {
     }
 }
 
-/// One factor for all: where X may go half of what is wanted, so do the others, and it is said.
 #[test]
-fn a_limit_takes_the_same_part_of_every_share() {
+fn a_limit_scales_every_share_equally() {
     let limits = three();
     let mut vector = Vector::default();
     let mut followed = vector.follow(&RequestedCorrection::default(), &limits, 0.004);
@@ -464,8 +461,8 @@ fn a_limit_takes_the_same_part_of_every_share() {
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// At rest the rotary words are the shares for which the linear ones are solved: where rounding passed the limit of a
-/// linear axis, they were up to half a step beside them, and the tip 3 µm off.
+/// They equal the shares for which the linear ones are solved. They used to differ by up to half a step, and the tip by 3 µm, where rounding exceeded
+/// the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -28,6 +28,10 @@ const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
 /// Speeds of the axes, and the reduction of the correction.
+///
+/// Invariants:
+/// - `wanted` is in descending order of time, at least `SPACING` apart, and of the present model.
+/// - `goes_out` is set only while positions are stale.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
     /// Positions, and when they were valid.

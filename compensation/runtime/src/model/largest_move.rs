@@ -444,9 +444,9 @@ mod tests {
         Model::new(&machine, Fading::default()).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// What moves between the corners, or from one direction only: before, all of it was 0 µm.
+    /// Between the corners, or in one direction of approach only.
     #[test]
-    fn what_corners_do_not_show_is_seen() {
+    fn changes_between_corners_are_found() {
         let flat = model(SMALL, "EYX = 0.0\n");
         for (errors, least_um) in [
             (
@@ -486,10 +486,9 @@ mod tests {
         }
     }
 
-    /// A bump of 200 µm at a node of a grid beside its middle, and one at the second of 801 targets, were 0.0 µm; two
-    /// rotary axes were looked at one at a time, 120 µm of 340 µm.
+    /// A bump at an off-centre grid node, at the second of 801 targets, and one that needs two rotary axes at once.
     #[test]
-    fn every_node_is_looked_at() {
+    fn every_node_is_sampled() {
         let flat = model(SMALL, "EYX = 0.0\n");
         for (i, j) in (0..9).flat_map(|i| (0..6).map(move |j| (i, j))) {
             let mut values = [[0.0; 6]; 9];
@@ -523,9 +522,9 @@ mod tests {
         assert!(um > 300.0, "both turned: {um} µm");
     }
 
-    /// The error of a screw repeats with its pitch: 90 µm between places that are as far apart are 90 µm all the same.
+    /// The error of a screw with a period equal to the distance of the samples.
     #[test]
-    fn an_error_that_repeats_between_places_is_seen() {
+    fn a_periodic_error_between_samples_is_found() {
         let flat = model(SMALL, "EZZ = 0.0\n");
         let screw = model(
             SMALL,
@@ -535,9 +534,8 @@ mod tests {
         assert!(um > 80.0, "{um} µm");
     }
 
-    /// ±360° and 0° are one pose.
     #[test]
-    fn a_whole_turn_is_looked_at() {
+    fn a_whole_turn_is_sampled() {
         let flat = model(TURNING, "EXC = 0.0\n");
         let wobbles = model(
             TURNING,
@@ -547,7 +545,6 @@ mod tests {
         assert!(um > 150.0, "{um} µm at 180 deg");
     }
 
-    /// The work is bounded, however many nodes there are.
     #[test]
     fn the_number_of_states_is_bounded() {
         let nodes: Vec<String> = (0..=800).map(|k| format!("[{}, {}]", k, k % 7)).collect();

@@ -63,9 +63,8 @@ fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Re
     panic!("not {what}: {:?}", handle.report());
 }
 
-/// Before, the exchange with a path that stands by was part of the cycle: while it hung there was no cycle.
 #[test]
-fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
+fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     let TwoWays {
         cycle,
         first,
@@ -107,7 +106,7 @@ fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
     assert!(!report.reasons.contains(Reasons::FALLBACK));
 }
 
-/// Handing a controller over, hearing what it says, and taking it back are done without allocation.
+/// Including the transfer of the controller and its readings.
 #[test]
 fn taking_over_allocates_nothing() {
     let TwoWays {

@@ -427,7 +427,7 @@ const SIZES: [Size; 6] = [
 ];
 
 #[test]
-fn no_world_within_bounds_takes_a_stale_or_foreign_frame() {
+fn no_state_within_bounds_accepts_a_stale_or_foreign_frame() {
     for size @ (hold, time_out, air, ways) in SIZES {
         let bounds = Bounds {
             settings: small(hold, time_out),

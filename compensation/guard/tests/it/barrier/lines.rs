@@ -69,7 +69,7 @@ impl Rig {
 }
 
 #[test]
-fn a_word_is_taken_at_an_edge_only() {
+fn a_word_is_accepted_only_at_an_edge() {
     let mut rig = Rig::new();
     rig.lines.value = 3;
     rig.scans(30);
@@ -88,7 +88,7 @@ fn a_word_is_taken_at_an_edge_only() {
 }
 
 #[test]
-fn a_word_that_changes_faster_than_the_axis_is_not_taken() {
+fn a_word_that_changes_faster_than_the_axis_is_rejected() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
@@ -113,7 +113,7 @@ fn a_word_that_changes_faster_than_the_axis_is_not_taken() {
 }
 
 #[test]
-fn a_sender_of_frames_goes_before() {
+fn a_sender_of_frames_has_priority() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
@@ -137,7 +137,7 @@ fn a_sender_of_frames_goes_before() {
 }
 
 #[test]
-fn at_the_start_the_level_of_the_latch_is_no_edge() {
+fn the_initial_latch_level_is_no_edge() {
     for latch in [false, true] {
         let mut barrier = at_zero(settings(2));
         let lines = DigitalLines {
@@ -152,11 +152,10 @@ fn at_the_start_the_level_of_the_latch_is_no_edge() {
     }
 }
 
-/// One gateway uses frames and lines in turn, and both have faults: frames that are lost, late or torn, words on lines with
-/// wrong bits, edges that are missing or too many. An axis never moves by more than the rate, never beyond its limit, and
-/// lines move it only from zero.
+/// One gateway alternates between frames and lines with faults: lost, late and torn frames, wrong bits, missing and additional edges. No axis exceeds
+/// its rate or limit, and lines move it only from zero.
 #[test]
-fn frames_and_lines_in_turn_with_faults() {
+fn alternating_frames_and_lines_with_faults() {
     let (mut by_lines, mut by_frames) = (0, 0);
     for seed in 0..500 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

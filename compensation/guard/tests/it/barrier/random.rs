@@ -264,7 +264,7 @@ impl World {
 }
 
 #[test]
-fn nothing_that_a_channel_does_makes_an_axis_step_and_what_lives_gets_through() {
+fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
     let (mut taken, mut reached) = (0, 0);
     for seed in 0..2000_usize {
         let mut world = World::new(seed as u64);

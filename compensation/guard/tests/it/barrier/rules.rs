@@ -85,7 +85,7 @@ fn add(counter: &mut u16, by: i16) {
 }
 
 #[test]
-fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
+fn a_frame_for_another_machine_or_other_axes_is_rejected() {
     let three = settings(3);
     let (mut barrier, mut sender, _) = held(three);
     let report = barrier.report();
@@ -123,7 +123,7 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
 }
 
 #[test]
-fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
+fn all_axes_move_on_one_line_at_the_rate_of_the_slowest() {
     let settings = settings(3);
     let (mut barrier, mut sender, _) = held(settings);
     sender.read(barrier.scan(&[], false).head());
@@ -145,7 +145,7 @@ fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
 }
 
 #[test]
-fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
+fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     let settings = settings(2);
     let (mut barrier, mut sender, _) = held(settings);
     let mut last = Vec::new();
@@ -177,7 +177,7 @@ fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
 }
 
 #[test]
-fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
+fn an_interlock_holds_and_does_not_stop_the_time_out() {
     let settings = settings(1);
     let (mut barrier, mut sender, _) = held(settings);
     sender.read(barrier.scan(&[], false).head());
@@ -201,7 +201,7 @@ fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
 }
 
 #[test]
-fn garbage_in_the_words_of_the_axes_at_the_start_is_led_to_zero() {
+fn invalid_axis_words_at_the_start_ramp_to_zero() {
     let mut barrier =
         Barrier::start(settings(2), 3, 0, &values(&[i16::MIN, 5000])).expect("sensible");
     let mut before = barrier.report().applied;
@@ -217,7 +217,7 @@ fn garbage_in_the_words_of_the_axes_at_the_start_is_led_to_zero() {
 }
 
 #[test]
-fn rates_below_one_count_a_scan() {
+fn rates_below_one_count_per_scan() {
     let slow = Settings {
         step_scans: 7,
         rate: PerChannel::from_fn(|_| 1),
@@ -244,7 +244,7 @@ fn rates_below_one_count_a_scan() {
 }
 
 #[test]
-fn a_sender_waits_for_another_and_for_its_own_former_life() {
+fn a_sender_waits_for_another_and_for_its_own_previous_run() {
     let settings = settings(1);
     let (mut barrier, mut first, _) = held(settings);
     let mut second = Session::new(8);
@@ -278,7 +278,7 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
 }
 
 #[test]
-fn settings_without_sense_are_refused() {
+fn invalid_settings_are_refused() {
     type Case = (fn(&mut Settings), SettingsError);
     assert_eq!(Layout::of([]), Err(LayoutError::NoAxes));
     let twice = [AxisName::X, AxisName::Y, AxisName::X];
@@ -307,9 +307,9 @@ fn settings_without_sense_are_refused() {
     }
 }
 
-/// A report that was on its way for longer than the next one, or came twice, counted as one that moved on.
+/// Late and repeated reports used to count as new.
 #[test]
-fn a_report_from_before_the_last_one_says_nothing() {
+fn a_report_older_than_the_last_one_is_ignored() {
     let (_, mut sender, report) = held(settings(1));
     let mut seen = |ticks: u16| {
         let tick = report.tick.wrapping_add(ticks);
@@ -336,10 +336,9 @@ fn a_report_from_before_the_last_one_says_nothing() {
     );
 }
 
-/// The correction of a report that came twice was confirmed with the time of now: the position without it and the residual
-/// were shown wrong. After five seconds of silence the tick may stand anywhere.
+/// A repeated report used to be confirmed with the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
 #[test]
-fn a_report_that_comes_again_confirms_nothing() {
+fn a_repeated_report_confirms_nothing() {
     let settings = settings(1);
     let link = BarrierLink::new(7, settings.machine, settings.axes, SCAN);
     let mut read_back = ReadBack::barrier(link);
@@ -395,10 +394,10 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     )
 }
 
-/// One gateway corrects over one way and goes on over another; its last frame stays in the mailbox of the first. Tick and
-/// sequence go round every minute or so, and before, the old frame was taken again then: the axis ran off towards it.
+/// One gateway changes to another path; its last frame stays in the first mailbox. It used to be accepted again once tick and sequence had wrapped,
+/// about every minute: the axis ran away.
 #[test]
-fn an_old_frame_in_a_mailbox_that_nobody_writes_is_never_taken_again() {
+fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     // How many scans pass between two frames, so that tick and sequence go round at different times.
     for every in [1, 2, 3, 7] {
         let settings = Settings {
@@ -427,8 +426,7 @@ fn an_old_frame_in_a_mailbox_that_nobody_writes_is_never_taken_again() {
     }
 }
 
-/// The gateway goes from one way to the other and back at random, and each of them loses frames, delivers them late and
-/// twice: the axis never moves by more than the rate, and arrives.
+/// The gateway changes paths at random; both lose, delay and duplicate frames. The axis never exceeds its rate, and arrives.
 #[test]
 fn one_gateway_alternates_between_two_mailboxes() {
     for seed in 0..200 {

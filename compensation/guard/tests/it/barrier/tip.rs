@@ -149,9 +149,9 @@ fn off(case: &Case) -> f64 {
     most
 }
 
-/// A barrier that rounds towards where its line began let a linear axis lag by up to a count more: 1.5 µm, steps of 1 µm.
+/// A barrier that rounds towards the start of its line made a linear axis lag by up to one count more: 1.5 µm with steps of 1 µm.
 #[test]
-fn behind_a_barrier_the_tip_is_off_by_half_a_count_more() {
+fn a_barrier_adds_half_a_count_to_the_tip_error() {
     for delay in [0, 2, 4, 8] {
         for rate in [2.0, 10.0] {
             for (linear_step, rotary_step) in

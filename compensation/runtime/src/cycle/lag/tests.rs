@@ -8,9 +8,9 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// Whatever is needed within the distance, the part that is kept is no further from it than nothing is.
+/// For any required correction within the distance.
 #[test]
-fn what_is_kept_is_never_worse_than_nothing() {
+fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
     for distance in [0.0, 0.3, 0.5, 0.6, 0.8, 0.99, 1.0, 1.5] {
         for degree in 0..360 {
@@ -145,10 +145,9 @@ const NO_LOOKS: Looks = Looks {
     least: 1.0,
 };
 
-/// Where a look ahead is spared it would have let nothing go: on random machines, and on paths with corners and ramps of
-/// speed.
+/// On random machines, and paths with corners and speed ramps.
 #[test]
-fn a_look_ahead_that_is_spared_would_let_nothing_go() {
+fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let mut looks = NO_LOOKS;
     for _ in 0..60 {
@@ -186,9 +185,9 @@ fn a_look_ahead_that_is_spared_would_let_nothing_go() {
     assert!(looks.spared > 50_000 && looks.reduced > 5_000, "{looks:?}");
 }
 
-/// A curve that is flat up to a node and steep behind it: what changed until now tells nothing of that.
+/// A curve is flat up to a node and steep after it.
 #[test]
-fn a_look_ahead_is_not_spared_before_a_curve_bends() {
+fn no_prediction_is_skipped_before_a_bend() {
     let text = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 400]\nY.travel = [0, 400]\nZ.travel = [0, 400]\n[errors]\nEXX = { table = [[0.0, 10.0], [200.0, 10.0], [204.0, -10.0], [400.0, -10.0]] }\n";
     let machine = Machine::parse(text, "m").expect("valid");
     let model = Model::new(&machine, Fading::default()).expect("compiles");

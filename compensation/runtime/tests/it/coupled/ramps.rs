@@ -39,7 +39,7 @@ fn restarts_in_mid_correction() {
 }
 
 #[test]
-fn held_and_begun_again() {
+fn held_and_restarted() {
     for moves in [false, true] {
         over_all_types(&format!("hold, moves {moves}"), 0.05, |cell, rng, seen| {
             let mut scene = Scene::new(cell, rng, moves, false);
@@ -58,7 +58,7 @@ fn held_and_begun_again() {
     }
 }
 
-/// Given time and room, the correction is the whole of what is wanted, but for the rounding.
+/// Given time and room, except for rounding.
 #[test]
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
