@@ -7,7 +7,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use volcomp_gateway::simulate::{self, Simulation};
 use volcomp_guard::Request;
 use volcomp_port::{Clock, Controller, Thermometer};
-use volcomp_runtime::{Asked, ControlPath, Cycle, Model, PathPlan, PathSettings, Sensors};
+use volcomp_runtime::{ControlPath, Cycle, CycleInput, Model, PathPlan, PathSettings, Sensors};
 use volcomp_vocabulary::PerChannel;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -35,9 +35,9 @@ fn cycles(criterion: &mut Criterion) {
     )
     .expect("one path")
     .with_start(clock.start());
-    let mut asked = Asked {
+    let mut asked = CycleInput {
         request: Some(Request::Arm),
-        ..Asked::default()
+        ..CycleInput::default()
     };
     criterion.bench_function("whole cycle, simulated machine", |bencher| {
         bencher.iter(|| {

@@ -5,8 +5,8 @@
 use std::time::Duration;
 
 use volcomp_guard::{
-    AxisLimits, Guard, Inputs, Limits, LimitsError, ReadBack, Reading, Request, State, Told,
-    Wanted,
+    AxisLimits, CorrectionReport, Guard, Inputs, Limits, LimitsError, ReadBack, Reading, Request,
+    RequestedCorrection, State,
     vocabulary::{AxisKind, MAX_AXES, PerChannel},
 };
 
@@ -54,19 +54,19 @@ fn main() -> Result<(), LimitsError> {
         // No positions from 0.8 s to 1.6 s.
         let answers = !(200..400).contains(&cycle);
         let told = if answers {
-            Told::Values(applied)
+            CorrectionReport::Values(applied)
         } else {
-            Told::Nothing
+            CorrectionReport::Missing
         };
-        read_back.hear(now, now, &told, &limits);
+        read_back.receive(now, now, &told, &limits);
         let output = guard.cycle(&Inputs {
             now,
             reading: answers.then_some(Reading {
                 taken: now,
                 positions: PerChannel::ZERO,
             }),
-            known: *read_back.known(),
-            wanted: Some(Wanted::linear(target)),
+            read_back: *read_back.status(),
+            requested: Some(RequestedCorrection::linear(target)),
             // Three equal readings, the delay apart, confirm what the control applies.
             request: (cycle == 10).then_some(Request::Arm),
             ..Inputs::default()

@@ -310,6 +310,10 @@ pub struct Barrier {
 }
 
 /// Everything that a barrier stores between scans, for simulators that pause and resume, and for model checkers.
+///
+/// Invariants:
+/// - `applied` is on the line from `from` to `goal`, after `done` of `steps` steps; all axes reach `goal` together.
+/// - `goal` is within the limits once a frame or a word on lines was accepted; `by_lines` only while no sender of frames owns the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
     /// The protocol state. A word on lines counts as a frame for its `silent` counter.

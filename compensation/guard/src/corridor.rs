@@ -6,6 +6,10 @@ use volcomp_vocabulary::PerChannel;
 use crate::{Limits, step::ROUNDING_STEPS};
 
 /// Range of the next word of each axis; state of the guard.
+///
+/// Invariants:
+/// - The range of an axis is not empty, except for rounding. It contains no word farther from an earlier one than the slew since then plus a step,
+///   until something else moves the axis out of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Corridor {
     lowest: PerChannel<f64>,

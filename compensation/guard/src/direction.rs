@@ -41,6 +41,11 @@ const ALL: u8 = (1 << READINGS) - 1;
 /// neither noise nor a correction changes it. Three of the last five readings must show the travel, and three of five must have reached the
 /// extreme: up to two wrong positions in any five have no effect. State: the last readings, the extreme, the readings beyond the threshold, and the
 /// direction.
+///
+/// Invariants:
+/// - `count` ≤ `seen` ≤ `READINGS`; only `positions[..count]` were read after the last change of direction.
+/// - `extreme` is set from the fifth reading or the first command on.
+/// - A set bit of `beyond` belongs to a reading since the extreme.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionMemory {
     /// When the last reading was valid.

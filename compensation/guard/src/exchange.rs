@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use crate::{Known, Reasons, Request, State, Wanted};
+use crate::{ReadBackStatus, Reasons, Request, RequestedCorrection, State};
 
 /// The positions of this cycle, from the active path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,14 +23,14 @@ pub struct Inputs {
     /// The positions; `None` if the controller did not answer.
     pub reading: Option<Reading>,
     /// What is known of the correction that the controller applies.
-    pub known: Known,
+    pub read_back: ReadBackStatus,
     /// The interlocks of the machine ([`Interlocks::reasons`](crate::Interlocks::reasons)); empty for none.
     pub interlocks: Reasons,
     /// The correction by the model; `None` if it has none.
-    pub wanted: Option<Wanted>,
+    pub requested: Option<RequestedCorrection>,
     /// Positions are old while the machine moves, so that a held correction would become worse than none: it ramps out as fast as the slew allows.
     /// Used only while positions are stale.
-    pub let_go: bool,
+    pub fast_ramp_out: bool,
     /// The request of the operator or a program since the last cycle, if any.
     pub request: Option<Request>,
     /// Why arming is forbidden; empty if it is allowed.

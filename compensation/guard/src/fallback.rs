@@ -20,7 +20,7 @@ pub struct Choice {
     /// Index of the active path.
     pub active: usize,
     /// Index of the path that should be active.
-    pub wanted: usize,
+    pub preferred: usize,
     /// Whether the active path changed in this cycle.
     pub switched: bool,
     /// The path that should be active may not take over, since the correction left by the previous path is unknown.
@@ -28,6 +28,10 @@ pub struct Choice {
 }
 
 /// Selects the path, with hysteresis. State: the active path and since when each is usable.
+///
+/// Invariants:
+/// - `usable_since` of a path is `None` while it is not usable.
+/// - `active` changes only to a path that is ready.
 #[derive(Clone, Copy, Debug)]
 pub struct Selector {
     active: usize,
@@ -62,25 +66,25 @@ impl Selector {
         let better =
             (0..self.active).find(|&i| usable_for(i).is_some_and(|time| time >= self.hand_back));
         let stands_in = || (0..paths.len().min(MAX_PATHS)).find(|&i| usable_for(i).is_some());
-        let wanted = match usable_for(self.active) {
+        let preferred = match usable_for(self.active) {
             Some(_) => better,
             None => better.or_else(stands_in),
         };
-        let Some(wanted) = wanted.filter(|&wanted| wanted != self.active) else {
+        let Some(preferred) = preferred.filter(|&preferred| preferred != self.active) else {
             return Choice {
                 active: self.active,
-                wanted: self.active,
+                preferred: self.active,
                 switched: false,
                 blocked: false,
             };
         };
-        let blocked = !paths[wanted].ready;
+        let blocked = !paths[preferred].ready;
         if !blocked {
-            self.active = wanted;
+            self.active = preferred;
         }
         Choice {
             active: self.active,
-            wanted,
+            preferred,
             switched: !blocked,
             blocked,
         }

@@ -5,12 +5,12 @@ use core::time::Duration;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    Confirmed, Inputs, Known, Limits, LimitsError, Output, Reading, Reasons, Request, Scheme,
-    Vector, Wanted,
-    allowed::Allowed,
+    Confirmed, Inputs, Limits, LimitsError, Output, ReadBackStatus, Reading, Reasons, Request,
+    RequestedCorrection, Scheme, Vector,
+    accepted_range::AcceptedRange,
     ceiling,
     corridor::Corridor,
-    proof::{Moves, Proof, Verdict},
+    proof::{MotionHistory, Proof, Verdict},
     read_back::are_equal,
     state::{Cause, Facts, Hold, Phase, State},
     step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
@@ -38,12 +38,12 @@ const SHARES: [f64; 5] = [1.0, 0.5, 0.2, 0.1, 0.0];
 /// - `vector` is the last decision, and `before` the one before its last motion: [`not_sent`](Guard::not_sent) returns to it, so an output that was
 ///   not sent never counts as moved.
 /// - Every word that may be sent next is within `corridor`, which only time widens, by the slew, and which each sent word narrows.
-/// - `allowed` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
+/// - `accepted` is at least the limit of each axis. It exceeds the limit only by corrections that were sent by this guard, known before, or accepted
 ///   by the operator.
-/// - While `took_over`, nothing was confirmed on the active path: `confirmed` is that of another path, and nothing is compared with it.
+/// - While `path_changed`, nothing was confirmed on the active path: `confirmed` is that of another path, and nothing is compared with it.
 /// - `held` is set only during an interlock, and so is `stopped_since`.
 /// - `proof` is valid only in the state `Arming(Proving)`; `verdict` is that of the last proof on this path.
-/// - `good` is never later than the last cycle: no reading is from the future.
+/// - `inputs_valid_at` is never later than the last cycle: no reading is from the future.
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
@@ -58,29 +58,29 @@ pub struct Guard {
     /// The last confirmed correction.
     confirmed: PerChannel<f64>,
     /// The sent corrections, and the corrections accepted when read back.
-    allowed: Allowed,
+    accepted: AcceptedRange,
     /// When a frame was last sent to a barrier.
     sent_to_barrier: Option<Duration>,
     /// The output was at the confirmed correction: a ramp or a line starts anew when it moves again.
-    stood: bool,
+    at_confirmed: bool,
     /// The correction that the control itself holds during an interlock; words to its barrier go there.
     held: Option<PerChannel<f64>>,
     /// Begin of the present interlock.
     stopped_since: Option<Duration>,
     /// The active path has changed: the output starts from the correction known on the new one.
-    took_over: bool,
+    path_changed: bool,
     /// Set if the new path writes the same axes in the same steps as the previous one: the last words of that one may still be on the way to a
     /// common barrier, and a reading valid before this time does not show their effect yet.
     shared_until: Option<Duration>,
     proof: Proof,
-    moves: Moves,
+    moves: MotionHistory,
     /// Result of the last proof.
     verdict: Verdict,
     last_cycle: Option<Duration>,
     /// When positions and correction were last valid.
-    good: Option<Duration>,
+    inputs_valid_at: Option<Duration>,
     /// When the control may act on its own.
-    until: Option<Duration>,
+    control_acts_at: Option<Duration>,
     adopted: PerChannel<u32>,
     held_back: u64,
 }
@@ -100,19 +100,19 @@ impl Guard {
             from: PerChannel::ZERO,
             corridor: Corridor::about(&PerChannel::ZERO, &limits),
             confirmed: PerChannel::ZERO,
-            allowed: Allowed::within(&limits),
+            accepted: AcceptedRange::within(&limits),
             sent_to_barrier: None,
-            stood: true,
+            at_confirmed: true,
             held: None,
             stopped_since: None,
-            took_over: true,
+            path_changed: true,
             shared_until: None,
             proof: Proof::default(),
-            moves: Moves::default(),
+            moves: MotionHistory::default(),
             verdict: Verdict::default(),
             last_cycle: None,
-            good: None,
-            until: None,
+            inputs_valid_at: None,
+            control_acts_at: None,
             adopted: PerChannel::default(),
             held_back: 0,
         })
@@ -125,8 +125,8 @@ impl Guard {
     /// Those of [`Limits::check_in_place_of`]: the old ones stay.
     pub fn set_limits(&mut self, limits: Limits) -> Result<(), LimitsError> {
         limits.check_in_place_of(&self.limits)?;
-        let stands = self.stands().unwrap_or_default();
-        self.allowed.narrow(&stands, &limits);
+        let present = self.largest_present().unwrap_or_default();
+        self.accepted.narrow(&present, &limits);
         self.limits = limits;
         Ok(())
     }
@@ -146,35 +146,37 @@ impl Guard {
         limits.check()?;
         let places = &places.map(|place| place.filter(|place| *place < self.limits.count));
         // Corrections sent by the previous path, or known there, are accepted on this path, too.
-        let stands = self.stands().unwrap_or_default();
+        let present = self.largest_present().unwrap_or_default();
         let now = self.last_cycle.unwrap_or_default();
-        self.allowed
-            .take_path(now, places, &stands, &self.limits, &limits);
+        self.accepted
+            .take_path(now, places, &present, &self.limits, &limits);
         // The last words of the previous path are the output until the correction on this one is known.
         let is_same = limits.check_in_place_of(&self.limits).is_ok()
             && limits.places().all(|i| places[i] == Some(i));
         let delay = self.limits.longest_delay().max(limits.longest_delay());
-        let until = self.sent_to_barrier.map(|sent| sent.saturating_add(delay));
-        self.shared_until = until.filter(|_| is_same);
+        let shared_until = self.sent_to_barrier.map(|sent| sent.saturating_add(delay));
+        self.shared_until = shared_until.filter(|_| is_same);
         let sent = self.output();
         let sent = places.map(|place| place.map_or(0.0, |place| sent[place]));
         self.limits = limits;
         if !is_same {
             self.corridor = self.corridor.on_path(places, &self.limits);
         }
-        self.begin_with(&sent);
+        self.restart_at(&sent);
         self.before = self.vector;
         self.adopted = PerChannel::default();
-        self.took_over = true;
+        self.path_changed = true;
         (self.held, self.stopped_since) = (None, None);
         // The positions of the previous path do not count for this one: sending waits for its own.
         let stale = self.limits.hold + self.limits.period;
         let stale = self.last_cycle.unwrap_or_default().saturating_sub(stale);
-        self.good = self.good.map(|good| good.min(stale));
+        self.inputs_valid_at = self
+            .inputs_valid_at
+            .map(|inputs_valid_at| inputs_valid_at.min(stale));
         // The proof was made with the positions of the other path, including which axes moved.
         self.verdict = Verdict::default();
         self.proof = Proof::default();
-        self.moves = Moves::default();
+        self.moves = MotionHistory::default();
         Ok(())
     }
 
@@ -195,8 +197,8 @@ impl Guard {
         let young = self.limits.hold.checked_sub(age)?;
         // If positions may be older than that, a decision may not.
         let young = young.min(ceiling::HOLD.checked_sub(decided)?);
-        match self.until {
-            Some(until) => until.checked_sub(now).map(|left| left.min(young)),
+        match self.control_acts_at {
+            Some(acts_at) => acts_at.checked_sub(now).map(|left| left.min(young)),
             None => Some(young),
         }
     }
@@ -231,17 +233,20 @@ impl Guard {
     pub fn cycle(&mut self, inputs: &Inputs) -> Output {
         let dt_s = self.elapsed(inputs.now);
         let reading = inputs.reading.filter(|reading| self.is_finite(reading));
-        let wanted = inputs.wanted.filter(Wanted::is_finite);
-        let is_number = inputs.wanted.is_some() == wanted.is_some()
+        let requested = inputs.requested.filter(RequestedCorrection::is_finite);
+        let is_number = inputs.requested.is_some() == requested.is_some()
             && inputs.reading.is_some() == reading.is_some();
-        let inputs = Inputs { wanted, ..*inputs };
-        self.until = inputs.known.until;
-        self.corridor.stay(&inputs.known.between, &self.limits);
+        let inputs = Inputs {
+            requested,
+            ..*inputs
+        };
+        self.control_acts_at = inputs.read_back.control_acts_at;
+        self.corridor.stay(&inputs.read_back.between, &self.limits);
         self.corridor.widen(&self.limits, dt_s);
-        let took_over = self.took_over;
+        let path_changed = self.path_changed;
         let changed = self.adopt(&inputs);
         let facts = Facts {
-            took_over,
+            path_changed,
             ..self.facts(&inputs, reading.as_ref(), changed, is_number)
         };
         let before = self.state;
@@ -254,18 +259,18 @@ impl Guard {
             self.adopted = PerChannel::default();
         }
         self.allow(&inputs, before);
-        let resumes = self.stood && !facts.interlocked;
+        let resumes = self.at_confirmed && !facts.interlocked;
         // The end of the ramp continues without another one.
         let arrived = (before, self.state) == (State::Arming(Phase::Ramping), State::Compensating);
         let enters = self.state != before && !arrived;
-        if enters || changed || resumes || facts.begins_anew() {
+        if enters || changed || resumes || facts.needs_ramp() {
             self.begin();
-            self.stood = false;
+            self.at_confirmed = false;
         }
         let mut reasons = self.reasons(&inputs, &facts) | Reasons::NOT_A_NUMBER.when(!is_number);
         self.hold(&inputs, &facts);
         self.before = self.vector;
-        let write = if self.sends(&inputs) {
+        let write = if self.may_send(&inputs) {
             self.advance(&inputs, dt_s, &mut reasons)
         } else {
             self.vector.stop();
@@ -301,8 +306,10 @@ impl Guard {
 
     /// Age of positions and correction.
     fn age(&self, now: Duration) -> Duration {
-        self.good
-            .map_or(Duration::MAX, |good| now.saturating_sub(good))
+        self.inputs_valid_at
+            .map_or(Duration::MAX, |inputs_valid_at| {
+                now.saturating_sub(inputs_valid_at)
+            })
     }
 
     /// During an interlock the last word is repeated to a barrier so that it does not time out: the axis is there already, or the words in transit
@@ -311,29 +318,29 @@ impl Guard {
     /// released. A control that was stationary before the interlock may have been released since: it counts as holding only if it is still
     /// stationary after the time in which a movement would have been seen.
     fn hold(&mut self, inputs: &Inputs, facts: &Facts) {
-        let known = &inputs.known;
+        let status = &inputs.read_back;
         if !facts.interlocked {
             (self.held, self.stopped_since) = (None, None);
             return;
         }
         let stopped_since = *self.stopped_since.get_or_insert(inputs.now);
-        let Some(Confirmed { values, at }) = known.confirmed.filter(|_| !known.changed) else {
+        let Some(Confirmed { values, at }) = status.confirmed.filter(|_| !status.changed) else {
             self.held = None;
             return;
         };
-        let is_seen = at.saturating_sub(stopped_since) > known.shown_after;
-        if is_seen && self.stands_elsewhere(inputs) {
+        let is_seen = at.saturating_sub(stopped_since) > status.motion_delay;
+        if is_seen && self.is_stationary_elsewhere(inputs) {
             self.held = Some(values);
         }
         // A control that moves no longer holds.
-        let stands = |held: &PerChannel<f64>| are_equal(held, &values, &self.limits);
-        self.held = self.held.filter(stands);
+        let present = |held: &PerChannel<f64>| are_equal(held, &values, &self.limits);
+        self.held = self.held.filter(present);
     }
 
     /// Takes the confirmed correction as the output if it differs from the sent one, and returns whether this is an event.
     fn adopt(&mut self, inputs: &Inputs) -> bool {
-        let known = &inputs.known;
-        let Some(Confirmed { values, at }) = known.confirmed else {
+        let status = &inputs.read_back;
+        let Some(Confirmed { values, at }) = status.confirmed else {
             return false;
         };
         if !self.all(|i| values[i].is_finite()) {
@@ -341,20 +348,20 @@ impl Guard {
         }
         self.confirmed = values;
         let interlocked = !inputs.interlocks.is_empty();
-        self.stood |= interlocked;
-        let took_over = core::mem::take(&mut self.took_over);
+        self.at_confirmed |= interlocked;
+        let path_changed = core::mem::take(&mut self.path_changed);
         // While nothing is sent, the output is the applied correction.
         let idle = self.is_idle(inputs);
-        if took_over && !idle && self.is_on_its_way(known.scheme, &values, at) {
-            self.stood = true;
+        if path_changed && !idle && self.is_in_transit(status.scheme, &values, at) {
+            self.at_confirmed = true;
             return false;
         }
-        if took_over || idle || interlocked && known.changed {
-            self.begin_with(&values);
+        if path_changed || idle || interlocked && status.changed {
+            self.restart_at(&values);
             return false;
         }
-        if !known.changed {
-            self.count_landed(known, &values);
+        if !status.changed {
+            self.count_landed(status, &values);
             return false;
         }
         let output = self.output();
@@ -367,46 +374,46 @@ impl Guard {
             }
         }
         if is_event {
-            self.begin_with(&values);
+            self.restart_at(&values);
         }
         is_event
     }
 
     /// Restarts the output at these values (mm, rad).
-    fn begin_with(&mut self, values: &PerChannel<f64>) {
+    fn restart_at(&mut self, values: &PerChannel<f64>) {
         self.vector = Vector::at(values);
         self.corridor.begin(values, &self.limits);
-        self.stood = true;
+        self.at_confirmed = true;
     }
 
     /// Whether the last word of the previous path is on its way to the barrier common to both, which applied these `values` at `at`: it differs by
     /// no more than the slew since then.
-    fn is_on_its_way(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
-        let (Some(until), output) = (self.shared_until, self.output()) else {
+    fn is_in_transit(&self, scheme: Scheme, values: &PerChannel<f64>, at: Duration) -> bool {
+        let (Some(shared_until), output) = (self.shared_until, self.output()) else {
             return false;
         };
-        let slewed_s = until.saturating_sub(at).as_secs_f64();
+        let slewed_s = shared_until.saturating_sub(at).as_secs_f64();
         let is_near = |i: usize| {
-            let slew_per_s = self.allowed.slew_per_s(i);
+            let slew_per_s = self.accepted.slew_per_s(i);
             let most = slew_per_s * slewed_s + one_step(self.limits.axes[i].resolution);
             (output[i] - values[i]).abs() <= most
         };
-        scheme == Scheme::Barrier && at <= until && self.all(is_near)
+        scheme == Scheme::Barrier && at <= shared_until && self.all(is_near)
     }
 
     /// Whether nothing is sent in this state; during an interlock words are sent only to a barrier.
     fn is_idle(&self, inputs: &Inputs) -> bool {
         match self.state {
             State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
-            _ if inputs.known.scheme == Scheme::Barrier => false,
+            _ if inputs.read_back.scheme == Scheme::Barrier => false,
             State::Holding(Hold::Interlocked) => true,
             _ => !inputs.interlocks.is_empty(),
         }
     }
 
     /// Resets the fault counter of axes that reached the sent correction away from the start of the ramp, and so accept words.
-    fn count_landed(&mut self, known: &Known, values: &PerChannel<f64>) {
-        if known.unlanded_since.is_some() || !known.writable {
+    fn count_landed(&mut self, status: &ReadBackStatus, values: &PerChannel<f64>) {
+        if status.unlanded_since.is_some() || !status.writable {
             return;
         }
         for i in self.limits.places() {
@@ -418,27 +425,27 @@ impl Guard {
 
     /// Updates the accepted corrections: above the limit only on the way back, after the limit was lowered or the operator has acknowledged.
     fn allow(&mut self, inputs: &Inputs, before: State) {
-        let Some(stands) = self.stands() else {
+        let Some(present) = self.largest_present() else {
             return;
         };
-        let leads_out = matches!(self.state, State::RampingOut(_))
+        let ramps_out = matches!(self.state, State::RampingOut(_))
             && !matches!(before, State::RampingOut(_))
             && inputs.request == Some(Request::Acknowledge);
-        if leads_out {
-            self.allowed.accept(&stands, &self.limits);
+        if ramps_out {
+            self.accepted.accept(&present, &self.limits);
         } else {
-            self.allowed.narrow(&stands, &self.limits);
+            self.accepted.narrow(&present, &self.limits);
         }
-        if let Some(confirmed) = inputs.known.confirmed {
-            self.allowed.pass(inputs.now, confirmed.at, &self.limits);
+        if let Some(confirmed) = inputs.read_back.confirmed {
+            self.accepted.pass(inputs.now, confirmed.at, &self.limits);
         }
     }
 
     /// Absolute value of each axis, the larger of output and confirmed correction; `None` after a change of path until it is known.
-    fn stands(&self) -> Option<PerChannel<f64>> {
+    fn largest_present(&self) -> Option<PerChannel<f64>> {
         let (output, confirmed) = (self.output(), &self.confirmed);
         let furthest = |i: usize| output[i].abs().max(confirmed[i].abs());
-        (!self.took_over).then(|| PerChannel::from_fn(furthest))
+        (!self.path_changed).then(|| PerChannel::from_fn(furthest))
     }
 
     /// Starts a ramp or a line at the present output.
@@ -454,8 +461,8 @@ impl Guard {
     }
 
     /// Whether anything is sent: the moving output, or the same one again.
-    fn sends(&self, inputs: &Inputs) -> bool {
-        !self.is_idle(inputs) && inputs.known.writable
+    fn may_send(&self, inputs: &Inputs) -> bool {
+        !self.is_idle(inputs) && inputs.read_back.writable
     }
 
     fn facts(
@@ -465,42 +472,42 @@ impl Guard {
         changed: bool,
         is_number: bool,
     ) -> Facts {
-        let (now, known, limits) = (inputs.now, &inputs.known, &self.limits);
-        if let (Some(reading), Some(_)) = (reading, &inputs.wanted) {
+        let (now, status, limits) = (inputs.now, &inputs.read_back, &self.limits);
+        if let (Some(reading), Some(_)) = (reading, &inputs.requested) {
             // No reading is from the future, whatever a device reports.
-            self.good = self.good.max(Some(reading.taken.min(now)));
+            self.inputs_valid_at = self.inputs_valid_at.max(Some(reading.taken.min(now)));
         }
         let age = self.age(now);
         let since = |since: Option<Duration>| since.map(|since| now.saturating_sub(since));
-        let confirmed = since(known.confirmed.map(|confirmed| confirmed.at));
-        let unlanded = since(known.unlanded_since).unwrap_or_default();
+        let confirmed = since(status.confirmed.map(|confirmed| confirmed.at));
+        let unlanded = since(status.unlanded_since).unwrap_or_default();
         let interlocked = !inputs.interlocks.is_empty();
-        let hold = self.hold_unconfirmed(known);
+        let hold = self.hold_unconfirmed(status);
         let unconfirmed = confirmed.is_none_or(|age| age > hold)
             || unlanded > hold
-            || !interlocked && self.stands_elsewhere(inputs);
+            || !interlocked && self.is_stationary_elsewhere(inputs);
         let does_not_land = unlanded > limits.zero_after && inputs.reading.is_some();
-        let values = known.confirmed.map(|confirmed| confirmed.values);
+        let values = status.confirmed.map(|confirmed| confirmed.values);
         let is_zero = |values: &PerChannel<f64>| are_equal(values, &PerChannel::ZERO, &self.limits);
-        let beyond = |values: &PerChannel<f64>| self.allowed.is_exceeded_by(values, limits);
+        let beyond = |values: &PerChannel<f64>| self.accepted.is_exceeded_by(values, limits);
         Facts {
             request: inputs.request,
             interlocked,
             stale: age > self.limits.hold,
-            lost: age > self.limits.zero_after || inputs.let_go && age > self.limits.hold,
+            lost: age > self.limits.zero_after || inputs.fast_ramp_out && age > self.limits.hold,
             unconfirmed,
             does_not_land,
             beyond: values.as_ref().is_some_and(beyond),
-            other_gateway: known.scheme == Scheme::Barrier
-                && known.reasons.contains(Reasons::OTHER_GATEWAY),
+            other_gateway: status.scheme == Scheme::Barrier
+                && status.reasons.contains(Reasons::OTHER_GATEWAY),
             changed,
-            took_over: false,
+            path_changed: false,
             forbidden: !is_number
                 || reading.is_none()
-                || !(inputs.forbids | known.reasons.without(Reasons::DOES_NOT_FORBID)).is_empty(),
+                || !(inputs.forbids | status.reasons.without(Reasons::DOES_NOT_FORBID)).is_empty(),
             foreign: FOREIGN
                 .into_iter()
-                .any(|reason| known.reasons.contains(reason)),
+                .any(|reason| status.reasons.contains(reason)),
             ramped: self.vector.is_ramped(),
             zero: values.as_ref().is_some_and(is_zero) && is_zero(&self.output()),
             proves: self
@@ -517,15 +524,17 @@ impl Guard {
     }
 
     /// The control accepts words but stays elsewhere for longer than `hold`.
-    fn stands_elsewhere(&self, inputs: &Inputs) -> bool {
-        let since = inputs.known.stands_since;
-        let hold = self.hold_unconfirmed(&inputs.known);
+    fn is_stationary_elsewhere(&self, inputs: &Inputs) -> bool {
+        let since = inputs.read_back.stationary_since;
+        let hold = self.hold_unconfirmed(&inputs.read_back);
         since.is_some_and(|since| inputs.now.saturating_sub(since) > hold)
     }
 
     /// Validity of the last confirmed correction: on a path with a longer hold than others, not beyond the timeout of its barrier.
-    fn hold_unconfirmed(&self, known: &Known) -> Duration {
-        let most = known.lets_go_after.map(|after| after.max(ceiling::HOLD));
+    fn hold_unconfirmed(&self, status: &ReadBackStatus) -> Duration {
+        let most = status
+            .barrier_time_out
+            .map(|after| after.max(ceiling::HOLD));
         most.map_or(self.limits.hold, |most| most.min(self.limits.hold))
     }
 
@@ -537,14 +546,14 @@ impl Guard {
         disturbed: bool,
     ) -> Option<bool> {
         let (now, reading) = (inputs.now, reading?);
-        let applied = inputs.known.confirmed?.values;
+        let applied = inputs.read_back.confirmed?.values;
         self.moves
-            .see(now, &reading.positions, &applied, &self.limits);
+            .update(now, &reading.positions, &applied, &self.limits);
         if self.state != State::Arming(Phase::Proving) || disturbed {
             return None;
         }
-        if let Some(wanted) = &inputs.wanted {
-            self.proof.follows(&wanted.follow);
+        if let Some(requested) = &inputs.requested {
+            self.proof.set_follow(&requested.follow);
         }
         let (from, limits) = (&self.from, &self.limits);
         self.verdict = self
@@ -554,13 +563,13 @@ impl Guard {
     }
 
     fn reasons(&self, inputs: &Inputs, facts: &Facts) -> Reasons {
-        let mut reasons = self.state.reason() | inputs.interlocks | inputs.known.reasons;
+        let mut reasons = self.state.reason() | inputs.interlocks | inputs.read_back.reasons;
         reasons |= Reasons::NO_CONTROLLER.when(inputs.reading.is_none());
         reasons |= Reasons::POSITIONS_STALE.when(facts.stale);
         reasons |= Reasons::READ_BACK.when(facts.changed);
         reasons |= Reasons::UNCONFIRMED.when(facts.unconfirmed);
         reasons |= Reasons::CORRECTION_LEFT
-            .when(self.state == State::Disarmed && inputs.known.holds(&self.limits));
+            .when(self.state == State::Disarmed && inputs.read_back.holds(&self.limits));
         reasons |= Reasons::BEYOND_LIMIT.when(facts.beyond);
         reasons |=
             Reasons::WAITING_FOR_STANDSTILL.when(self.state == State::Arming(Phase::Proving));
@@ -571,12 +580,12 @@ impl Guard {
 
     /// Moves the output for `dt_s`, as far as it stays close to every correction that may be applied. Returns whether to send it.
     fn advance(&mut self, inputs: &Inputs, dt_s: f64, reasons: &mut Reasons) -> bool {
-        let Some(Confirmed { values, .. }) = inputs.known.confirmed else {
+        let Some(Confirmed { values, .. }) = inputs.read_back.confirmed else {
             return false;
         };
-        let is_barrier = inputs.known.scheme == Scheme::Barrier;
-        let reach = self.reach(inputs.known.scheme);
-        let [lowest, highest] = inputs.known.between;
+        let is_barrier = inputs.read_back.scheme == Scheme::Barrier;
+        let reach = self.reach(inputs.read_back.scheme);
+        let [lowest, highest] = inputs.read_back.between;
         let sent = self.before.output();
         for share in SHARES {
             self.vector = self.before;
@@ -588,13 +597,13 @@ impl Guard {
                 let reach = reach[i] * ROUNDING + rounding;
                 let (mut least, mut largest) = (highest[i] - reach, lowest[i] + reach);
                 // A correction that is reduced from beyond a limit starts where it may be now.
-                let mut stood = lowest[i].abs().max(highest[i].abs());
+                let mut at_confirmed = lowest[i].abs().max(highest[i].abs());
                 if is_barrier {
                     // The last word is in transit and may be repeated, however far it is from the confirmed correction.
                     (least, largest) = (least.min(sent[i]), largest.max(sent[i]));
-                    stood = stood.max(sent[i].abs());
+                    at_confirmed = at_confirmed.max(sent[i].abs());
                 }
-                let most = stood.max(self.limits.axes[i].reachable());
+                let most = at_confirmed.max(self.limits.axes[i].reachable());
                 (least..=largest).contains(&output[i])
                     && output[i].abs() <= most * ROUNDING
                     && self.corridor.contains(i, output[i], &self.limits)
@@ -605,7 +614,7 @@ impl Guard {
                 self.held_back += u64::from(moved.contains(Reasons::SLEWING));
                 *reasons |= moved;
                 self.corridor.narrow(&output, &self.limits);
-                self.allowed.send(&output, &self.limits);
+                self.accepted.send(&output, &self.limits);
                 self.sent_to_barrier = is_barrier.then_some(inputs.now);
                 return true;
             }
@@ -617,7 +626,7 @@ impl Guard {
         } else {
             // The last word is too far from the confirmed correction to be sent again: restart from there.
             self.vector = Vector::at(&values);
-            self.stood = true;
+            self.at_confirmed = true;
         }
         self.held_back += 1;
         *reasons |= Reasons::SLEWING;
@@ -633,7 +642,7 @@ impl Guard {
             let axis = &self.limits.axes[i];
             match scheme {
                 Scheme::Barrier => {
-                    let slew_per_s = axis.slew_per_s.max(self.allowed.slew_per_s(i));
+                    let slew_per_s = axis.slew_per_s.max(self.accepted.slew_per_s(i));
                     slew_per_s * (delay_s + period_s) + axis.resolution
                 }
                 Scheme::Plain | Scheme::NoReadBack => {
@@ -659,17 +668,17 @@ impl Guard {
                 Reasons::NONE
             }
             State::Arming(Phase::Ramping) | State::Compensating => {
-                let Some(wanted) = &inputs.wanted else {
+                let Some(requested) = &inputs.requested else {
                     return Reasons::NONE;
                 };
-                let followed = self.vector.follow(wanted, &limits, dt_s);
+                let followed = self.vector.follow(requested, &limits, dt_s);
                 Reasons::SLEWING.when(followed.slewing)
                     | Reasons::LIMITED.when(followed.limited)
                     | Reasons::WARN.when(followed.warned)
             }
             State::RampingOut(_) | State::Faulted(_) => {
                 let mut limits = limits;
-                if inputs.let_go {
+                if inputs.fast_ramp_out {
                     limits.ramp = Duration::ZERO;
                 }
                 self.vector.advance_line(&limits, dt_s);
@@ -685,9 +694,9 @@ impl Guard {
     /// Moves the vector to the correction that the control holds, even beyond a limit that was lowered meanwhile: nothing moves during the
     /// interlock, and the correction is reduced after it.
     fn move_to_held(&mut self, held: &PerChannel<f64>, dt_s: f64) {
-        let (stands, mut limits) = (self.vector.smooth(), self.limits);
+        let (present, mut limits) = (self.vector.smooth(), self.limits);
         for (i, axis) in limits.axes.iter_mut().enumerate() {
-            axis.limit = axis.limit.max(held[i].abs()).max(stands[i].abs());
+            axis.limit = axis.limit.max(held[i].abs()).max(present[i].abs());
         }
         limits.ramp = Duration::ZERO;
         self.move_on_line(held, &limits, dt_s);

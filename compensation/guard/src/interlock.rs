@@ -51,26 +51,29 @@ impl Interlock {
 
 /// The interlocks of a machine. State: the last flags of each path. An interlock on one path applies to all; it is cleared only by the same path
 /// reporting it clear, or by the operator, not by silence.
+///
+/// Invariants:
+/// - The flags of a path change only by its own report, or by an acknowledgement while it is silent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interlocks {
-    said: [Interlock; MAX_PATHS],
+    flags: [Interlock; MAX_PATHS],
     silent: [bool; MAX_PATHS],
 }
 
 impl Interlocks {
     /// Records the flags of the path at this index in this cycle; `None`: it reported none.
-    pub fn see(&mut self, path: usize, interlock: Option<Interlock>) {
-        if let (Some(said), Some(silent)) = (self.said.get_mut(path), self.silent.get_mut(path)) {
+    pub fn update(&mut self, path: usize, interlock: Option<Interlock>) {
+        if let (Some(flags), Some(silent)) = (self.flags.get_mut(path), self.silent.get_mut(path)) {
             *silent = interlock.is_none();
-            *said = interlock.unwrap_or(*said);
+            *flags = interlock.unwrap_or(*flags);
         }
     }
 
     /// Clears the interlocks of paths that are silent now; the operator has checked that they no longer apply.
     pub fn acknowledge(&mut self) {
-        for (said, silent) in self.said.iter_mut().zip(self.silent) {
+        for (flags, silent) in self.flags.iter_mut().zip(self.silent) {
             if silent {
-                *said = Interlock::default();
+                *flags = Interlock::default();
             }
         }
     }
@@ -78,15 +81,15 @@ impl Interlocks {
     /// Why the correction must be held; empty if it may move.
     #[must_use]
     pub fn reasons(&self) -> Reasons {
-        (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.said_by(path))
+        (0..MAX_PATHS).fold(Reasons::NONE, |all, path| all | self.path_reasons(path))
     }
 
     /// The last flags of the path at this index, and whether it has been silent since.
     #[must_use]
-    pub fn said_by(&self, path: usize) -> Reasons {
-        let (Some(said), Some(silent)) = (self.said.get(path), self.silent.get(path)) else {
+    pub fn path_reasons(&self, path: usize) -> Reasons {
+        let (Some(flags), Some(silent)) = (self.flags.get(path), self.silent.get(path)) else {
             return Reasons::NONE;
         };
-        said.reasons() | Reasons::INTERLOCK_UNSEEN.when(said.is_set() && *silent)
+        flags.reasons() | Reasons::INTERLOCK_UNSEEN.when(flags.is_set() && *silent)
     }
 }

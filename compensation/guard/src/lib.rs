@@ -1,7 +1,7 @@
 #![no_std]
 #![doc = include_str!("../README.md")]
 
-mod allowed;
+mod accepted_range;
 pub mod barrier;
 pub mod ceiling;
 mod corridor;
@@ -30,18 +30,19 @@ pub use limits::{
     AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
 };
 pub use position::{PositionCheck, PositionFlaw, PositionLimits};
-pub use proof::{Moves, Proof, Proven, Verdict};
+pub use proof::{AxisProof, MotionHistory, Proof, Verdict};
 pub use read_back::{
-    BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, Known, RATE_OVER_SLEW, ReadBack, Scheme,
-    Told, barrier_misfits, scans_fit,
+    BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, CorrectionReport, RATE_OVER_SLEW,
+    ReadBack, ReadBackStatus, Scheme, barrier_misfits, scans_fit,
 };
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};
 pub use step::{ROUNDING, one_step, shortest_way};
 pub use temperature::{
-    Heard, MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
+    MAX_SENSORS, SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport,
+    judge_temperatures,
 };
-pub use vector::{Followed, Vector, Wanted};
+pub use vector::{FollowResult, RequestedCorrection, Vector};
 
 /// The vocabulary of the public interface: axis letters, values by axis.
 pub use volcomp_vocabulary as vocabulary;

@@ -28,7 +28,7 @@ pub enum PositionFlaw {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Accepted {
+struct AcceptedPosition {
     /// Position, mm or rad.
     position: f64,
     taken: Duration,
@@ -38,9 +38,13 @@ struct Accepted {
 
 /// The last accepted position of an axis. After a rejection no position is accepted, however much time passes, until one is within the reach that
 /// the axis had at the first rejection.
+///
+/// Invariants:
+/// - `rejected_since` is set only between a rejection and the next accepted position.
+/// - The offset range of the accepted position is within the timestamp uncertainty and never empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
-    accepted: Option<Accepted>,
+    accepted: Option<AcceptedPosition>,
     /// Timestamp of the first rejected position since.
     rejected_since: Option<Duration>,
 }
@@ -65,7 +69,7 @@ impl PositionCheck {
         };
         match found {
             Ok(offset_range) => {
-                self.accepted = Some(Accepted {
+                self.accepted = Some(AcceptedPosition {
                     position,
                     taken,
                     offset_range,

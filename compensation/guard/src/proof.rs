@@ -29,7 +29,7 @@ const ALIVE_FOR: Duration = Duration::from_secs(10);
 
 /// Result of the test shift for one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Proven {
+pub enum AxisProof {
     /// The reported position followed the shift both ways: it contains the correction.
     Contained,
     /// The reported position stayed both times, and is alive: the machine moved the axis recently.
@@ -43,7 +43,7 @@ pub enum Proven {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verdict {
     /// The finding for each axis.
-    pub axes: PerChannel<Proven>,
+    pub axes: PerChannel<AxisProof>,
     /// The axes whose configuration contradicts the finding or the amount: a position that follows both ways by 2.5 times the shift, or by half of
     /// it, shows that the words have another unit. If positions do not contain the correction, the unit cannot be tested.
     pub contradicts: PerChannel<bool>,
@@ -53,15 +53,15 @@ pub struct Verdict {
 
 impl Verdict {
     /// `scaled`: the axes that followed both ways by another amount than the shift.
-    fn of(axes: PerChannel<Proven>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
+    fn of(axes: PerChannel<AxisProof>, scaled: &PerChannel<bool>, limits: &Limits) -> Self {
         Self {
             axes,
             contradicts: PerChannel::from_fn(|i| match axes[i] {
-                Proven::Contained => !limits.axes[i].includes_correction,
-                Proven::NotContained => limits.axes[i].includes_correction,
-                Proven::NotProven => scaled[i],
+                AxisProof::Contained => !limits.axes[i].includes_correction,
+                AxisProof::NotContained => limits.axes[i].includes_correction,
+                AxisProof::NotProven => scaled[i],
             }),
-            proven: axes.map(|axis| axis != Proven::NotProven),
+            proven: axes.map(|axis| axis != AxisProof::NotProven),
         }
     }
 
@@ -75,16 +75,16 @@ impl Verdict {
 /// When the machine, not the correction, last moved each axis: only then a constant position proves anything. Update it in every cycle with a
 /// reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Moves {
+pub struct MotionHistory {
     /// Reported position and correction when the axis last moved.
     last: PerChannel<Option<(f64, f64)>>,
     moved: PerChannel<Option<Duration>>,
 }
 
-impl Moves {
+impl MotionHistory {
     /// Updates with a reading: positions as reported (mm, rad) and the applied correction. The machine moved an axis if its position changed by
     /// more than its test shift both with and without the correction.
-    pub fn see(
+    pub fn update(
         &mut self,
         now: Duration,
         positions: &PerChannel<f64>,
@@ -112,7 +112,7 @@ impl Moves {
 
     /// Whether the machine moved the axis within the last 10 s.
     #[must_use]
-    pub fn lately(&self, now: Duration, axis: usize) -> bool {
+    pub fn moved_recently(&self, now: Duration, axis: usize) -> bool {
         self.moved
             .get(axis)
             .copied()
@@ -135,8 +135,8 @@ enum Leg {
 
 /// Reaction of one axis's position in one leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Did {
-    Followed,
+enum AxisResponse {
+    FollowResult,
     Stayed,
     Between,
     /// It moved so far that the machine must have moved it.
@@ -168,8 +168,8 @@ impl Span {
 
 /// Findings for axes, and which of them follow by another amount than the shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Shown {
-    axes: PerChannel<Proven>,
+struct Findings {
+    axes: PerChannel<AxisProof>,
     scaled: PerChannel<bool>,
 }
 
@@ -177,6 +177,11 @@ struct Shown {
 /// linear axes. The correction is shifted in one direction and then in the other, with a rest in between, so that creep or a slow position cannot
 /// look like a response. If the machine starts to move, the correction returns to the start, and the proof restarts at the next standstill: a
 /// remaining shift would be an error of the part.
+///
+/// Invariants:
+/// - `before_leg[0]` is valid from the first leg on, `before_leg[1]` from the second.
+/// - `rotary` is set once the rotary axes were shifted: from then on the linear ones are.
+/// - A reading counts only if it was valid after the correction had reached the goal of the leg (`arrived_at`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proof {
     /// When the last reading was valid.
@@ -186,17 +191,17 @@ pub struct Proof {
     still: Span,
     /// How long the correction has been at the goal of the leg, and when it was found there.
     reached: Span,
-    there: Option<Duration>,
+    arrived_at: Option<Duration>,
     leg: Leg,
     /// The axes that the machine had moved recently before the first shift.
     alive: PerChannel<bool>,
     /// Positions before the leg, and after the first one.
-    stood: [PerChannel<f64>; 2],
+    before_leg: [PerChannel<f64>; 2],
     attempts: u8,
     /// How the linear axes follow each rotary axis, mm/rad.
     follow: PerChannel<PerChannel<f64>>,
     /// Findings for the rotary axes; `None`: not shifted yet.
-    rotary: Option<Shown>,
+    rotary: Option<Findings>,
 }
 
 impl Proof {
@@ -207,8 +212,8 @@ impl Proof {
     }
 
     /// Sets how the linear axes follow each rotary axis at the present position so that the tool tip stays in place
-    /// ([`Wanted::follow`](crate::Wanted)). It takes effect when a shift begins.
-    pub fn follows(&mut self, follow: &PerChannel<PerChannel<f64>>) {
+    /// ([`RequestedCorrection::follow`](crate::Wanted)). It takes effect when a shift begins.
+    pub fn set_follow(&mut self, follow: &PerChannel<PerChannel<f64>>) {
         if self.leg == Leg::Begin {
             self.follow = *follow;
         }
@@ -223,49 +228,50 @@ impl Proof {
         output: &PerChannel<f64>,
         from: &PerChannel<f64>,
         limits: &Limits,
-        moves: &Moves,
+        moves: &MotionHistory,
     ) -> Option<Verdict> {
         let Reading { taken, positions } = reading;
         let count = limits.count.min(MAX_AXES);
         let goal = self.goal(from, limits);
         let step = |i: usize| limits.axes[i].resolution;
-        let is_there = (0..count).all(|i| (output[i] - goal[i]).abs() < step(i));
-        if !is_there {
-            self.waits();
+        let has_arrived = (0..count).all(|i| (output[i] - goal[i]).abs() < step(i));
+        if !has_arrived {
+            self.restart_wait();
             return None;
         }
-        let there = *self.there.get_or_insert(now);
-        if self.taken.replace(*taken) == Some(*taken) || *taken < there {
+        let arrived_at = *self.arrived_at.get_or_insert(now);
+        if self.taken.replace(*taken) == Some(*taken) || *taken < arrived_at {
             return None;
         }
         let taken = now.min(*taken);
         self.reached.goes_on(taken);
-        let stands = self.still.from.is_some()
+        let is_still = self.still.from.is_some()
             && (0..count).all(|i| {
                 let away = way(limits, i, self.positions[i], positions[i]).abs();
                 away <= STAYED_SHARE * shift(limits, i).max(step(i))
             });
-        if !stands {
+        if !is_still {
             (self.positions, self.still) = (*positions, Span::default());
         }
         self.still.goes_on(taken);
-        if !stands && self.goes_on(taken, positions, limits) {
-            self.begin_anew(self.attempts, positions);
+        if !is_still && self.goes_on(taken, positions, limits) {
+            self.restart(self.attempts, positions);
             return None;
         }
         if !self.still.lasts(1, taken) {
             return None;
         }
-        self.waits();
+        self.restart_wait();
         match self.leg {
             Leg::Begin => {
-                let lately = PerChannel::from_fn(|i| self.alive[i] || moves.lately(now, i));
-                (self.stood[0], self.alive) = (*positions, lately);
+                let moved_recently =
+                    PerChannel::from_fn(|i| self.alive[i] || moves.moved_recently(now, i));
+                (self.before_leg[0], self.alive) = (*positions, moved_recently);
                 self.leg = Leg::First;
                 None
             }
             Leg::First => {
-                self.stood[1] = *positions;
+                self.before_leg[1] = *positions;
                 self.leg = Leg::Second;
                 None
             }
@@ -274,8 +280,8 @@ impl Proof {
     }
 
     /// The correction is in motion.
-    fn waits(&mut self) {
-        self.there = None;
+    fn restart_wait(&mut self) {
+        self.arrived_at = None;
         (self.still, self.reached) = (Span::default(), Span::default());
     }
 
@@ -288,7 +294,7 @@ impl Proof {
     ) -> Option<Verdict> {
         let [begin, first, second] =
             [Leg::Begin, Leg::First, Leg::Second].map(|leg| self.at(leg, from, limits));
-        let [before, between] = self.stood;
+        let [before, between] = self.before_leg;
         let kind = self.kind(limits);
         let mut shown = self.rotary.unwrap_or_default();
         let (mut unclear, mut moved) = (false, false);
@@ -299,18 +305,20 @@ impl Proof {
                 way(limits, i, before[i], between[i]) / (first[i] - begin[i]),
                 way(limits, i, between[i], positions[i]) / (second[i] - first[i]),
             ];
-            shown.axes[i] = match shares.map(did) {
-                [Did::Followed, Did::Followed] => Proven::Contained,
-                [Did::Stayed, Did::Stayed] if self.alive[i] => Proven::NotContained,
-                [Did::Stayed, Did::Stayed] => Proven::NotProven,
+            shown.axes[i] = match shares.map(response_of) {
+                [AxisResponse::FollowResult, AxisResponse::FollowResult] => AxisProof::Contained,
+                [AxisResponse::Stayed, AxisResponse::Stayed] if self.alive[i] => {
+                    AxisProof::NotContained
+                }
+                [AxisResponse::Stayed, AxisResponse::Stayed] => AxisProof::NotProven,
                 _ if is_one_factor(shares) => {
                     shown.scaled[i] = true;
-                    Proven::NotProven
+                    AxisProof::NotProven
                 }
                 both => {
-                    moved |= both.contains(&Did::Moved);
+                    moved |= both.contains(&AxisResponse::Moved);
                     unclear = true;
-                    Proven::NotProven
+                    AxisProof::NotProven
                 }
             };
         }
@@ -321,7 +329,7 @@ impl Proof {
         };
         let is_scaled = shown.scaled.iter().any(|scaled| *scaled);
         if unclear && !is_scaled && attempts < MOST_ATTEMPTS {
-            self.begin_anew(attempts, positions);
+            self.restart(attempts, positions);
             return None;
         }
         let verdict = Verdict::of(shown.axes, &shown.scaled, limits);
@@ -329,7 +337,7 @@ impl Proof {
         if goes_on && !verdict.is_contradiction() {
             self.rotary = Some(shown);
             let alive = self.alive;
-            self.begin_anew(0, positions);
+            self.restart(0, positions);
             self.alive = alive;
             return None;
         }
@@ -360,9 +368,9 @@ impl Proof {
         let shifts = PerChannel::from_fn(|i| goal[i] - begin[i]);
         for i in (0..limits.count.min(MAX_AXES)).filter(|i| limits.axes[*i].kind != kind) {
             let axis = &limits.axes[i];
-            let follows: f64 = limits.places().map(|r| self.follow[r][i] * shifts[r]).sum();
-            goal[i] += libm::round(follows / axis.resolution) * axis.resolution;
-            if follows != 0.0 && goal[i].abs() > axis.reachable() * ROUNDING {
+            let set_follow: f64 = limits.places().map(|r| self.follow[r][i] * shifts[r]).sum();
+            goal[i] += libm::round(set_follow / axis.resolution) * axis.resolution;
+            if set_follow != 0.0 && goal[i].abs() > axis.reachable() * ROUNDING {
                 return begin;
             }
         }
@@ -380,15 +388,15 @@ impl Proof {
         if part >= 1.0 {
             return begin;
         }
-        let mut follows = PerChannel::ZERO;
+        let mut set_follow = PerChannel::ZERO;
         for (r, axis) in axes().filter(|(_, axis)| axis.kind == AxisKind::Rotary) {
             begin[r] = libm::trunc(part * from[r] / axis.resolution) * axis.resolution;
-            for (l, follows) in follows.iter_mut().enumerate() {
-                *follows += self.follow[r][l] * (begin[r] - part * from[r]);
+            for (l, set_follow) in set_follow.iter_mut().enumerate() {
+                *set_follow += self.follow[r][l] * (begin[r] - part * from[r]);
             }
         }
         for (l, axis) in axes().filter(|(_, axis)| axis.kind == AxisKind::Linear) {
-            let (exact, most) = (part * from[l] + follows[l], axis.reachable());
+            let (exact, most) = (part * from[l] + set_follow[l], axis.reachable());
             let step = axis.resolution;
             begin[l] = (libm::round(exact / step) * step).clamp(-most, most);
         }
@@ -400,8 +408,8 @@ impl Proof {
         let before = match self.leg {
             // Nothing is shifted.
             Leg::Begin => return false,
-            Leg::First => &self.stood[0],
-            Leg::Second => &self.stood[1],
+            Leg::First => &self.before_leg[0],
+            Leg::Second => &self.before_leg[1],
         };
         let went_far = |i: usize| {
             let most = FAR_SHIFTS * shift(limits, i).max(limits.axes[i].resolution);
@@ -412,7 +420,7 @@ impl Proof {
     }
 
     /// Returns to the start of the proof, and waits for standstill there.
-    fn begin_anew(&mut self, attempts: u8, positions: &PerChannel<f64>) {
+    fn restart(&mut self, attempts: u8, positions: &PerChannel<f64>) {
         *self = Self {
             attempts,
             taken: self.taken,
@@ -436,15 +444,15 @@ fn is_one_factor([one, two]: [f64; 2]) -> bool {
 }
 
 /// Reaction of a position that moved by this fraction of the shift.
-fn did(share: f64) -> Did {
+fn response_of(share: f64) -> AxisResponse {
     if share.abs() <= STAYED_SHARE {
-        Did::Stayed
+        AxisResponse::Stayed
     } else if (share - 1.0).abs() <= STAYED_SHARE {
-        Did::Followed
+        AxisResponse::FollowResult
     } else if share.abs() > MOVED_SHARE {
-        Did::Moved
+        AxisResponse::Moved
     } else {
-        Did::Between
+        AxisResponse::Between
     }
 }
 

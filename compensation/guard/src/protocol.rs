@@ -233,6 +233,10 @@ pub fn checksum(machine: u16, layout: Layout, words: &[u16]) -> Checksum {
 }
 
 /// The numbers that a control publishes and by which it accepts frames.
+///
+/// Invariants:
+/// - An epoch is never reused within 65,536 starts and timeouts.
+/// - `silent` grows only without an accepted frame, and not beyond the timeout, at which `owner` is free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Link {
     /// Incremented at each start and at each timeout.
@@ -324,7 +328,7 @@ impl Link {
 
 /// The meaning of a report for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
+pub enum ReportStatus {
     /// The control's scans have not advanced since the last report, or this one is from before it: nothing new.
     Old,
     /// Another sender owns the control, or this one did before its restart: nothing may be sent until the control has released it at its timeout.
@@ -346,6 +350,9 @@ pub enum Seen {
 const MOST_EPOCHS: usize = 4;
 
 /// A sender's knowledge of a control.
+///
+/// Invariants:
+/// - `last` is set only while this sender may send. `sent` is the frame that answered the latest answered report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
     /// Random number drawn by this sender at its start.
@@ -372,7 +379,7 @@ impl Session {
     }
 
     /// Processes the head of a complete report and returns its meaning.
-    pub fn read(&mut self, report: Head) -> Seen {
+    pub fn read(&mut self, report: Head) -> ReportStatus {
         let Head {
             epoch,
             tick,
@@ -383,16 +390,16 @@ impl Session {
             .last
             .is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick))
         {
-            return Seen::Old;
+            return ReportStatus::Old;
         }
         if owner != 0 && (owner != self.owner || !self.has_sent(epoch, sequence)) {
             self.last = None;
             self.sent = None;
-            return Seen::Held { owner };
+            return ReportStatus::Held { owner };
         }
         let epoch_began = self.last.is_none_or(|last| last.epoch != epoch);
         self.last = Some(report);
-        Seen::Confirmed {
+        ReportStatus::Confirmed {
             landed: owner == self.owner && self.sent == Some((epoch, sequence)),
             epoch_began,
         }

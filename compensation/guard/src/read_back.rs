@@ -5,8 +5,8 @@
 
 mod barrier;
 mod echo;
-mod known;
 mod no_read_back;
+mod status;
 
 use core::time::Duration;
 
@@ -15,20 +15,25 @@ use volcomp_vocabulary::PerChannel;
 use crate::{Limits, barrier::FRAME_WORDS};
 
 pub use barrier::{BarrierLink, BarrierMisfit, RATE_OVER_SLEW, barrier_misfits, scans_fit};
-pub(crate) use known::are_equal;
-pub use known::{Confirmed, Known, Scheme, Told};
 pub use no_read_back::ControlTimeOut;
+pub(crate) use status::are_equal;
+pub use status::{Confirmed, CorrectionReport, ReadBackStatus, Scheme};
 
 use echo::Echo;
-use known::{Landed, Landing};
 use no_read_back::NoReadBack;
+use status::{Arrival, ArrivalMonitor};
 
 /// The read-back of one path. State: what was sent, what was received, and the conclusions.
+///
+/// Invariants:
+/// - `status.between` contains the confirmed correction, and without a barrier every correction sent since that may have arrived.
+/// - `status.unlanded_since` is that of `arrivals`.
+/// - `status.scheme` belongs to `kind` and never changes.
 #[derive(Clone, Debug)]
 pub struct ReadBack {
     kind: Kind,
-    known: Known,
-    landing: Landing,
+    status: ReadBackStatus,
+    arrivals: ArrivalMonitor,
 }
 
 #[derive(Clone, Debug)]
@@ -65,83 +70,93 @@ impl ReadBack {
     fn of(kind: Kind, scheme: Scheme) -> Self {
         Self {
             kind,
-            known: Known {
+            status: ReadBackStatus {
                 scheme,
-                ..Known::default()
+                ..ReadBackStatus::default()
             },
-            landing: Landing::default(),
+            arrivals: ArrivalMonitor::default(),
         }
     }
 
     /// The knowledge after the last call.
     #[must_use]
-    pub fn known(&self) -> &Known {
-        &self.known
+    pub fn status(&self) -> &ReadBackStatus {
+        &self.status
     }
 
     /// Processes the control's report in this cycle. `taken` is when it was valid: anything older than `hold` is ignored, however often a device
     /// repeats it.
-    pub fn hear(&mut self, now: Duration, taken: Duration, told: &Told<'_>, limits: &Limits) {
+    pub fn receive(
+        &mut self,
+        now: Duration,
+        taken: Duration,
+        report: &CorrectionReport<'_>,
+        limits: &Limits,
+    ) {
         // No reading is from the future, whatever a device reports.
         let taken = taken.min(now);
         let is_old = now.saturating_sub(taken) > limits.hold;
-        let told = if is_old { &Told::Nothing } else { told };
-        self.known.changed = false;
-        let landed = match (&mut self.kind, told) {
-            (Kind::Barrier(link), Told::Report(words)) => {
-                link.hear(taken, words, limits, &mut self.known)
+        let report = if is_old {
+            &CorrectionReport::Missing
+        } else {
+            report
+        };
+        self.status.changed = false;
+        let landed = match (&mut self.kind, report) {
+            (Kind::Barrier(link), CorrectionReport::Barrier(words)) => {
+                link.receive(taken, words, limits, &mut self.status)
             }
-            (Kind::Barrier(_), _) => Landed::Unknown,
-            (Kind::Echo(echo), Told::Values(values)) => {
-                echo.hear(now, taken, values, limits, &mut self.known)
+            (Kind::Barrier(_), _) => Arrival::Unknown,
+            (Kind::Echo(echo), CorrectionReport::Values(values)) => {
+                echo.receive(now, taken, values, limits, &mut self.status)
             }
             (Kind::Echo(_), _) => {
-                self.known.writable = false;
-                Landed::Unknown
+                self.status.writable = false;
+                Arrival::Unknown
             }
-            (Kind::NoReadBack(lines), told) => {
-                lines.hear(now, taken, told, limits, &mut self.known)
+            (Kind::NoReadBack(lines), report) => {
+                lines.receive(now, taken, report, limits, &mut self.status)
             }
         };
         match &self.kind {
-            Kind::Barrier(link) => link.judge(now, limits, &mut self.known),
-            Kind::Echo(echo) => echo.judge(now, limits, &mut self.known),
+            Kind::Barrier(link) => link.judge(now, limits, &mut self.status),
+            Kind::Echo(echo) => echo.judge(now, limits, &mut self.status),
             Kind::NoReadBack(_) => {}
         }
-        let is_told = match &self.kind {
+        let is_observed = match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
-            Kind::NoReadBack(lines) => lines.tells(),
+            Kind::NoReadBack(lines) => lines.has_reported(),
         };
         // Lines that never reported their outputs count as answering.
-        let answered = !is_told || *told != Told::Nothing;
-        self.landing.hear(now, answered, landed, limits);
-        self.update_known();
+        let answered = !is_observed || *report != CorrectionReport::Missing;
+        self.arrivals.receive(now, answered, landed, limits);
+        self.update_status();
     }
 
     /// Whether the applied correction is reported, so that sent corrections can be seen to arrive.
-    fn is_seen(&self) -> bool {
+    fn observes_arrival(&self) -> bool {
         match &self.kind {
             Kind::Barrier(_) | Kind::Echo(_) => true,
-            Kind::NoReadBack(lines) => lines.sees(),
+            Kind::NoReadBack(lines) => lines.reports_now(),
         }
     }
 
     /// Updates the conclusions for the guard.
-    fn update_known(&mut self) {
-        self.known.unlanded_since = self.landing.unlanded_since();
+    fn update_status(&mut self) {
+        self.status.unlanded_since = self.arrivals.unlanded_since();
         let candidates = match &self.kind {
             Kind::Echo(echo) => echo.between(),
             Kind::NoReadBack(lines) => lines.between(),
             Kind::Barrier(_) => None,
         };
-        let confirmed = self.known.confirmed.map_or(PerChannel::ZERO, |c| c.values);
-        self.known.between = candidates.unwrap_or([confirmed; 2]);
+        let confirmed = self.status.confirmed.map_or(PerChannel::ZERO, |c| c.values);
+        self.status.between = candidates.unwrap_or([confirmed; 2]);
     }
 
     /// Reports that another gateway was detected on this path.
-    pub fn see_other(&mut self, now: Duration) {
+    pub fn report_other_gateway(&mut self, now: Duration) {
         if let Kind::Echo(echo) = &mut self.kind {
-            echo.see_other(now);
+            echo.report_other_gateway(now);
         }
     }
 
@@ -180,12 +195,12 @@ impl ReadBack {
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {
         match &mut self.kind {
             Kind::Echo(echo) => echo.sent(now, values),
-            Kind::NoReadBack(lines) => lines.sent(now, values, ok, &mut self.known),
+            Kind::NoReadBack(lines) => lines.sent(now, values, ok, &mut self.status),
             Kind::Barrier(_) => {}
         }
-        let is_unseen = !self.is_seen();
-        self.landing.sent(now, ok, is_unseen);
-        self.update_known();
+        let is_unseen = !self.observes_arrival();
+        self.arrivals.sent(now, ok, is_unseen);
+        self.update_status();
     }
 
     /// Restores the output of the last run, written `age` ago, for controls without read-back.
@@ -197,39 +212,39 @@ impl ReadBack {
         limits: &Limits,
     ) {
         if let Kind::NoReadBack(lines) = &mut self.kind {
-            lines.restore(now, values, age, limits, &mut self.known);
+            lines.restore(now, values, age, limits, &mut self.status);
         }
-        self.update_known();
+        self.update_status();
     }
 
     /// Makes this path the active one in place of another. Without read-back here, the correction from the other path must be gone: this path takes
-    /// over only after that. Its own earlier correction remains, unless the control has dropped everything (`let_go`), because the other path led
+    /// over only after that. Its own earlier correction remains, unless the control has dropped everything (`released`), because the other path led
     /// to its barrier. With a read-back but no barrier, earlier readings may be older than the last write of the other path.
-    pub fn take_over(&mut self, now: Duration, let_go: bool) {
+    pub fn take_over(&mut self, now: Duration, released: bool) {
         match &mut self.kind {
-            Kind::NoReadBack(lines) => lines.take_over(now, let_go, &mut self.known),
-            Kind::Echo(echo) => echo.take_over(now, &mut self.known),
+            Kind::NoReadBack(lines) => lines.take_over(now, released, &mut self.status),
+            Kind::Echo(echo) => echo.take_over(now, &mut self.status),
             Kind::Barrier(_) => return,
         }
-        self.landing = Landing::default();
-        self.update_known();
+        self.arrivals = ArrivalMonitor::default();
+        self.update_status();
     }
 
     /// The operator has made sure that a control without read-back applies no correction.
     pub fn acknowledge(&mut self, now: Duration) {
         if let Kind::NoReadBack(lines) = &mut self.kind {
-            lines.acknowledge(now, &mut self.known);
+            lines.acknowledge(now, &mut self.status);
         }
-        self.update_known();
+        self.update_status();
     }
 
     /// Time after the last write until the control is at zero on its own, from any correction; `None`: it never goes there on its own, or that is
     /// unknown.
     #[must_use]
-    pub fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
+    pub fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         match &self.kind {
-            Kind::Barrier(link) => link.zero_by_itself(limits),
-            Kind::NoReadBack(lines) => lines.zero_by_itself(limits),
+            Kind::Barrier(link) => link.zero_after_last_write(limits),
+            Kind::NoReadBack(lines) => lines.zero_after_last_write(limits),
             Kind::Echo(_) => None,
         }
     }

@@ -250,9 +250,9 @@ impl BitOrAssign for Reasons {
 mod tests {
     use super::Reasons;
 
-    /// The first words are the cause of the stop, not what follows from it.
+    /// The first texts name the cause of a stop, not its consequences.
     #[test]
-    fn causes_stand_before_what_follows_from_them() {
+    fn causes_come_before_their_consequences() {
         let causes = [
             Reasons::EMERGENCY_STOP,
             Reasons::CONTROLLER_ALARM,

@@ -100,7 +100,7 @@ pub(crate) struct Facts {
     /// The controller has changed its applied correction without a write.
     pub(crate) changed: bool,
     /// The active path has changed, and its applied correction is seen for the first time, or not yet.
-    pub(crate) took_over: bool,
+    pub(crate) path_changed: bool,
     /// Whether something forbids arming.
     pub(crate) forbidden: bool,
     /// The applied correction may be another gateway's, or that of a control without read-back is unknown.
@@ -243,7 +243,7 @@ impl State {
                 None => self,
             },
             Self::Arming(Phase::Ramping) if facts.ramped => Self::Compensating,
-            Self::Compensating if facts.begins_anew() => ramping_in,
+            Self::Compensating if facts.needs_ramp() => ramping_in,
             Self::Holding(Hold::Stale | Hold::Unconfirmed) if facts.lost => {
                 Self::RampingOut(End::Lost)
             }
@@ -267,9 +267,9 @@ impl State {
 impl Facts {
     /// Whether arming is requested and allowed.
     fn may_arm(&self) -> bool {
-        let asked = matches!(self.request, Some(Request::Arm | Request::TakeOver));
-        let hindered = self.forbidden || self.interlocked || self.stale;
-        asked && !hindered && !self.unconfirmed && !self.beyond
+        let is_requested = matches!(self.request, Some(Request::Arm | Request::TakeOver));
+        let is_prevented = self.forbidden || self.interlocked || self.stale;
+        is_requested && !is_prevented && !self.unconfirmed && !self.beyond
     }
 
     /// The first phase of arming: during operation without the proof.
@@ -283,8 +283,8 @@ impl Facts {
     }
 
     /// Whether a compensated correction must ramp to a new one.
-    pub(crate) fn begins_anew(&self) -> bool {
-        self.changed || self.took_over || self.request == Some(Request::Switched)
+    pub(crate) fn needs_ramp(&self) -> bool {
+        self.changed || self.path_changed || self.request == Some(Request::Switched)
     }
 
     /// The state after the operator acknowledges a fault: a remaining correction is removed.

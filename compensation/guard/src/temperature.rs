@@ -35,7 +35,7 @@ impl Default for SensorLimits {
 
 /// The answer of a device for one of its sensors, as received by its driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Heard {
+pub enum SensorReading {
     /// The device does not answer, or has not answered yet.
     #[default]
     Silence,
@@ -90,47 +90,47 @@ pub struct SensorReport {
     pub flaw: Option<SensorFlaw>,
 }
 
-/// Checks the received temperatures of a machine at the time `now`. `checks` are the histories of the sensors, `told` receives the accepted
+/// Checks the received temperatures of a machine at the time `now`. `checks` are the histories of the sensors, `reports` receives the accepted
 /// temperatures, all in the same order; sensors beyond [`MAX_SENSORS`] are omitted.
 pub fn judge_temperatures(
     checks: &mut [SensorCheck],
-    heard: &[Heard],
+    readings: &[SensorReading],
     now: Duration,
     limits: &SensorLimits,
-    told: &mut [SensorReport],
+    reports: &mut [SensorReport],
 ) {
     // The values before this cycle, so that no sensor is compared with one that jumps together with it.
-    let believed = all_believed(checks);
-    let sensors = checks.iter_mut().zip(heard).zip(told.iter_mut());
+    let accepted = accepted_temperatures(checks);
+    let sensors = checks.iter_mut().zip(readings).zip(reports.iter_mut());
     let mut count = 0;
-    for (own, ((check, heard), told)) in sensors.take(MAX_SENSORS).enumerate() {
-        let flaw = check.check(now, *heard, own, &believed, limits);
-        let degc = match heard {
-            Heard::Temperature { degc, .. } => Some(*degc),
-            Heard::Silence | Heard::Fault => None,
+    for (own, ((check, reading), report)) in sensors.take(MAX_SENSORS).enumerate() {
+        let flaw = check.check(now, *reading, own, &accepted, limits);
+        let degc = match reading {
+            SensorReading::Temperature { degc, .. } => Some(*degc),
+            SensorReading::Silence | SensorReading::Fault => None,
         };
-        *told = SensorReport {
+        *report = SensorReport {
             degc: degc.filter(|_| flaw.is_none_or(SensorFlaw::is_used)),
             flaw,
         };
         count = own + 1;
     }
-    let believed = all_believed(checks);
+    let accepted = accepted_temperatures(checks);
     for check in checks.iter_mut().take(count) {
-        check.remember(&believed);
+        check.remember(&accepted);
     }
     if let Some(allowed_k) = limits.neighbours_k {
-        mark_disagreeing(&mut told[..count], allowed_k);
+        mark_disagreeing(&mut reports[..count], allowed_k);
     }
 }
 
 /// The accepted temperatures of all sensors, °C; NaN if missing.
-fn all_believed(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
-    let mut believed = [f64::NAN; MAX_SENSORS];
-    for (degc, check) in believed.iter_mut().zip(checks) {
-        *degc = check.believed();
+fn accepted_temperatures(checks: &[SensorCheck]) -> [f64; MAX_SENSORS] {
+    let mut accepted = [f64::NAN; MAX_SENSORS];
+    for (degc, check) in accepted.iter_mut().zip(checks) {
+        *degc = check.accepted();
     }
-    believed
+    accepted
 }
 
 /// Largest difference between two readings that counts as the resolution or noise of a module, not as a jump, K. The billionth covers the rounding
@@ -144,7 +144,7 @@ const UNSEEN_NIGHT_K: f64 = 20.0;
 
 /// An accepted temperature.
 #[derive(Clone, Copy, Debug)]
-struct Believed {
+struct AcceptedTemperature {
     degc: f64,
     taken: Duration,
     /// A temperature that follows the readings no faster than the allowed rate, °C: a reading farther than one step from it has jumped.
@@ -156,11 +156,15 @@ struct Believed {
 }
 
 /// The history of one sensor: the last accepted temperature, and whether it has jumped since.
+///
+/// Invariants:
+/// - `jumped` is set only with an accepted temperature, which does not change until the sensor is readmitted or acknowledged.
+/// - `used` is the result of the last check.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SensorCheck {
     /// The last reading and its flaw: a repeated reading is not checked again.
     last: Option<(Duration, f64, Option<SensorFlaw>)>,
-    believed: Option<Believed>,
+    accepted: Option<AcceptedTemperature>,
     /// Since the last accepted temperature the device reported a fault, or a reading was out of range.
     was_faulty: bool,
     jumped: Option<Readmission>,
@@ -176,19 +180,19 @@ impl SensorCheck {
     }
 
     /// The accepted temperature, °C; NaN without one.
-    fn believed(&self) -> f64 {
-        self.believed
+    fn accepted(&self) -> f64 {
+        self.accepted
             .filter(|_| self.used)
-            .map_or(f64::NAN, |believed| believed.degc)
+            .map_or(f64::NAN, |accepted| accepted.degc)
     }
 
     /// Stores the temperatures of all sensors, °C, at the end of the cycle in which a new reading of this one was accepted, so that after a jump
     /// its usual difference from its neighbours refers to a single time.
     fn remember(&mut self, all: &[f64; MAX_SENSORS]) {
-        if let Some(believed) = &mut self.believed
+        if let Some(accepted) = &mut self.accepted
             && self.used
         {
-            believed.neighbours.get_or_insert(*all);
+            accepted.neighbours.get_or_insert(*all);
         }
     }
 
@@ -196,12 +200,12 @@ impl SensorCheck {
     fn check(
         &mut self,
         now: Duration,
-        heard: Heard,
+        reading: SensorReading,
         own: usize,
         others: &[f64; MAX_SENSORS],
         limits: &SensorLimits,
     ) -> Option<SensorFlaw> {
-        let flaw = self.flaw(now, heard, own, others, limits);
+        let flaw = self.flaw(now, reading, own, others, limits);
         self.used = flaw.is_none_or(SensorFlaw::is_used);
         flaw
     }
@@ -209,13 +213,13 @@ impl SensorCheck {
     fn flaw(
         &mut self,
         now: Duration,
-        heard: Heard,
+        reading: SensorReading,
         own: usize,
         others: &[f64; MAX_SENSORS],
         limits: &SensorLimits,
     ) -> Option<SensorFlaw> {
-        let Heard::Temperature { degc, taken } = heard else {
-            self.was_faulty |= heard == Heard::Fault;
+        let SensorReading::Temperature { degc, taken } = reading else {
+            self.was_faulty |= reading == SensorReading::Fault;
             self.interrupt();
             return Some(SensorFlaw::Broken);
         };
@@ -248,23 +252,23 @@ impl SensorCheck {
         others: &[f64; MAX_SENSORS],
         limits: &SensorLimits,
     ) -> Option<SensorFlaw> {
-        let first = Believed {
+        let first = AcceptedTemperature {
             degc,
             taken,
             followed: degc,
             same_since: taken,
             neighbours: None,
         };
-        let Some(before) = self.believed else {
-            self.believed = Some(first);
+        let Some(before) = self.accepted else {
+            self.accepted = Some(first);
             return None;
         };
         if let Some(jumped) = &mut self.jumped {
-            if !jumped.sees(degc, taken, others, limits.stale) {
+            if !jumped.process(degc, taken, others, limits.stale) {
                 return Some(SensorFlaw::Jumped);
             }
             (self.jumped, self.was_faulty) = (None, false);
-            self.believed = Some(first);
+            self.accepted = Some(first);
             return None;
         }
         let since = taken.saturating_sub(before.taken);
@@ -291,7 +295,7 @@ impl SensorCheck {
             taken
         };
         self.was_faulty = false;
-        self.believed = Some(Believed {
+        self.accepted = Some(AcceptedTemperature {
             followed,
             same_since,
             ..first
@@ -344,8 +348,8 @@ struct BeforeJump {
 
 impl BeforeJump {
     /// Change of the other sensors since then, K; `None` if fewer than two were accepted at both times.
-    fn change(&self, believed: &[f64; MAX_SENSORS]) -> Option<f64> {
-        common_change(&self.neighbours, believed, self.own)
+    fn change(&self, accepted: &[f64; MAX_SENSORS]) -> Option<f64> {
+        common_change(&self.neighbours, accepted, self.own)
     }
 }
 
@@ -378,18 +382,18 @@ impl Readmission {
     /// Processes a reading, and returns whether the sensor is accepted again. A gap longer than `stale` restarts the ten minutes. The sensor's own
     /// temperature from before the jump is no prediction on its own if it is older than that when the ten minutes begin: the machine has changed
     /// since, as the other sensors show.
-    fn sees(
+    fn process(
         &mut self,
         degc: f64,
         taken: Duration,
-        believed: &[f64; MAX_SENSORS],
+        accepted: &[f64; MAX_SENSORS],
         stale: Duration,
     ) -> bool {
         if (self.seen).is_some_and(|seen| taken.saturating_sub(seen) > stale) {
             self.interrupt();
         }
         self.seen = Some(taken);
-        self.change = self.before.change(believed).unwrap_or(self.change);
+        self.change = self.before.change(accepted).unwrap_or(self.change);
         let close = |expected: f64| (degc - expected).abs() <= AGREES_WITHIN_K;
         let began = self.with_own.unwrap_or(taken);
         let is_fresh = began.saturating_sub(self.before.taken) <= stale;
@@ -439,11 +443,11 @@ fn common_change(before: &[f64; MAX_SENSORS], now: &[f64; MAX_SENSORS], own: usi
 }
 
 /// Marks the good temperatures that differ by more than `allowed_k` from the median of the other good ones.
-fn mark_disagreeing(told: &mut [SensorReport], allowed_k: f64) {
+fn mark_disagreeing(reports: &mut [SensorReport], allowed_k: f64) {
     let mut sorted = [0.0; MAX_SENSORS];
     let mut count = 0;
     let good = |report: &SensorReport| report.degc.filter(|_| report.flaw.is_none());
-    for (place, degc) in sorted.iter_mut().zip(told.iter().filter_map(good)) {
+    for (place, degc) in sorted.iter_mut().zip(reports.iter().filter_map(good)) {
         *place = degc;
         count += 1;
     }
@@ -452,7 +456,7 @@ fn mark_disagreeing(told: &mut [SensorReport], allowed_k: f64) {
     if count <= FEWEST {
         return;
     }
-    for report in told {
+    for report in reports {
         let Some(degc) = good(report) else { continue };
         let own = sorted.partition_point(|other| *other < degc);
         let others = |place: usize| sorted[place + usize::from(place >= own)];

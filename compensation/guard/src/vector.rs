@@ -1,7 +1,7 @@
 //! The correction of all axes as one vector: coupled components are limited, ramped and moved together, and quantised last.
 
 mod cycle;
-mod wanted;
+mod requested_correction;
 
 use core::time::Duration;
 
@@ -12,8 +12,8 @@ use cycle::{
     ARRIVED_STEPS, Advance, Cycle, braking_part, linear_word, rotary_word, span, stopping_part,
     stopping_rate, within,
 };
-use wanted::reach;
-pub use wanted::{Followed, Wanted};
+use requested_correction::reach;
+pub use requested_correction::{FollowResult, RequestedCorrection};
 
 /// Remaining part of a ramp below which it completes in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
@@ -52,6 +52,12 @@ enum Motion {
 /// are solved for the present rotary shares. So the tool tip stays in place while the tool axis turns. On a ramp the distance of the position share
 /// from the requested one shrinks in proportion: the position error of the tool shrinks from its value at the start of the ramp, even if the
 /// machine moves.
+///
+/// Invariants:
+/// - No axis moves in a cycle by more than its slew and acceleration in that cycle allow from `rate`; `slew` and `accel` are those limits.
+/// - `smooth` never moves further out than its previous value or the limit.
+/// - On a ramp and while following, `goal` of the rotary axes is on whole steps, or where the motion began.
+/// - `output` changes only together with a motion: after [`stop`](Self::stop) it stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vector {
     output: PerChannel<f64>,
@@ -313,42 +319,47 @@ impl Vector {
 
     /// Moves towards the requested correction for `dt_s`: by a ramp, then following it. Nothing moves if a number is not finite or no time has
     /// passed.
-    pub fn follow(&mut self, wanted: &Wanted, limits: &Limits, dt_s: f64) -> Followed {
-        let sound = wanted.is_finite();
+    pub fn follow(
+        &mut self,
+        requested: &RequestedCorrection,
+        limits: &Limits,
+        dt_s: f64,
+    ) -> FollowResult {
+        let sound = requested.is_finite();
         if !sound || dt_s <= 0.0 || !dt_s.is_finite() {
             self.stop();
-            return Followed {
+            return FollowResult {
                 slewing: !sound,
                 behind: !sound,
-                ..Followed::default()
+                ..FollowResult::default()
             };
         }
         let cycle = self.cycle(limits, dt_s);
         let begins = matches!(self.motion, Motion::Begins | Motion::Line { .. });
         if begins && self.brakes(&cycle) {
             self.motion = Motion::Begins;
-            return Followed {
+            return FollowResult {
                 slewing: true,
                 behind: true,
-                ..wanted.judged(1.0, limits)
+                ..requested.judged(1.0, limits)
             };
         }
         if begins {
             self.goal = self.output;
         }
-        let (left, rate) = self.ramp(wanted, &cycle);
-        let offset = self.reach_offset(wanted, &cycle);
-        let share = self.share(wanted, &cycle);
+        let (left, rate) = self.ramp(requested, &cycle);
+        let offset = self.reach_offset(requested, &cycle);
+        let share = self.share(requested, &cycle);
         // An excess over a lowered limit is reduced by the ramp, and leaves the range of the rotary axes unaffected.
         let position = if self.excess == PerChannel::ZERO {
             &share.position
         } else {
-            &wanted.position
+            &requested.position
         };
-        self.goal = wanted.rotary_goal(position, &self.goal, limits);
+        self.goal = requested.rotary_goal(position, &self.goal, limits);
 
         let ways = self.rotary_ways(&cycle);
-        let (ramp_accel, accel) = self.accels(wanted, &ways, &cycle);
+        let (ramp_accel, accel) = self.accels(requested, &ways, &cycle);
         let (ramp, braking) = if left > 0.0 {
             let ramp = (limits.ramp_share(dt_s) / left).min(1.0);
             (ramp, braking_part(rate / left, ramp_accel, dt_s))
@@ -358,13 +369,13 @@ impl Vector {
         let eased = ramp.min(stopping_part(ramp_accel, dt_s)).max(braking);
         let turning = cycle.part(&ways, &self.rate, ramp, accel);
         let mut most = cycle.advance(&ways, turning, eased);
-        let mut factor = self.factor(wanted, &share, &most, &cycle);
+        let mut factor = self.factor(requested, &share, &most, &cycle);
         if factor.is_none() {
             // No faster than in the previous cycle: that motion can be braked, or continue.
             let turns = cycle.going(&ways, &self.rate).max(0.0);
             let passes = if left > 0.0 { rate / left * dt_s } else { 0.0 };
             most = cycle.advance(&ways, turning.min(turns), eased.min(passes));
-            factor = self.factor(wanted, &share, &most, &cycle);
+            factor = self.factor(requested, &share, &most, &cycle);
         }
         let mut turned = PerChannel::ZERO;
         for i in cycle.of_kind(AxisKind::Rotary) {
@@ -372,7 +383,7 @@ impl Vector {
             self.advance(i, least + factor.unwrap_or(0.0) * (most - least), &cycle);
             turned[i] = self.rate[i];
         }
-        let following = wanted.following(&turned);
+        let following = requested.following(&turned);
         for i in cycle.of_kind(AxisKind::Linear) {
             // Limited to the slew of the axis: absurd levers could never be braked.
             let slew = limits.axes[i].slew_per_s;
@@ -381,7 +392,7 @@ impl Vector {
         // If the linear axes cannot follow at all the ramp continues, since it must end.
         let passed = factor.map_or(eased, |factor| factor * most.ramp);
         self.pass_ramp(left, passed, dt_s);
-        let (behind, part) = self.slide(wanted, &cycle);
+        let (behind, part) = self.slide(requested, &cycle);
         self.write(&cycle);
         if let Motion::Ramps { .. } = self.motion {
             self.offset = offset.map(|offset| offset * (1.0 - passed));
@@ -391,21 +402,21 @@ impl Vector {
         let far = cycle
             .of_kind(AxisKind::Rotary)
             .any(|i| (self.goal[i] - self.smooth[i]).abs() > 0.5 * cycle.step(i));
-        Followed {
+        FollowResult {
             slewing: behind || waits && (far || left > 0.0) || turning < ramp && far,
             behind,
-            ..wanted.judged(part, limits)
+            ..requested.judged(part, limits)
         }
     }
 
     /// Remaining fraction of the ramp, which starts here if it has not, and the fraction that passes per second.
-    fn ramp(&mut self, wanted: &Wanted, cycle: &Cycle) -> (f64, f64) {
+    fn ramp(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> (f64, f64) {
         if matches!(self.motion, Motion::Begins | Motion::Line { .. }) {
-            let following = wanted.following(&self.rotary(cycle));
+            let following = requested.following(&self.rotary(cycle));
             let reach = reach(cycle.limits);
             (self.offset, self.excess) = (PerChannel::ZERO, PerChannel::ZERO);
             for i in cycle.of_kind(AxisKind::Linear) {
-                self.offset[i] = self.smooth[i] - following[i] - wanted.position[i];
+                self.offset[i] = self.smooth[i] - following[i] - requested.position[i];
                 self.excess[i] = (self.smooth[i].abs() - reach[i]).max(0.0);
             }
             self.target = self.smooth;
@@ -422,11 +433,11 @@ impl Vector {
     }
 
     /// The position share with the remaining offset of the ramp, and the fraction that the axes can carry.
-    fn share(&self, wanted: &Wanted, cycle: &Cycle) -> Share {
-        let position = PerChannel::from_fn(|i| wanted.position[i] + self.offset[i]);
+    fn share(&self, requested: &RequestedCorrection, cycle: &Cycle) -> Share {
+        let position = PerChannel::from_fn(|i| requested.position[i] + self.offset[i]);
         let rotary = self.rotary(cycle);
         Share {
-            part: self.part(1.0, wanted, &position, &rotary, cycle),
+            part: self.part(1.0, requested, &position, &rotary, cycle),
             position,
             rotary,
         }
@@ -437,7 +448,7 @@ impl Vector {
     fn part(
         &self,
         left: f64,
-        wanted: &Wanted,
+        requested: &RequestedCorrection,
         position: &PerChannel<f64>,
         rotary: &PerChannel<f64>,
         cycle: &Cycle,
@@ -446,15 +457,15 @@ impl Vector {
         for (reach, excess) in reach.iter_mut().zip(&self.excess) {
             *reach += left * excess;
         }
-        wanted.position_part(position, rotary, &reach)
+        requested.position_part(position, rotary, &reach)
     }
 
     /// Stores the reachable offset of this cycle. Returns the offset to keep: what was reachable in this cycle or the previous one, since a single
     /// cycle with an absurd request must not end the ramp.
-    fn reach_offset(&mut self, wanted: &Wanted, cycle: &Cycle) -> PerChannel<f64> {
+    fn reach_offset(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> PerChannel<f64> {
         let mut offset = self.offset;
         for i in cycle.of_kind(AxisKind::Linear) {
-            let part = self.reachable_offset(i, wanted, cycle);
+            let part = self.reachable_offset(i, requested, cycle);
             let stays = part.max(self.reachable[i]);
             offset[i] = stays * self.offset[i];
             self.offset[i] *= part;
@@ -466,16 +477,16 @@ impl Vector {
     /// The fraction of the offset of a linear axis with which its position share fits the axis wherever the rotary axes are: all of it, unless the
     /// request at the start of the ramp was larger, or is now. Beyond that the offset has no effect, so the ramp of the other axes continues; the
     /// rest only shrinks, and the error of the tool does not grow.
-    fn reachable_offset(&self, axis: usize, wanted: &Wanted, cycle: &Cycle) -> f64 {
+    fn reachable_offset(&self, axis: usize, requested: &RequestedCorrection, cycle: &Cycle) -> f64 {
         let following = cycle.of_kind(AxisKind::Rotary);
         let following: f64 = following
-            .map(|r| wanted.follow[r][axis].abs() * cycle.reach[r])
+            .map(|r| requested.follow[r][axis].abs() * cycle.reach[r])
             .sum();
         let (offset, reach) = (self.offset[axis], cycle.reach[axis] + following);
         if offset == 0.0 {
             return 1.0;
         }
-        ((reach.copysign(offset) - wanted.position[axis]) / offset).clamp(0.0, 1.0)
+        ((reach.copysign(offset) - requested.position[axis]) / offset).clamp(0.0, 1.0)
     }
 
     fn pass_ramp(&mut self, before: f64, passed: f64, dt_s: f64) {
@@ -513,9 +524,14 @@ impl Vector {
 
     /// Accelerations (1/s²) for the remaining fraction of the ramp and of the rotary distances. The linear axes follow both: if there are rotary
     /// axes, each may use half of a linear axis's acceleration.
-    fn accels(&self, wanted: &Wanted, ways: &PerChannel<f64>, cycle: &Cycle) -> (f64, f64) {
+    fn accels(
+        &self,
+        requested: &RequestedCorrection,
+        ways: &PerChannel<f64>,
+        cycle: &Cycle,
+    ) -> (f64, f64) {
         let rotary = cycle.accel_over(ways, AxisKind::Rotary);
-        let following = cycle.accel_over(&wanted.following(ways), AxisKind::Linear);
+        let following = cycle.accel_over(&requested.following(ways), AxisKind::Linear);
         let passing = PerChannel::from_fn(|i| self.offset[i].abs() + self.excess[i]);
         let ramp = cycle.accel_over(&passing, AxisKind::Linear);
         if cycle.of_kind(AxisKind::Rotary).next().is_some() {
@@ -529,17 +545,17 @@ impl Vector {
     /// cycle; `None` if there is none.
     fn factor(
         &self,
-        wanted: &Wanted,
+        requested: &RequestedCorrection,
         share: &Share,
         advance: &Advance,
         cycle: &Cycle,
     ) -> Option<f64> {
         let at = |ways: &PerChannel<f64>| {
-            wanted.following(&PerChannel::from_fn(|i| share.rotary[i] + ways[i]))
+            requested.following(&PerChannel::from_fn(|i| share.rotary[i] + ways[i]))
         };
         let left = 1.0 - advance.ramp;
         let later = PerChannel::from_fn(|i| share.position[i] - advance.ramp * self.offset[i]);
-        let part = self.part(left, wanted, &later, &share.rotary, cycle);
+        let part = self.part(left, requested, &later, &share.rotary, cycle);
         let (least, most) = (at(&advance.least), at(&advance.most));
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
         for i in cycle.of_kind(AxisKind::Linear) {
@@ -575,9 +591,9 @@ impl Vector {
 
     /// Moves the linear axes to the positions for the present rotary shares, as far as possible. Returns whether one of them has not reached it,
     /// and the fraction of the position share that the limits leave.
-    fn slide(&mut self, wanted: &Wanted, cycle: &Cycle) -> (bool, f64) {
-        let share = self.share(wanted, cycle);
-        let following = wanted.following(&share.rotary);
+    fn slide(&mut self, requested: &RequestedCorrection, cycle: &Cycle) -> (bool, f64) {
+        let share = self.share(requested, cycle);
+        let following = requested.following(&share.rotary);
         let mut behind = false;
         for i in cycle.of_kind(AxisKind::Linear) {
             let axis = &cycle.limits.axes[i];

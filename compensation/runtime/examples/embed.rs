@@ -1,4 +1,4 @@
-//! Corrects a simulated machine in a program of one's own; prints its error without and with correction.
+//! Corrects a simulated machine in its own program; prints its error without and with correction.
 
 use std::{error::Error, sync::Arc, time::Duration};
 
@@ -46,11 +46,12 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let paths = vec![runtime::ControlPath::new(Box::new(control), &plan)?];
     let sensors = runtime::Sensors::new(Vec::new(), guard.temperatures);
     let cycle = runtime::Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
-    let (mut cycle, mut asked) = (cycle?.with_start(clock.start()), runtime::Asked::default());
+    let mut cycle = cycle?.with_start(clock.start());
+    let mut input = runtime::CycleInput::default();
     for number in 0..2500 {
         clock.advance(PERIOD);
-        asked.request = (number == 1).then_some(runtime::guard::Request::Arm);
-        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+        input.request = (number == 1).then_some(runtime::guard::Request::Arm);
+        cycle.run(clock.now(), &input, &mut || Duration::ZERO);
     }
     let um = |error: runtime::ToolError| error.position_mm.map(|mm| (mm * 1e4).round() / 10.0);
     let [without, with] = [cycle.report().error, cycle.report().residual].map(|e| e.map(um));

@@ -54,14 +54,14 @@ impl Deadlines {
 
 /// Wakes at the deadlines of a control thread and only reports the time, the wake-up latency and the number of missed periods: the computer's share
 /// of the cycle time.
-pub fn tick(period: Duration, during: Duration, told: &mut dyn FnMut(Duration, Duration, u32)) {
+pub fn tick(period: Duration, during: Duration, report: &mut dyn FnMut(Duration, Duration, u32)) {
     let begun = monotonic();
     let mut deadlines = Deadlines::new(period);
     while monotonic().saturating_sub(begun) < during {
         let deadline = deadlines.wait();
         let woke = monotonic();
         let missed = deadlines.done(woke);
-        told(woke, woke.saturating_sub(deadline), missed);
+        report(woke, woke.saturating_sub(deadline), missed);
     }
 }
 
@@ -83,7 +83,7 @@ fn timespec(time: Duration) -> Timespec {
 mod tests {
     use super::*;
 
-    /// Deadlines that have passed are left out, and the grid of deadlines is kept.
+    /// The grid of deadlines is kept.
     #[test]
     fn an_overrun_skips_to_the_next_period() {
         let ms = Duration::from_millis;

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use volcomp_guard::{
     Confirmed, DirectionMemory, End, Guard, Inputs, Interlocks, Limits, MAX_PATHS, Output,
-    PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request, Scheme, Selector,
-    State as GuardState, Wanted, one_step,
+    PathHealth, PositionCheck, PositionFlaw, Reading, Reasons, Request, RequestedCorrection,
+    Scheme, Selector, State as GuardState, one_step,
 };
 use volcomp_kinematics::State;
 use volcomp_port::{Clock, Description};
@@ -17,22 +17,22 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 
 use self::lag::Lag;
 use crate::{
-    attendant::STANDBY_EVERY,
     error::{OrderRefusal, PlanError, StartError},
-    model::{Model, ModelWanted},
+    model::{CoupledCorrection, Model},
     path::ControlPath,
-    place::Place,
     plan::check_together,
+    positions::MachinePosition,
     reader::PositionReader,
     replacement::Replacement,
-    report::{Asked, Report},
+    report::{CycleInput, Report},
     sensors::Sensors,
     settings::Rapid,
+    standby::STANDBY_INTERVAL,
 };
 
 /// Durations of the parts of a cycle.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Spent {
+pub struct CycleDurations {
     /// Time of the exchanges with controllers.
     pub exchange: Duration,
     /// Compute time, by the CPU clock of the thread.
@@ -47,7 +47,7 @@ const WINDOW: Duration = Duration::from_millis(500);
 
 /// Reference data for checking the standby paths.
 #[derive(Clone, Copy, Debug, Default)]
-struct Standby {
+struct StandbyCheck {
     /// Start of the current window; the smallest and the largest output of each machine axis in this window and the previous one.
     begun: Duration,
     ranges: [[PerAxis<f64>; 2]; 2],
@@ -57,15 +57,15 @@ struct Standby {
     wanted: Option<usize>,
 }
 
-impl Standby {
+impl StandbyCheck {
     /// Adds an output of a machine axis to the window.
-    fn see(&mut self, axis: usize, output: f64) {
+    fn add(&mut self, axis: usize, output: f64) {
         let [low, high] = &mut self.ranges[0];
         (low[axis], high[axis]) = (low[axis].min(output), high[axis].max(output));
     }
 
     /// Starts a new window when the present one is over.
-    fn turn(&mut self, now: Duration, outputs: &PerAxis<f64>) {
+    fn advance(&mut self, now: Duration, outputs: &PerAxis<f64>) {
         if now.saturating_sub(self.begun) >= WINDOW {
             self.begun = now;
             self.ranges = [[*outputs; 2], self.ranges[0]];
@@ -73,23 +73,30 @@ impl Standby {
     }
 
     /// Whether the output of a machine axis passed this value within the windows.
-    fn went_over(&self, axis: usize, value: f64, step: f64) -> bool {
+    fn has_passed(&self, axis: usize, value: f64, step: f64) -> bool {
         let low = self.ranges[0][0][axis].min(self.ranges[1][0][axis]);
         let high = self.ranges[0][1][axis].max(self.ranges[1][1][axis]);
         (low - step..=high + step).contains(&value)
     }
 
     /// Whether a path applies a correction that the output never was: all paths lead to the same axes.
-    fn tells_another(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
+    fn reports_other_correction(&self, path: &ControlPath, confirmed: &Confirmed) -> bool {
         let limits = path.limits();
         (0..limits.count).any(|i| {
             let step = one_step(limits.axes[i].resolution);
-            !self.went_over(path.seen.machine_axis[i], confirmed.values[i], step)
+            !self.has_passed(path.reported.machine_axis[i], confirmed.values[i], step)
         })
     }
 }
 
 /// The complete state of a cycle.
+///
+/// Invariants:
+/// - There is an active path, and the guard has its limits.
+/// - All paths are fitted to `model`, which always has the same axes in the same order.
+/// - Paths and readers together are at most `MAX_PATHS`; their interlocks are numbered in this order.
+/// - `commanded` is set only if every position is known, plausible and not too old.
+/// - The active path's controller is held by the cycle, never by its thread.
 pub struct Cycle {
     model: Replacement,
     paths: Vec<ControlPath>,
@@ -106,7 +113,7 @@ pub struct Cycle {
     left_nothing: bool,
     /// Time of the last interlock since the start.
     stopped: Duration,
-    standby: Standby,
+    standby: StandbyCheck,
     lag: Lag,
     /// Commanded position in this cycle; `None` while a position is unknown.
     commanded: Option<State>,
@@ -174,7 +181,7 @@ impl Cycle {
             degraded: false,
             left_nothing: false,
             stopped: Duration::ZERO,
-            standby: Standby::default(),
+            standby: StandbyCheck::default(),
             lag: Lag::default(),
             commanded: None,
             last: None,
@@ -238,16 +245,16 @@ impl Cycle {
     ///
     /// # Errors
     /// The operating system cannot create a thread.
-    pub fn attend_standbys(&mut self) -> Result<(), StartError> {
+    pub fn start_standby_threads(&mut self) -> Result<(), StartError> {
         for reader in &mut self.readers {
-            reader.attend(self.period, self.period.max(Duration::from_millis(20)))?;
+            reader.start_thread(self.period, self.period.max(Duration::from_millis(20)))?;
         }
         if self.paths.len() < 2 {
             return Ok(());
         }
         for path in &mut self.paths {
             path.device
-                .attend(&path.description.device, STANDBY_EVERY)?;
+                .start_thread(&path.description.device, STANDBY_INTERVAL)?;
         }
         self.release_standbys(Duration::ZERO);
         Ok(())
@@ -345,9 +352,9 @@ impl Cycle {
 
     /// Handles an acknowledgement. If there is an interlock or a fault, it acknowledges that, and the unknown correction left on the active path,
     /// on which a fault waits. Jumped sensors and corrections left on other paths need another one.
-    fn acknowledge(&mut self, since_start: Duration, asked: &Asked) {
+    fn acknowledge(&mut self, since_start: Duration, input: &CycleInput) {
         let is_fault = matches!(self.guard.state(), GuardState::Faulted(_))
-            || asked.forbids.contains(Reasons::FAULTED_BEFORE);
+            || input.forbids.contains(Reasons::FAULTED_BEFORE);
         let is_stop_or_fault = is_fault || !self.interlocks.reasons().is_empty();
         self.interlocks.acknowledge();
         let active = self.selector.active();
@@ -366,18 +373,18 @@ impl Cycle {
     pub fn run(
         &mut self,
         now: Instant,
-        asked: &Asked,
+        input: &CycleInput,
         own_clock: &mut dyn FnMut() -> Duration,
-    ) -> Spent {
+    ) -> CycleDurations {
         let begun = Instant::now();
         let since_start = now.saturating_duration_since(self.start);
         let last = self.last.replace(since_start).unwrap_or(since_start);
         let passed = since_start.saturating_sub(last);
-        let patience = self.paths[self.selector.active()].patience();
-        self.read(self.selector.active(), now + patience, since_start);
+        let time_out = self.paths[self.selector.active()].exchange_time_out();
+        self.read(self.selector.active(), now + time_out, since_start);
         self.take_standby_answers(since_start);
-        if asked.request == Some(Request::Acknowledge) {
-            self.acknowledge(since_start, asked);
+        if input.request == Some(Request::Acknowledge) {
+            self.acknowledge(since_start, input);
         }
         let mut computes = own_clock();
         let (notes, switched) = self.select(since_start);
@@ -386,22 +393,22 @@ impl Cycle {
             own = own_clock().saturating_sub(computes);
             // Its last reading on standby may be several readings old.
             let active = self.selector.active();
-            let deadline = self.instant() + self.paths[active].patience();
+            let deadline = self.instant() + self.paths[active].exchange_time_out();
             self.read(active, deadline, since_start);
             computes = own_clock();
         }
         let read = Instant::now();
         self.thermal(since_start, passed);
-        let output = self.decide(since_start, asked, notes);
+        let output = self.decide(since_start, input, notes);
         let (computed, writes) = (own_clock(), Instant::now());
         self.write(&output, begun, since_start);
         self.read_readers(since_start);
         self.release_standbys(since_start);
-        let (tells, written) = (own_clock(), Instant::now());
-        self.fill_report(since_start, asked, &output);
-        Spent {
+        let (is_known, written) = (own_clock(), Instant::now());
+        self.fill_report(since_start, input, &output);
+        CycleDurations {
             exchange: read.saturating_duration_since(now) + (written - writes),
-            own: own + computed.saturating_sub(computes) + own_clock().saturating_sub(tells),
+            own: own + computed.saturating_sub(computes) + own_clock().saturating_sub(is_known),
         }
     }
 
@@ -418,7 +425,7 @@ impl Cycle {
             let reader = &mut self.readers[index];
             self.report.faults += reader.read(deadline, self.start, since_start, hold);
             self.interlocks
-                .see(self.paths.len() + index, reader.interlock());
+                .update(self.paths.len() + index, reader.interlock());
         }
     }
 
@@ -429,7 +436,7 @@ impl Cycle {
         };
         let answered = path.read(deadline, start, since_start);
         self.report.faults += u64::from(!answered);
-        self.interlocks.see(index, path.interlock());
+        self.interlocks.update(index, path.interlock());
     }
 
     /// Updates temperatures, thermal lags and model. It runs in every cycle, because rare work finds cold caches and makes the longest cycles.
@@ -457,7 +464,7 @@ impl Cycle {
         let path = &mut self.paths[self.selector.active()];
         let left = self.guard.time_to_send(now);
         let sent = left.is_some_and(|left| {
-            let deadline = at + left.min(path.patience());
+            let deadline = at + left.min(path.exchange_time_out());
             path.send(&output.correction, deadline, now)
         });
         if sent {
@@ -477,15 +484,15 @@ impl Cycle {
 
     /// The machine position for the path at `index`: from its own positions, else a read-only controller, else fresh positions of another path,
     /// else the configured fixed position.
-    fn place_for(&self, index: usize, now: Duration) -> Place {
+    fn machine_position(&self, index: usize, now: Duration) -> MachinePosition {
         let path = &self.paths[index];
-        let mut place = Place::default();
+        let mut place = MachinePosition::default();
         for axis in 0..self.model.axes.len() {
             let fresh = || self.paths.iter().filter(|other| other.is_fresh(now));
-            let others = || fresh().find_map(|other| other.seen.position_of(axis));
+            let others = || fresh().find_map(|other| other.reported.position_of(axis));
             let mut readers = self.readers.iter();
-            let read = || readers.find_map(|reader| reader.seen.position_of(axis));
-            let own = path.seen.position_of(axis);
+            let read = || readers.find_map(|reader| reader.reported.position_of(axis));
+            let own = path.reported.position_of(axis);
             if let Some((seen, taken)) = own.or_else(read).or_else(others) {
                 place.positions[axis] = seen;
                 place.taken[axis] = taken;
@@ -507,7 +514,7 @@ impl Cycle {
     /// Whether a path could correct now.
     fn health(&self, index: usize, now: Duration) -> PathHealth {
         let path = &self.paths[index];
-        let place = self.place_for(index, now);
+        let place = self.machine_position(index, now);
         let complete = place.is_complete(self.model.axes.len());
         // A standby path is read less often than positions expire, so its own count as of the time when it reported them. A path that depends on
         // positions as old as those of the active one is no better.
@@ -520,7 +527,7 @@ impl Cycle {
         };
         PathHealth {
             usable: complete && is_young,
-            ready: path.device.is_in_hand() && self.is_ready(index, now),
+            ready: path.device.is_held() && self.is_ready(index, now),
         }
     }
 
@@ -531,22 +538,22 @@ impl Cycle {
         if index == active {
             return true;
         }
-        let (known, before) = (path.known(), &self.paths[active]);
+        let (known, before) = (path.read_back_status(), &self.paths[active]);
         if known.scheme != Scheme::NoReadBack {
             let other = known.reasons.contains(Reasons::OTHER_GATEWAY);
-            let tells = known.confirmed.is_some() && !other;
-            if !tells || !before.leaves_axes_to(path) {
-                return tells;
+            let is_known = known.confirmed.is_some() && !other;
+            if !is_known || !before.leaves_axes_to(path) {
+                return is_known;
             }
         }
-        let Some(sent) = before.sent_at() else {
+        let Some(sent) = before.last_sent() else {
             // Nothing was sent since the start: only the reported or the stored correction counts.
-            return match before.known().confirmed {
+            return match before.read_back_status().confirmed {
                 Some(_) => !before.report(now).holds,
                 None => self.left_nothing,
             };
         };
-        let by_itself = before.read_back.zero_by_itself(&before.limits());
+        let by_itself = before.read_back.zero_after_last_write(&before.limits());
         // During an interlock a control holds the applied correction.
         let since = sent.max(self.stopped);
         by_itself.is_some_and(|wait| now.saturating_sub(since) > wait)
@@ -573,16 +580,16 @@ impl Cycle {
         }
         let before = self.selector.active();
         let choice = self.selector.choose(now, &health[..self.paths.len()]);
-        let is_left = choice.blocked && !self.is_ready(choice.wanted, now);
+        let is_left = choice.blocked && !self.is_ready(choice.preferred, now);
         if choice.blocked && !is_left {
             // It takes over once its thread has returned it.
-            self.paths[choice.wanted].device.recall();
+            self.paths[choice.preferred].device.recall();
         }
-        self.standby.wanted = (choice.blocked && !is_left).then_some(choice.wanted);
+        self.standby.wanted = (choice.blocked && !is_left).then_some(choice.preferred);
         if choice.switched {
             // A barrier that is at zero has also dropped what came over lines.
-            let let_go = self.paths[before].known().scheme == Scheme::Barrier;
-            self.paths[choice.active].read_back.take_over(now, let_go);
+            let released = self.paths[before].read_back_status().scheme == Scheme::Barrier;
+            self.paths[choice.active].read_back.take_over(now, released);
             let (path, left) = (&self.paths[choice.active], &self.paths[before]);
             // The plan has checked the limits.
             let _ = self.guard.take_path(path.limits(), &path.places_on(left));
@@ -593,7 +600,11 @@ impl Cycle {
 
     /// The correction by the model at a position, mm and rad; `None` while a position is unknown. `applied` is the correction on the axes, in
     /// machine order.
-    fn wanted(&mut self, place: &Place, applied: &PerAxis<f64>) -> (Option<ModelWanted>, Reasons) {
+    fn wanted(
+        &mut self,
+        place: &MachinePosition,
+        applied: &PerAxis<f64>,
+    ) -> (Option<CoupledCorrection>, Reasons) {
         let mut state = State::default();
         for (q, position) in state.q.iter_mut().zip(&place.positions) {
             *q = *position;
@@ -629,7 +640,7 @@ impl Cycle {
     }
 
     /// Reasons for which positions are implausible. While disarmed the next position is accepted as it is.
-    fn judge(&mut self, place: &Place) -> Reasons {
+    fn judge(&mut self, place: &MachinePosition) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
         let begins = !self.guard.state().is_armed();
         let axes = self.model.axes.len();
@@ -652,25 +663,27 @@ impl Cycle {
     }
 
     /// Evaluates the model and runs the guard.
-    fn decide(&mut self, now: Duration, asked: &Asked, mut notes: Reasons) -> Output {
+    fn decide(&mut self, now: Duration, input: &CycleInput, mut notes: Reasons) -> Output {
         let active = self.selector.active();
-        let place = self.place_for(active, now);
+        let place = self.machine_position(active, now);
         let applied = self.paths[active].in_machine(&self.guard.output());
         let (wanted, of_model) = self.wanted(&place, &applied);
         notes |= of_model | Reasons::FALLBACK.when(active != 0);
         notes |= self.standby_notes(now, &applied);
-        let kept = wanted.map(|wanted| self.kept(&place, &wanted, &applied, now));
+        let reduction = wanted.map(|wanted| self.reduction(&place, &wanted, &applied, now));
         let path = &self.paths[active];
         let wanted = wanted.map(|wanted| in_channel(path, &wanted));
         self.report.wanted = wanted.map_or(PerAxis::ZERO, |wanted| path.in_machine(&wanted.full()));
-        let wanted = wanted.zip(kept).map(|(wanted, kept)| Wanted {
-            position: wanted.position.map(|share| kept.part * share),
-            rotary: wanted.rotary.map(|share| kept.part * share),
-            ..wanted
-        });
-        notes |= kept.map_or(Reasons::NONE, |kept| kept.notes);
+        let wanted = wanted
+            .zip(reduction)
+            .map(|(wanted, reduction)| RequestedCorrection {
+                position: wanted.position.map(|share| reduction.part * share),
+                rotary: wanted.rotary.map(|share| reduction.part * share),
+                ..wanted
+            });
+        notes |= reduction.map_or(Reasons::NONE, |reduction| reduction.notes);
         let reading = path.reading.as_ref().map(|snapshot| Reading {
-            taken: place.oldest.or(path.seen.taken).unwrap_or_default(),
+            taken: place.oldest.or(path.reported.taken).unwrap_or_default(),
             positions: snapshot.positions,
         });
         let lost = |then: Duration| now.saturating_sub(then) > path.limits().zero_after;
@@ -683,12 +696,12 @@ impl Cycle {
         let mut output = self.guard.cycle(&Inputs {
             now,
             reading,
-            known: *path.known(),
+            read_back: *path.read_back_status(),
             interlocks: self.interlocks.reasons(),
-            wanted,
-            let_go: kept.is_some_and(|kept| kept.let_go),
-            request: asked.request,
-            forbids: asked.forbids,
+            requested: wanted,
+            fast_ramp_out: reduction.is_some_and(|reduction| reduction.fast_ramp_out),
+            request: input.request,
+            forbids: input.forbids,
         });
         let unproven =
             |place: usize| path.corrects(place) && path.limits().test_shift[place] == 0.0;
@@ -702,17 +715,17 @@ impl Cycle {
     }
 
     /// The part of the correction that is kept at this age of the positions.
-    fn kept(
+    fn reduction(
         &mut self,
-        place: &Place,
-        wanted: &ModelWanted,
+        place: &MachinePosition,
+        wanted: &CoupledCorrection,
         applied: &PerAxis<f64>,
         now: Duration,
-    ) -> lag::Kept {
-        self.lag.see(place, &self.model);
+    ) -> lag::Reduction {
+        self.lag.update(place, &self.model);
         let path = &self.paths[self.selector.active()];
         let limits = self.guard.limits();
-        let asked = lag::Asked {
+        let input = lag::PredictionInputs {
             model: &self.model,
             correctors: &path.correctors,
             only_thermal: path.only_thermal,
@@ -725,19 +738,19 @@ impl Cycle {
         let age = place
             .oldest
             .map_or(Duration::MAX, |taken| now.saturating_sub(taken));
-        self.lag.kept(&asked, age, now)
+        self.lag.reduction(&input, age, now)
     }
 
     /// Updates the direction of approach of each axis, from positions without correction.
-    fn approach(&mut self, state: &mut State, place: &Place) {
+    fn approach(&mut self, state: &mut State, place: &MachinePosition) {
         let axes = self.model.axes.len();
         for (index, memory) in self.directions.iter_mut().enumerate().take(axes) {
             if place.known >> index & 1 == 0 {
                 continue;
             }
             // The threshold of the coarsest controller that reports it; an axis at a fixed position does not reverse.
-            let paths = self.paths.iter().map(|path| &path.seen);
-            let readers = self.readers.iter().map(|reader| &reader.seen);
+            let paths = self.paths.iter().map(|path| &path.reported);
+            let readers = self.readers.iter().map(|reader| &reader.reported);
             let thresholds = paths
                 .chain(readers)
                 .filter_map(|seen| seen.reversal_of(index));
@@ -752,17 +765,18 @@ impl Cycle {
         let active = self.selector.active();
         for (index, path) in self.paths.iter_mut().enumerate() {
             let mut answered = None;
-            while let Some(heard) = path.device.heard() {
+            while let Some(reading) = path.device.next_reading() {
                 // A reading that was requested before the path became active is dropped.
-                let told = (index != active).then(|| path.listen(&heard, self.start));
-                if let Some(is_good) = told.flatten() {
+                let path_report =
+                    (index != active).then(|| path.receive_standby(&reading, self.start));
+                if let Some(is_good) = path_report.flatten() {
                     self.report.faults += u64::from(!is_good);
                     answered = Some(is_good);
                 }
             }
             path.device.take_back();
-            if index != active && (answered.is_some() || path.falls_silent(now)) {
-                self.interlocks.see(index, path.interlock());
+            if index != active && (answered.is_some() || path.drop_if_silent(now)) {
+                self.interlocks.update(index, path.interlock());
             }
         }
     }
@@ -773,16 +787,16 @@ impl Cycle {
         let (active, wanted) = (self.selector.active(), self.standby.wanted);
         for (index, path) in self.paths.iter_mut().enumerate() {
             if index != active && wanted != Some(index) {
-                path.device.hand_over(path.patience());
+                path.device.hand_over(path.exchange_time_out());
             }
         }
         let here = self.paths.iter().enumerate();
-        let here = here.filter(|(index, path)| *index != active && !path.device.is_attended());
-        let next = here.min_by_key(|(_, path)| path.asked_at());
-        let Some((next, asked)) = next.map(|(index, path)| (index, path.asked_at())) else {
+        let here = here.filter(|(index, path)| *index != active && !path.device.has_thread());
+        let next = here.min_by_key(|(_, path)| path.last_read());
+        let Some((next, input)) = next.map(|(index, path)| (index, path.last_read())) else {
             return;
         };
-        if asked.is_none_or(|at| now.saturating_sub(at) >= STANDBY_EVERY) {
+        if input.is_none_or(|at| now.saturating_sub(at) >= STANDBY_INTERVAL) {
             let deadline = self.instant() + self.period.mul_f64(0.5);
             self.read(next, deadline, now);
         }
@@ -791,9 +805,9 @@ impl Cycle {
     /// Reasons to report about the standby paths. `outputs`: the correction on the axes, in machine order.
     fn standby_notes(&mut self, now: Duration, outputs: &PerAxis<f64>) -> Reasons {
         let active = self.selector.active();
-        self.standby.turn(now, outputs);
+        self.standby.advance(now, outputs);
         for (axis, output) in outputs.iter().enumerate() {
-            self.standby.see(axis, *output);
+            self.standby.add(axis, *output);
         }
         let mut notes = Reasons::NONE;
         for (index, path) in self.paths.iter().enumerate() {
@@ -801,15 +815,18 @@ impl Cycle {
                 continue;
             }
             // An old report is compared with the output of its time, not with the present one.
-            if let Some(confirmed) = &path.known().confirmed
-                && now.saturating_sub(confirmed.at) <= STANDBY_EVERY * 2
+            if let Some(confirmed) = &path.read_back_status().confirmed
+                && now.saturating_sub(confirmed.at) <= STANDBY_INTERVAL * 2
             {
-                self.standby.holds[index] = self.standby.tells_another(path, confirmed);
+                self.standby.holds[index] = self.standby.reports_other_correction(path, confirmed);
             }
             let report = path.report(now);
             // A control without read-back keeps its correction in addition to that of another path, unless it goes to zero on its own.
             let keeps = report.scheme == Scheme::NoReadBack
-                && path.read_back.zero_by_itself(&path.limits()).is_none();
+                && path
+                    .read_back
+                    .zero_after_last_write(&path.limits())
+                    .is_none();
             let silent = report.answered.is_none_or(|ago| ago > STANDBY_SILENT);
             notes |= Reasons::STANDBY_SILENT.when(silent && now > STANDBY_SILENT)
                 | Reasons::STANDBY_HOLDS.when(report.holds && (keeps || self.standby.holds[index]));
@@ -817,11 +834,11 @@ impl Cycle {
         notes
     }
 
-    fn fill_report(&mut self, since_start: Duration, asked: &Asked, output: &Output) {
+    fn fill_report(&mut self, since_start: Duration, input: &CycleInput, output: &Output) {
         let active = self.selector.active();
         let path = &self.paths[active];
         let report = &mut self.report;
-        let confirmed = path.known().confirmed;
+        let confirmed = path.read_back_status().confirmed;
         let applied = confirmed.map_or(PerChannel::ZERO, |confirmed| confirmed.values);
         report.correction = path.in_machine(&applied);
         report.written = path.written().fold(0, |bits, axis| bits | 1 << axis);
@@ -844,41 +861,41 @@ impl Cycle {
         report.active = active;
         report.held_back = output.held_back;
         report.reasons = output.reasons
-            | asked.forbids
-            | asked.notes
+            | input.forbids
+            | input.notes
             | Reasons::DEGRADED.when(self.degraded)
             | Reasons::BEYOND_SEEN.when(self.model.is_beyond_seen());
         let paths = self.paths.iter().map(|path| path.report(since_start));
         let readers = self.readers.iter();
         let readers = readers.map(|reader| reader.report(since_start));
-        for (place, told) in paths.chain(readers).enumerate().take(report.paths.len()) {
-            report.paths[place] = told;
-            report.paths[place].reasons |= self.interlocks.said_by(place);
+        for (place, path_report) in paths.chain(readers).enumerate().take(report.paths.len()) {
+            report.paths[place] = path_report;
+            report.paths[place].reasons |= self.interlocks.path_reasons(place);
         }
     }
 }
 
 /// The correction by the model in the axis order of a path; zero for axes that do not correct. A rotary axis that does not correct but still has a
 /// correction goes to zero, and the linear axes follow it, whether they correct or not.
-fn in_channel(path: &ControlPath, wanted: &ModelWanted) -> Wanted {
+fn in_channel(path: &ControlPath, wanted: &CoupledCorrection) -> RequestedCorrection {
     let of = |values: &PerAxis<f64>, i: usize| {
         if path.corrects(i) {
-            values[path.seen.machine_axis[i]]
+            values[path.reported.machine_axis[i]]
         } else {
             0.0
         }
     };
-    Wanted {
+    RequestedCorrection {
         position: PerChannel::from_fn(|i| of(&wanted.position, i)),
         rotary: PerChannel::from_fn(|i| of(&wanted.rotary, i)),
         follow: PerChannel::from_fn(|rotary| {
             if rotary >= path.count() {
                 return PerChannel::ZERO;
             }
-            let row = &wanted.follow[path.seen.machine_axis[rotary]];
+            let row = &wanted.follow[path.reported.machine_axis[rotary]];
             PerChannel::from_fn(|i| {
                 if i < path.count() {
-                    row[path.seen.machine_axis[i]]
+                    row[path.reported.machine_axis[i]]
                 } else {
                     0.0
                 }

@@ -62,13 +62,13 @@ pub enum PlanError {
     )]
     FixedIsShown { device: String, axis: AxisName },
     /// None of the axes written by the controller may correct.
-    #[error("{device}: axes {}: {}", letters(.axes), match .left_out {
+    #[error("{device}: axes {}: {}", letters(.axes), match .uncorrected {
         false => format!("the machine {machine} lets none of them correct (key `correct` of the machine file)"),
         true => "none of them corrects: a rotary axis corrects only with three linear directions on the same controller, which take back what it moves the tip, and where half its step moves the tip little enough".to_owned(),
     })]
     NothingToCorrect {
         /// Whether rotary axes among them could correct, but would make the error of the tool larger than without correction.
-        left_out: bool,
+        uncorrected: bool,
         device: String,
         axes: Vec<AxisName>,
         machine: String,

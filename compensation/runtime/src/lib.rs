@@ -1,32 +1,32 @@
 #![doc = include_str!("../README.md")]
 
-mod attendant;
 mod clock;
 mod cycle;
 mod error;
 mod model;
 mod path;
-mod place;
 mod plan;
+mod positions;
 mod reader;
 mod realtime;
 mod replacement;
 mod report;
 mod sensors;
 mod settings;
+mod standby;
 
 pub use clock::{monotonic, thread_time, tick};
-pub use cycle::{Cycle, Spent};
+pub use cycle::{Cycle, CycleDurations};
 pub use error::{OrderRefusal, PlanError, StartError};
-pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_error};
+pub use model::{CoupledCorrection, LargestMove, Model, ModelCorrection, rotary_step_error};
 pub use path::{ControlPath, next_owner};
-pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};
+pub use plan::{PathPlan, SHIFT_STEPS, UncorrectedAxis, UncorrectedReason};
 pub use reader::{PositionReader, ReaderPlan};
 pub use realtime::{
-    ByHand, DisarmSwitch, Handle, Order, Pulse, reference_work, schedule, start, start_by_hand,
+    DisarmSwitch, Handle, ManualCycles, Order, Pulse, reference_work, schedule, start, start_manual,
 };
 pub use replacement::Replacement;
-pub use report::{Asked, Change, PathReport, Report, Timing, ToolError};
+pub use report::{Change, CycleInput, PathReport, Report, Timing, ToolError};
 pub use sensors::Sensors;
 pub use settings::{
     AxisSettings, BarrierSettings, GuardSettings, PathSettings, Rapid, Realtime, WithoutBarrier,

@@ -16,10 +16,10 @@ pub use largest_move::LargestMove;
 /// Maximum distance of a reported position outside the travel, mm or °: end switches and reference points are there.
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// Number of sampled positions over the travel of a rotary axis, both ends included.
-const PLACES: u32 = 25;
+const TRAVEL_SAMPLES: u32 = 25;
 
 /// The range of valid positions of an axis, mm or rad; `None`: any.
-fn believed(axis: &Axis) -> Option<[f64; 2]> {
+fn position_range(axis: &Axis) -> Option<[f64; 2]> {
     let [low, high] = axis.travel;
     let ends = [low - OVERTRAVEL_MM_OR_DEG, high + OVERTRAVEL_MM_OR_DEG];
     let end = |end| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
@@ -41,7 +41,7 @@ pub struct ModelCorrection {
 /// The correction by a model at a state, in the parts of a coupled correction, all in machine order. For any rotary shares δ_r on the axes, the
 /// matching linear shares are `position` + Σ `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ModelWanted {
+pub struct CoupledCorrection {
     /// Linear shares of the position error while no rotary axis moves, mm; zero for all other axes.
     pub position: PerAxis<f64>,
     /// Rotary shares of the direction of the tool axis, rad; zero for all other axes.
@@ -117,7 +117,7 @@ impl Model {
                 .iter()
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
-            ranges: PerAxis::from_fn(|index| machine.axes().get(index).and_then(believed)),
+            ranges: PerAxis::from_fn(|index| machine.axes().get(index).and_then(position_range)),
             nodes: nodes::in_mm_or_rad(machine, machine.nodes()),
             places: nodes::in_mm_or_rad(machine, machine.places()),
             grids: nodes::grids(machine),
@@ -256,7 +256,7 @@ impl Model {
         state: &State,
         correctors: &Correctors,
         applied: &PerAxis<f64>,
-    ) -> ModelWanted {
+    ) -> CoupledCorrection {
         self.wanted_by(false, state, correctors, applied)
     }
 
@@ -267,7 +267,7 @@ impl Model {
         state: &State,
         correctors: &Correctors,
         applied: &PerAxis<f64>,
-    ) -> ModelWanted {
+    ) -> CoupledCorrection {
         let compiled = if only_thermal {
             &self.only_thermal
         } else {
@@ -275,7 +275,7 @@ impl Model {
         };
         let parts = compiled.parts_of(&moved(state, applied), correctors);
         let corrects_tool_axis = correctors.rotary().len() >= 2;
-        ModelWanted {
+        CoupledCorrection {
             position: parts.position,
             rotary: parts.rotary,
             follow: parts.follow,
@@ -331,7 +331,7 @@ impl Model {
     /// `None` if there is none. Samples 25 positions of each rotary axis.
     pub fn linear_near_singular(&self, correctors: &Correctors) -> Option<PerAxis<f64>> {
         let rotary = (0..self.axes.len()).filter(|axis| self.axes[*axis].is_rotary());
-        let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, PLACES)).collect();
+        let rotary: Vec<(usize, u32)> = rotary.map(|axis| (axis, TRAVEL_SAMPLES)).collect();
         self.over_places(&rotary, |state| {
             let parts = self.compiled.parts_of(state, correctors);
             parts.linear_near_singular.then_some(state.q)
@@ -354,7 +354,7 @@ impl Model {
             if self.axes.get(index).is_some_and(|axis| axis.is_rotary()) {
                 let places = |axis: usize| {
                     if self.axes[axis].is_rotary() {
-                        PLACES
+                        TRAVEL_SAMPLES
                     } else {
                         2
                     }
@@ -472,9 +472,8 @@ pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
 mod tests {
     use super::*;
 
-    /// A change that shows only when the machine is warm.
     #[test]
-    fn corners_are_compared_warm_too() {
+    fn models_are_compared_warm_too() {
         let model = |um_per_m_k: f64| {
             let text = format!(
                 "structure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 1000.0]\n[axes.Y]\ntravel = [0.0, 1.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = {um_per_m_k}\n"
@@ -496,9 +495,9 @@ mod tests {
         );
     }
 
-    /// With the axis A held, Z takes what A would take: a tilt of A moves nothing of X, Y and Z else.
+    /// With A held, Z takes its share of the correction.
     #[test]
-    fn corners_are_compared_by_the_axes_that_a_controller_writes() {
+    fn models_are_compared_by_the_written_axes() {
         let model = |urad: f64| {
             let text = format!(
                 "structure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 1.0]\n[axes.Y]\ntravel = [0.0, 200.0]\n[axes.Z]\ntravel = [0.0, 1.0]\n[axes.A]\ntravel = [-1.0, 1.0]\n[errors]\nEAA = {urad}\n"

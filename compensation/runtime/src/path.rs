@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    BarrierLink, Interlock, Known, Limits, LimitsError, ReadBack, Reasons, Told,
+    BarrierLink, CorrectionReport, Interlock, Limits, LimitsError, ReadBack, ReadBackStatus,
+    Reasons,
     barrier::FRAME_WORDS,
     ceiling,
     protocol::{Layout, LayoutError},
@@ -13,34 +14,34 @@ use volcomp_port::{Controller, Description, Fault, ShownStates, Snapshot, UnfitA
 use volcomp_vocabulary::{AxisName, Mm, PerAxis, PerChannel};
 
 use crate::{
-    attendant::{Device, Heard, STANDBY_EVERY},
     clock::monotonic,
     error::PlanError,
     model::Model,
-    place::Seen,
     plan::{PathPlan, left_to, names, reversals, steps_in_machine},
+    positions::ReportedPositions,
     report::PathReport,
+    standby::{ControllerSlot, STANDBY_INTERVAL, StandbyReading},
 };
 
 /// One controller and its read-back.
 ///
 /// Invariants:
 /// - `device` may be held by the thread that reads it on standby; everything else is here, so a cycle never waits for it.
-/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered` is set, too.
-///   `asked` never decreases: an answer to an earlier request is dropped.
+/// - `reading` is set only if the last answer was valid and not too old, and the path has not become silent since; then `answered_at` is set, too.
+///   `read_at` never decreases: an answer to an earlier request is dropped.
 /// - `seen` has positions without the correction. A reading that contains an unknown correction is never stored there.
 /// - `correctors` and `followers` are those of the active model: `fit_to` is called with every new one. `limits` has the
 ///   planned test shifts, `limits()` those of the correcting axes.
 /// - Every correction recorded as sent in `read_back` was sent by `send`, or by another path to the same barrier.
 pub struct ControlPath {
-    pub(crate) device: Device,
+    pub(crate) device: ControllerSlot,
     /// The driver's description of the controller, which another thread may hold.
     pub(crate) description: Description,
     limits: Limits,
     pub(crate) read_back: ReadBack,
     /// Whether the control goes to zero on its own without writes.
     pub(crate) goes_to_zero: bool,
-    pub(crate) seen: Seen,
+    pub(crate) reported: ReportedPositions,
     /// Steps of the positions, which determine when a direction counts as reversed, mm or rad.
     position_steps: PerChannel<f64>,
     /// Letters of the written axes, and those of them that correct with the active model.
@@ -60,8 +61,8 @@ pub struct ControlPath {
     /// When the flags of the last reading were valid.
     flags_taken: Duration,
     /// When it was last read, and when it last answered.
-    asked: Option<Duration>,
-    answered: Option<Duration>,
+    read_at: Option<Duration>,
+    answered_at: Option<Duration>,
     /// When something that may have arrived was last sent to it.
     sent: Option<Duration>,
 }
@@ -79,14 +80,14 @@ impl ControlPath {
         })?;
         Ok(Self {
             description: controller.description().clone(),
-            device: Device::new(controller),
+            device: ControllerSlot::new(controller),
             limits: plan.limits,
             read_back: match link(plan, owner())? {
                 Some(link) => ReadBack::barrier(link),
                 None if plan.no_read_back => ReadBack::no_read_back(plan.time_out),
                 None => ReadBack::plain(plan.watch),
             },
-            seen: Seen::none_of(
+            reported: ReportedPositions::without_positions(
                 plan.machine_axis,
                 plan.description.shown_axes().count(),
                 plan.reversal,
@@ -102,8 +103,8 @@ impl ControlPath {
             notes: plan.notes,
             reading: None,
             flags_taken: Duration::ZERO,
-            asked: None,
-            answered: None,
+            read_at: None,
+            answered_at: None,
             sent: None,
         })
     }
@@ -122,7 +123,7 @@ impl ControlPath {
 
     /// Updates the correcting axes for another model. Does not allocate.
     pub(crate) fn fit_to(&mut self, model: &Model) {
-        let steps = steps_in_machine(&self.limits, &self.seen.machine_axis);
+        let steps = steps_in_machine(&self.limits, &self.reported.machine_axis);
         self.correctors = model.correctors_of_path(&self.names, &steps, self.rotary_step);
         self.followers = model.followers(&self.names, &self.correctors);
     }
@@ -133,7 +134,7 @@ impl ControlPath {
         self.limits = *limits;
         // The movement of a faster correction within the read-back delay must not count as a reversal.
         let steps = self.position_steps;
-        self.seen.reversal = reversals(&self.description, &steps, Some(limits));
+        self.reported.reversal = reversals(&self.description, &steps, Some(limits));
         Ok(())
     }
 
@@ -154,7 +155,7 @@ impl ControlPath {
 
     /// Whether the axis at this channel index corrects.
     pub(crate) fn corrects(&self, place: usize) -> bool {
-        place < self.count() && self.correctors.contains(self.seen.machine_axis[place])
+        place < self.count() && self.correctors.contains(self.reported.machine_axis[place])
     }
 
     /// Number of written axes.
@@ -163,13 +164,13 @@ impl ControlPath {
     }
 
     /// What is known of the applied correction.
-    pub(crate) fn known(&self) -> &Known {
-        self.read_back.known()
+    pub(crate) fn read_back_status(&self) -> &ReadBackStatus {
+        self.read_back.status()
     }
 
     /// Machine index of each written axis, in channel order.
     pub(crate) fn written(&self) -> impl Iterator<Item = usize> {
-        self.seen.machine_axis.into_iter().take(self.count())
+        self.reported.machine_axis.into_iter().take(self.count())
     }
 
     /// Channel index of each of its axes on another path; `None`: that path does not write it.
@@ -206,7 +207,7 @@ impl ControlPath {
 
     /// Whether its positions are recent enough for correcting.
     pub(crate) fn is_fresh(&self, now: Duration) -> bool {
-        self.is_young(self.seen.taken, now)
+        self.is_young(self.reported.taken, now)
     }
 
     /// Whether positions that were valid at `taken` are recent enough for correcting on this path.
@@ -216,31 +217,31 @@ impl ControlPath {
 
     /// Whether its positions were recent enough when it reported them.
     pub(crate) fn was_fresh(&self) -> bool {
-        self.answered
-            .is_some_and(|answered| self.is_young(self.seen.taken, answered))
+        self.answered_at
+            .is_some_and(|answered_at| self.is_young(self.reported.taken, answered_at))
     }
 
     /// When something that may have arrived was last sent to it.
-    pub(crate) fn sent_at(&self) -> Option<Duration> {
+    pub(crate) fn last_sent(&self) -> Option<Duration> {
         self.sent
     }
 
     /// When it was last read.
-    pub(crate) fn asked_at(&self) -> Option<Duration> {
-        self.asked
+    pub(crate) fn last_read(&self) -> Option<Duration> {
+        self.read_at
     }
 
     /// The interlock of the last reading, by the age of its flags at that time; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
-        let (reading, answered) = (self.reading.as_ref()?, self.answered?);
-        let age = answered.saturating_sub(self.flags_taken);
+        let (reading, answered_at) = (self.reading.as_ref()?, self.answered_at?);
+        let age = answered_at.saturating_sub(self.flags_taken);
         let shown = self.description.shown;
         Some(interlock_of(reading, shown, age, self.limits.hold))
     }
 
     /// Timeout of an exchange. Longer than a cycle if positions may be held for longer: a late answer costs a few cycles, a dropped connection
     /// many.
-    pub(crate) fn patience(&self) -> Duration {
+    pub(crate) fn exchange_time_out(&self) -> Duration {
         // Bounds the delay of a cycle, however long positions may be held.
         let hold = self.limits.hold.min(ceiling::HOLD);
         self.limits.period.mul_f64(0.6).max(hold / 3)
@@ -248,13 +249,13 @@ impl ControlPath {
 
     /// Whether it answered the last reading within the allowed silence of a standby path.
     pub(crate) fn answers(&self, now: Duration) -> bool {
-        let silent = STANDBY_EVERY * 3 + self.patience();
-        let asked = self.asked.filter(|_| self.reading.is_some());
-        asked.is_some_and(|asked| now.saturating_sub(asked) <= silent)
+        let silent = STANDBY_INTERVAL * 3 + self.exchange_time_out();
+        let read_at = self.read_at.filter(|_| self.reading.is_some());
+        read_at.is_some_and(|read_at| now.saturating_sub(read_at) <= silent)
     }
 
     /// Drops the last reading of a path that has not answered for too long, since an exchange with it hangs. Returns whether there was one.
-    pub(crate) fn falls_silent(&mut self, now: Duration) -> bool {
+    pub(crate) fn drop_if_silent(&mut self, now: Duration) -> bool {
         let is_silent = self.reading.is_some() && !self.answers(now);
         if is_silent {
             self.reading = None;
@@ -264,28 +265,32 @@ impl ControlPath {
 
     /// Reads the controller. `start` is the start of the cycle's clock. Returns whether it answered.
     pub(crate) fn read(&mut self, deadline: Instant, start: Instant, now: Duration) -> bool {
-        let read = match self.device.in_hand() {
+        let read = match self.device.held_controller() {
             Some(controller) => controller.read(deadline),
             None => Err(Fault::NotConnected),
         };
-        self.asked = Some(now);
-        self.hear(&read, start, now)
+        self.read_at = Some(now);
+        self.receive(&read, start, now)
     }
 
     /// Processes an answer received on standby. Returns whether it was valid; `None` for one that is older than the last.
-    pub(crate) fn listen(&mut self, heard: &Heard, start: Instant) -> Option<bool> {
-        let asked = heard.asked.saturating_duration_since(start);
-        if self.asked.is_some_and(|last| asked < last) {
+    pub(crate) fn receive_standby(
+        &mut self,
+        reading: &StandbyReading,
+        start: Instant,
+    ) -> Option<bool> {
+        let read_at = reading.requested.saturating_duration_since(start);
+        if self.read_at.is_some_and(|last| read_at < last) {
             return None;
         }
-        self.asked = Some(asked);
-        let answered = heard.answered.saturating_duration_since(start);
-        Some(self.hear(&heard.read, start, answered))
+        self.read_at = Some(read_at);
+        let answered_at = reading.received.saturating_duration_since(start);
+        Some(self.receive(&reading.read, start, answered_at))
     }
 
-    fn hear(&mut self, read: &Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
+    fn receive(&mut self, read: &Result<Snapshot, Fault>, start: Instant, now: Duration) -> bool {
         if *read == Err(Fault::OtherGateway) {
-            self.read_back.see_other(now);
+            self.read_back.report_other_gateway(now);
         }
         let limits = self.limits();
         let held = |at: Instant| at.saturating_duration_since(start);
@@ -293,19 +298,20 @@ impl ControlPath {
         let is_young = |snapshot: &Snapshot| self.is_young(Some(held(snapshot.youngest())), now);
         self.reading = (*read).ok().filter(is_young);
         let Some(snapshot) = &self.reading else {
-            self.read_back.hear(now, now, &Told::Nothing, &limits);
+            self.read_back
+                .receive(now, now, &CorrectionReport::Missing, &limits);
             return false;
         };
         let taken = held(snapshot.taken);
         self.flags_taken = held(snapshot.state_taken);
-        let told = match (&snapshot.report, snapshot.applied) {
-            (Some(words), _) => Told::Report(words.as_slice()),
-            (None, Some(applied)) => Told::Values(applied),
-            (None, None) => Told::Nothing,
+        let report = match (&snapshot.report, snapshot.applied) {
+            (Some(words), _) => CorrectionReport::Barrier(words.as_slice()),
+            (None, Some(applied)) => CorrectionReport::Values(applied),
+            (None, None) => CorrectionReport::Missing,
         };
-        let told_at = held(snapshot.correction_taken);
-        self.read_back.hear(now, told_at, &told, &limits);
-        self.answered = Some(now);
+        let report_taken = held(snapshot.correction_taken);
+        self.read_back.receive(now, report_taken, &report, &limits);
+        self.answered_at = Some(now);
         self.take_positions(taken);
         true
     }
@@ -315,7 +321,10 @@ impl ControlPath {
         let Some(snapshot) = &self.reading else {
             return;
         };
-        let applied = self.known().confirmed.map(|confirmed| confirmed.values);
+        let applied = self
+            .read_back_status()
+            .confirmed
+            .map(|confirmed| confirmed.values);
         let mut positions = snapshot.positions;
         for (place, position) in positions.iter_mut().enumerate().take(self.limits.count) {
             if self.limits.axes[place].includes_correction {
@@ -323,7 +332,7 @@ impl ControlPath {
                 *position -= applied.map_or(f64::NAN, |applied| applied[place]);
             }
         }
-        self.seen.take(&positions, taken);
+        self.reported.store(&positions, taken);
     }
 
     /// Sends a correction (mm, rad). Returns whether it was sent without an error.
@@ -335,9 +344,11 @@ impl ControlPath {
     ) -> bool {
         let limits = self.limits();
         let begun = Instant::now();
-        let sent = match self.device.in_hand() {
+        let sent = match self.device.held_controller() {
             None => Err(Fault::NotConnected),
-            Some(controller) if self.read_back.known().scheme == volcomp_guard::Scheme::Barrier => {
+            Some(controller)
+                if self.read_back.status().scheme == volcomp_guard::Scheme::Barrier =>
+            {
                 let mut words = [0; FRAME_WORDS];
                 let frame = self
                     .read_back
@@ -353,7 +364,7 @@ impl ControlPath {
         // A slow control has it only once it has answered.
         let now = now + begun.elapsed();
         // On lines a failed write has no effect.
-        if sent.is_ok() || self.known().scheme != volcomp_guard::Scheme::NoReadBack {
+        if sent.is_ok() || self.read_back_status().scheme != volcomp_guard::Scheme::NoReadBack {
             self.sent = Some(now);
         }
         self.read_back.sent(now, correction, sent.is_ok());
@@ -361,16 +372,16 @@ impl ControlPath {
     }
 
     pub(crate) fn report(&self, now: Duration) -> PathReport {
-        let known = self.known();
+        let read_back_status = self.read_back_status();
         PathReport {
-            answered: self.answered.map(|then| now.saturating_sub(then)),
-            positions: self.seen.taken.map(|then| now.saturating_sub(then)),
-            confirmed: known
+            answered: self.answered_at.map(|then| now.saturating_sub(then)),
+            positions: self.reported.taken.map(|then| now.saturating_sub(then)),
+            confirmed: read_back_status
                 .confirmed
                 .map(|confirmed| now.saturating_sub(confirmed.at)),
-            scheme: known.scheme,
-            holds: known.holds(&self.limits),
-            reasons: known.reasons | self.notes,
+            scheme: read_back_status.scheme,
+            holds: read_back_status.holds(&self.limits),
+            reasons: read_back_status.reasons | self.notes,
         }
     }
 }
@@ -399,7 +410,7 @@ pub(crate) fn interlock_of(
     age: Duration,
     hold: Duration,
 ) -> Interlock {
-    let said = Interlock {
+    let flags = Interlock {
         unreferenced: !reading.state.referenced,
         alarm: reading.state.alarm,
         emergency_stop: reading.state.emergency_stop,
@@ -409,7 +420,7 @@ pub(crate) fn interlock_of(
         alarm: shown.alarm,
         emergency_stop: shown.emergency_stop,
     };
-    said.at_age(age, hold, shown)
+    flags.at_age(age, hold, shown)
 }
 
 /// An owner number for the next machine of this process ([`ControlPath::with_owner`]): different at every call and from other runs of the program,

@@ -41,7 +41,7 @@ pub struct PathPlan {
     /// Maximum movement of the tip by half a step of a rotary axis that corrects.
     pub rotary_step: Mm,
     /// The rotary axes that may correct but do not, since the error of the tool would be larger than without correction.
-    pub left_out: Vec<LeftOut>,
+    pub uncorrected: Vec<UncorrectedAxis>,
     /// Machine axes at a configured position, mm and rad.
     pub fixed: PerAxis<Option<f64>>,
     /// Reasons that this path reports in every cycle.
@@ -60,16 +60,16 @@ pub struct PathPlan {
 
 /// A rotary axis that may correct but does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LeftOut {
+pub struct UncorrectedAxis {
     /// The letter of the axis.
     pub axis: AxisName,
     /// Why it does not correct.
-    pub why: WhyLeftOut,
+    pub why: UncorrectedReason,
 }
 
 /// Why a rotary axis that may correct does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum WhyLeftOut {
+pub enum UncorrectedReason {
     /// The correcting linear axes do not span all directions, so they cannot compensate its movement of the tip.
     Uncatchable,
     /// Half a step of it moves the tip by this much somewhere in the work space, more than allowed.
@@ -105,11 +105,11 @@ impl PathPlan {
         }
         let rotary_step = guard.rotary_step.to_mm();
         let correctors = model.correctors_of(&description, rotary_step);
-        let left_out = left_out(model, &axes, &correctors, &steps);
+        let uncorrected = uncorrected(model, &axes, &correctors, &steps);
         if correctors.linear().is_empty() && correctors.rotary().is_empty() {
             return Err(PlanError::NothingToCorrect {
                 device: device(),
-                left_out: !left_out.is_empty(),
+                uncorrected: !uncorrected.is_empty(),
                 axes,
                 machine: model.name.clone(),
             });
@@ -151,7 +151,7 @@ impl PathPlan {
             reversal: reversals(&description, &position_steps, Some(&limits)),
             position_steps,
             rotary_step,
-            left_out,
+            uncorrected,
             barrier,
             only_thermal: settings.only_thermal,
             no_read_back: barrier.is_none() && !description.tells_applied,
@@ -241,12 +241,12 @@ pub(crate) fn names(description: &Description) -> Vec<AxisName> {
 }
 
 /// The rotary axes that may correct but are not among the correctors, and why.
-fn left_out(
+fn uncorrected(
     model: &Model,
     written: &[AxisName],
     correctors: &Correctors,
     steps: &PerAxis<f64>,
-) -> Vec<LeftOut> {
+) -> Vec<UncorrectedAxis> {
     let may = model.correctors_among(written);
     let lacks = may
         .rotary()
@@ -254,16 +254,16 @@ fn left_out(
         .filter(|axis| !correctors.contains(**axis));
     let why = |axis: usize| {
         if correctors.linear().len() < 3 {
-            WhyLeftOut::Uncatchable
+            UncorrectedReason::Uncatchable
         } else {
-            WhyLeftOut::Coarse(model.rotary_step_error(axis, Rad(steps[axis])))
+            UncorrectedReason::Coarse(model.rotary_step_error(axis, Rad(steps[axis])))
         }
     };
-    let left_out = |&axis: &usize| LeftOut {
+    let uncorrected = |&axis: &usize| UncorrectedAxis {
         axis: model.axes[axis],
         why: why(axis),
     };
-    lacks.map(left_out).collect()
+    lacks.map(uncorrected).collect()
 }
 
 /// Correction steps in machine order, mm and rad; 0 for axes that are not written.

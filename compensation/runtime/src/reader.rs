@@ -10,14 +10,14 @@ use volcomp_port::{Controller, Description, Fault, Snapshot};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    attendant::Device,
     error::PlanError,
     model::Model,
     path::interlock_of,
-    place::Seen,
     plan::{place_in, position_steps, reversals},
+    positions::ReportedPositions,
     report::PathReport,
     settings::PathSettings,
+    standby::ControllerSlot,
 };
 
 /// Time without an answer after which the machine state from this controller is unknown.
@@ -62,28 +62,32 @@ impl ReaderPlan {
 }
 
 /// A read-only controller.
+///
+/// Invariants:
+/// - Nothing is ever written to the controller.
+/// - `interlock` is that of the last valid reading; it is unknown after a failed or missing one.
 pub struct PositionReader {
-    device: Device,
+    device: ControllerSlot,
     description: Description,
-    pub(crate) seen: Seen,
+    pub(crate) reported: ReportedPositions,
     answered: Option<Duration>,
     /// The interlock of the last reading; `None`: it did not answer.
-    said: Option<Interlock>,
+    interlock: Option<Interlock>,
 }
 
 impl PositionReader {
     /// A reader before its first cycle, from an open controller and its plan.
     pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
         Self {
-            device: Device::new(controller),
+            device: ControllerSlot::new(controller),
             description: plan.description.clone(),
-            seen: Seen::none_of(
+            reported: ReportedPositions::without_positions(
                 plan.machine_axis,
                 plan.description.shown_axes().count(),
                 plan.reversal,
             ),
             answered: None,
-            said: None,
+            interlock: None,
         }
     }
 
@@ -91,10 +95,10 @@ impl PositionReader {
         &self.description
     }
 
-    /// Starts a thread that reads the controller once per `every`, with `patience` as the timeout of an exchange.
-    pub(crate) fn attend(&mut self, every: Duration, patience: Duration) -> io::Result<()> {
-        self.device.attend(&self.description.device, every)?;
-        self.device.hand_over(patience);
+    /// Starts a thread that reads the controller once per `every`, with `time_out` as the timeout of an exchange.
+    pub(crate) fn start_thread(&mut self, every: Duration, time_out: Duration) -> io::Result<()> {
+        self.device.start_thread(&self.description.device, every)?;
+        self.device.hand_over(time_out);
         Ok(())
     }
 
@@ -108,23 +112,23 @@ impl PositionReader {
         hold: Duration,
     ) -> u64 {
         let mut failures = 0;
-        if let Some(controller) = self.device.in_hand() {
+        if let Some(controller) = self.device.held_controller() {
             let read = controller.read(deadline);
-            failures += u64::from(!self.hear(&read, (start, now, hold)));
+            failures += u64::from(!self.receive(&read, (start, now, hold)));
         }
-        while let Some(heard) = self.device.heard() {
-            let answered = heard.answered.saturating_duration_since(start);
-            failures += u64::from(!self.hear(&heard.read, (start, answered, hold)));
+        while let Some(reading) = self.device.next_reading() {
+            let answered = reading.received.saturating_duration_since(start);
+            failures += u64::from(!self.receive(&reading.read, (start, answered, hold)));
         }
         // During a hanging exchange the state of the machine is unknown.
         let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
-        if !self.device.is_in_hand() && self.answered.is_none_or(is_silent) {
-            self.said = None;
+        if !self.device.is_held() && self.answered.is_none_or(is_silent) {
+            self.interlock = None;
         }
         failures
     }
 
-    fn hear(
+    fn receive(
         &mut self,
         read: &Result<Snapshot, Fault>,
         (start, now, hold): (Instant, Duration, Duration),
@@ -134,24 +138,25 @@ impl PositionReader {
         // A device that only repeats older data has not answered.
         let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
         let shown = self.description.shown;
-        self.said = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
+        self.interlock = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
         let Some(snapshot) = young else {
             return false;
         };
         self.answered = Some(now);
-        self.seen.take(&snapshot.positions, held(snapshot.taken));
+        self.reported
+            .store(&snapshot.positions, held(snapshot.taken));
         true
     }
 
     /// The interlock of the last reading; `None`: it did not answer.
     pub(crate) fn interlock(&self) -> Option<Interlock> {
-        self.said
+        self.interlock
     }
 
     pub(crate) fn report(&self, now: Duration) -> PathReport {
         PathReport {
             answered: self.answered.map(|then| now.saturating_sub(then)),
-            positions: self.seen.taken.map(|then| now.saturating_sub(then)),
+            positions: self.reported.taken.map(|then| now.saturating_sub(then)),
             ..PathReport::default()
         }
     }

@@ -20,10 +20,10 @@ use volcomp_port::Clock;
 
 use crate::{
     clock::{Deadlines, monotonic, thread_time},
-    cycle::{Cycle, Spent},
+    cycle::{Cycle, CycleDurations},
     error::{OrderRefusal, StartError},
     replacement::Replacement,
-    report::{Asked, Change, Report, Timing},
+    report::{Change, CycleInput, Report, Timing},
     settings::Realtime,
 };
 
@@ -51,7 +51,7 @@ pub enum Order {
 }
 
 /// A queued order, with the conditions for its execution.
-struct Sent {
+struct QueuedOrder {
     order: Order,
     /// Expiry time of a request.
     until: Instant,
@@ -61,7 +61,7 @@ struct Sent {
 
 /// Access to the control thread. Only [`stop`](Self::stop) and [`stop_within`](Self::stop_within) wait for the thread.
 pub struct Handle {
-    orders: Producer<Sent>,
+    orders: Producer<QueuedOrder>,
     retired: Consumer<Retired>,
     timings: Consumer<Timing>,
     changes: Consumer<Change>,
@@ -71,7 +71,7 @@ pub struct Handle {
     pulse: Pulse,
     /// `None`: it has ended, or a test runs the cycles itself.
     thread: Option<JoinHandle<()>>,
-    is_by_hand: bool,
+    is_manual: bool,
 }
 
 /// An object that the control thread returns to be freed, since it must not free memory itself.
@@ -132,8 +132,8 @@ impl Pulse {
 
     /// Time since the end of the last cycle, or since the start of the thread before the first one.
     pub fn age(&self) -> Duration {
-        let told = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
-        self.clock.elapsed().saturating_sub(told)
+        let done = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
+        self.clock.elapsed().saturating_sub(done)
     }
 
     /// The clock of the cycle.
@@ -155,7 +155,7 @@ impl Pulse {
 impl Handle {
     /// Sends an order. A request is executed within a second or dropped; a request to arm also if disarming is ordered meanwhile. Returns `false`,
     /// and drops the order, if the queue is full or the thread has ended.
-    #[must_use = "an order that is not taken must be told to whoever asked"]
+    #[must_use = "report a rejected order to its sender"]
     pub fn send(&mut self, order: Order) -> bool {
         let disarms = self.shared.disarms.load(Ordering::Relaxed);
         self.send_by(order, self.clock().now() + REQUEST_TIMEOUT, disarms)
@@ -163,10 +163,10 @@ impl Handle {
 
     /// Sends an order. A request expires at `until`; a request to arm is dropped if more than `disarms` disarm orders were given. Returns `false`
     /// as [`send`](Self::send) does.
-    #[must_use = "an order that is not taken must be told to whoever asked"]
+    #[must_use = "report a rejected order to its sender"]
     pub fn send_by(&mut self, order: Order, until: Instant, disarms: u64) -> bool {
         self.free_retired();
-        let sent = Sent {
+        let sent = QueuedOrder {
             order,
             until,
             disarms,
@@ -236,7 +236,7 @@ impl Handle {
 
     /// Whether the thread has ended. Without a request it ends only by a panic, which was printed.
     pub fn has_ended(&self) -> bool {
-        if self.is_by_hand {
+        if self.is_manual {
             return self.shared.stop.load(Ordering::Relaxed);
         }
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
@@ -277,14 +277,14 @@ impl Drop for Handle {
     }
 }
 
-/// Starts the control thread, with one cycle per period, and the threads that read standby paths ([`Cycle::attend_standbys`]). Returns the rejected
+/// Starts the control thread, with one cycle per period, and the threads that read standby paths ([`Cycle::start_standby_threads`]). Returns the rejected
 /// parts of the scheduling, in words.
 ///
 /// # Errors
 /// The operating system cannot create a thread.
 pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String>), StartError> {
-    cycle.attend_standbys()?;
-    let (told, lacking) = std::sync::mpsc::channel();
+    cycle.start_standby_threads()?;
+    let (lacking_in, lacking) = std::sync::mpsc::channel();
     let (mut handle, control) = control(cycle, realtime.reference);
     let thread = thread::Builder::new()
         .name("volcomp-control".to_owned())
@@ -293,7 +293,7 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
             let lacking = schedule(realtime);
             touch_stack();
             // `start` waits for it until the thread ends.
-            let _ = told.send(lacking);
+            let _ = lacking_in.send(lacking);
             control.run();
         })?;
     handle.thread = Some(thread);
@@ -302,20 +302,20 @@ pub fn start(mut cycle: Cycle, realtime: Realtime) -> Result<(Handle, Vec<String
 }
 
 /// Access to a control thread without a thread: for tests, which set its time ([`Cycle::with_clock`]) and run its cycles.
-pub fn start_by_hand(cycle: Cycle) -> (Handle, ByHand) {
+pub fn start_manual(cycle: Cycle) -> (Handle, ManualCycles) {
     let (mut handle, control) = control(cycle, false);
-    handle.is_by_hand = true;
-    (handle, ByHand(control))
+    handle.is_manual = true;
+    (handle, ManualCycles(control))
 }
 
-/// Runs the cycles of [`start_by_hand`].
-pub struct ByHand(Control);
+/// Runs the cycles of [`start_manual`].
+pub struct ManualCycles(Control);
 
-impl ByHand {
+impl ManualCycles {
     /// Runs the cycle that is due now, unless it was stopped.
     pub fn cycle(&mut self) {
         if !self.0.shared.stop.load(Ordering::Relaxed) {
-            self.0.once(false);
+            self.0.run_cycle(false);
             // If the ring is full the times of this cycle are lost.
             let _ = self.0.timings.push(Timing::default());
         }
@@ -364,7 +364,7 @@ fn control(cycle: Cycle, reference: bool) -> (Handle, Control) {
         shared,
         pulse,
         thread: None,
-        is_by_hand: false,
+        is_manual: false,
     };
     (handle, control)
 }
@@ -377,11 +377,17 @@ fn reference_ns() -> u64 {
     nanos(thread_time().saturating_sub(begun))
 }
 
+/// The thread's side.
+///
+/// Invariants:
+/// - An order is executed only if the ring of retired objects has room, so that nothing is freed here.
+/// - `disarms` never exceeds the number of disarm orders given.
+/// - `last` is the state and path of the last published change.
 struct Control {
     cycle: Cycle,
     /// Whether to run the reference computation after each cycle.
     reference: bool,
-    orders: Consumer<Sent>,
+    orders: Consumer<QueuedOrder>,
     retired: Producer<Retired>,
     timings: Producer<Timing>,
     changes: Producer<Change>,
@@ -404,7 +410,7 @@ impl Control {
             let woke = monotonic();
             let overruns =
                 overran.is_some_and(|then| woke.saturating_sub(then) < OVERRUN_REPORTED_FOR);
-            let spent = self.once(overruns);
+            let spent = self.run_cycle(overruns);
             let done = monotonic();
             let missed = deadlines.done(done);
             if missed > 0 {
@@ -425,17 +431,17 @@ impl Control {
     }
 
     /// Runs one cycle, beginning now, and publishes its results.
-    fn once(&mut self, overruns: bool) -> Spent {
-        let asked = self.asked(overruns);
-        let spent = self.cycle.run(self.clock.now(), &asked, &mut thread_time);
+    fn run_cycle(&mut self, overruns: bool) -> CycleDurations {
+        let input = self.next_input(overruns);
+        let spent = self.cycle.run(self.clock.now(), &input, &mut thread_time);
         self.push_change();
         self.reports
             .input_buffer_mut()
             .clone_from(self.cycle.report());
         self.reports.publish();
         self.shared.cycles.fetch_add(1, Ordering::Relaxed);
-        let told = nanos(self.clock.elapsed());
-        self.shared.cycle_done_ns.store(told, Ordering::Relaxed);
+        let done = nanos(self.clock.elapsed());
+        self.shared.cycle_done_ns.store(done, Ordering::Relaxed);
         spent
     }
 
@@ -456,8 +462,8 @@ impl Control {
     }
 
     /// Executes the queued orders, at most one guard request per cycle.
-    fn asked(&mut self, overrunning: bool) -> Asked {
-        let mut asked = Asked {
+    fn next_input(&mut self, overrunning: bool) -> CycleInput {
+        let mut input = CycleInput {
             request: None,
             forbids: Reasons::from_bits(self.shared.forbids.load(Ordering::Relaxed)),
             notes: Reasons::from_bits(self.shared.notes.load(Ordering::Relaxed))
@@ -466,24 +472,24 @@ impl Control {
         let disarms = self.shared.disarms.load(Ordering::Acquire);
         if disarms != self.disarms {
             self.disarms = disarms;
-            asked.request = Some(if self.shared.ends.load(Ordering::Relaxed) {
+            input.request = Some(if self.shared.ends.load(Ordering::Relaxed) {
                 Request::End
             } else {
                 Request::Disarm
             });
         }
         let now = self.clock.now();
-        while asked.request.is_none() && self.retired.slots() > 0 {
+        while input.request.is_none() && self.retired.slots() > 0 {
             let Ok(sent) = self.orders.pop() else {
                 break;
             };
             match sent.order {
                 Order::Request(request) => {
-                    asked.request = Some(request).filter(|_| sent.holds(request, now, disarms));
+                    input.request = Some(request).filter(|_| sent.is_valid(request, now, disarms));
                 }
                 Order::Model(mut replacement) => {
                     match self.cycle.swap_model(&mut replacement) {
-                        Ok(()) => asked.request = Some(Request::Switched),
+                        Ok(()) => input.request = Some(Request::Switched),
                         // If the ring is full, 63 others report the same.
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
@@ -493,20 +499,20 @@ impl Control {
                 Order::Limits(path, limits) => {
                     match self.cycle.set_limits(path, &limits) {
                         // New limits are reached by a ramp, like a new model.
-                        Ok(()) => asked.request = Some(Request::Switched),
+                        Ok(()) => input.request = Some(Request::Switched),
                         Err(refusal) => drop(self.refusals.push(refusal)),
                     }
                     let _ = self.retired.push(Retired::Limits(limits));
                 }
             }
         }
-        asked
+        input
     }
 }
 
-impl Sent {
+impl QueuedOrder {
     /// Whether a request is still valid at `now`, after `disarms` disarm orders so far. Disarming never expires.
-    fn holds(&self, request: Request, now: Instant, disarms: u64) -> bool {
+    fn is_valid(&self, request: Request, now: Instant, disarms: u64) -> bool {
         match request {
             Request::Disarm | Request::End => true,
             Request::Arm | Request::TakeOver => now <= self.until && self.disarms == disarms,
@@ -589,7 +595,7 @@ mod tests {
 
     /// The series is -ln(1 - x) / x.
     #[test]
-    fn it_is_the_series_of_the_logarithm() {
+    fn the_reference_is_the_series_of_the_logarithm() {
         for x in [-0.9_f64, -0.5, 0.25, 0.5, 0.9] {
             let expected = -(1.0 - x).ln() / x;
             assert!(

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use volcomp_guard::{
-    MAX_PATHS, MAX_SENSORS, Proven, Reasons, Request, Scheme, SensorReport, State,
+    AxisProof, MAX_PATHS, MAX_SENSORS, Reasons, Request, Scheme, SensorReport, State,
 };
 use volcomp_vocabulary::PerAxis;
 
 /// Requests to a cycle. The default requests nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
+pub struct CycleInput {
     /// A request to the guard, such as arming.
     pub request: Option<Request>,
     /// Why arming is forbidden; empty if it is allowed.
@@ -78,7 +78,7 @@ pub struct Report {
     /// The correction last sent without an error, mm and rad; `None`: none since the start.
     pub sent: Option<PerAxis<f64>>,
     /// Result of the last test shift for each axis that the active path corrects; `None`: the axis is not corrected.
-    pub proven: PerAxis<Option<Proven>>,
+    pub proven: PerAxis<Option<AxisProof>>,
     /// The paths in order of preference, then the read-only controllers; further entries are unused.
     pub paths: [PathReport; MAX_PATHS],
     /// Error by the model without correction; `None` while a position is unknown.

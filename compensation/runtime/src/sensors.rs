@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    Heard, MAX_SENSORS, SensorCheck, SensorLimits, SensorReport, judge_temperatures,
+    MAX_SENSORS, SensorCheck, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 use volcomp_port::{Quality, Reason, Temperature, Thermometer};
 
@@ -45,27 +45,29 @@ impl Sensors {
         &mut self,
         now: Duration,
         start: Instant,
-        told: &mut [SensorReport; MAX_SENSORS],
+        reports: &mut [SensorReport; MAX_SENSORS],
     ) {
-        let mut heard = [Heard::Silence; MAX_SENSORS];
-        let mut places = heard.iter_mut();
+        let mut readings = [SensorReading::Silence; MAX_SENSORS];
+        let mut places = readings.iter_mut();
         for thermometer in &mut self.thermometers {
             for (latest, place) in thermometer.latest().iter().zip(places.by_ref()) {
-                *place = what_was_heard(latest, start);
+                *place = sensor_reading(latest, start);
             }
         }
-        judge_temperatures(&mut self.checks, &heard, now, &self.limits, told);
+        judge_temperatures(&mut self.checks, &readings, now, &self.limits, reports);
     }
 }
 
-fn what_was_heard(latest: &Temperature, start: Instant) -> Heard {
+fn sensor_reading(latest: &Temperature, start: Instant) -> SensorReading {
     match (latest.degc, latest.taken, latest.quality) {
-        (Some(degc), Some(taken), Quality::Good | Quality::Uncertain(_)) => Heard::Temperature {
-            degc,
-            taken: taken.saturating_duration_since(start),
-        },
-        (_, _, Quality::Bad(Reason::NotRead | Reason::NoAnswer)) => Heard::Silence,
-        _ => Heard::Fault,
+        (Some(degc), Some(taken), Quality::Good | Quality::Uncertain(_)) => {
+            SensorReading::Temperature {
+                degc,
+                taken: taken.saturating_duration_since(start),
+            }
+        }
+        (_, _, Quality::Bad(Reason::NotRead | Reason::NoAnswer)) => SensorReading::Silence,
+        _ => SensorReading::Fault,
     }
 }
 
@@ -76,8 +78,7 @@ mod tests {
 
     use super::*;
 
-    /// Two thermometers one after the other: every sensor has its own place, silence and faults are told apart, and a jump
-    /// is believed once it is acknowledged.
+    /// Each sensor has its own index, silence and faults differ, and a jump is accepted once acknowledged.
     #[test]
     fn sensors_of_several_thermometers() {
         let start = Instant::now();
@@ -86,7 +87,7 @@ mod tests {
         let (mut second, other) = published("other", names(&["spindle"]));
         let thermometers: Vec<Box<dyn Thermometer>> = vec![Box::new(one), Box::new(other)];
         let mut sensors = Sensors::new(thermometers, SensorLimits::default());
-        let mut told = [SensorReport::default(); MAX_SENSORS];
+        let mut reports = [SensorReport::default(); MAX_SENSORS];
         let mut read = |sensors: &mut Sensors, seconds: u64, spindle: f64| {
             let now = Duration::from_secs(seconds);
             let taken = start + now;
@@ -95,8 +96,8 @@ mod tests {
                 Temperature::bad(Reason::Open, taken),
             ]);
             second.publish(&[Temperature::good(spindle, taken)]);
-            sensors.read(now, start, &mut told);
-            [0, 1, 2].map(|place| (told[place].degc, told[place].flaw))
+            sensors.read(now, start, &mut reports);
+            [0, 1, 2].map(|place| (reports[place].degc, reports[place].flaw))
         };
         let bed = (Some(21.0), None);
         let broken = (None, Some(SensorFlaw::Broken));

@@ -1,7 +1,7 @@
 //! The sender: selects the next frame from the control's last report, and so transfers a map and keeps it valid, one exchange after the
 //! other.
 
-use volcomp_guard::protocol::{Refusal, Seen, Session};
+use volcomp_guard::protocol::{Refusal, ReportStatus, Session};
 
 use crate::{
     control::{Body, DATA, FRAME_WORDS, Frame, Report},
@@ -352,12 +352,12 @@ impl Sender {
         }
         self.allowed.is_kept_by(&self.map, &seen)?;
         match self.session.read(seen.of.head()) {
-            Seen::Held { owner: by } => {
+            ReportStatus::Held { owner: by } => {
                 let sequence = seen.of.sequence;
                 return Err(SendError::Held { by, sequence });
             }
-            Seen::Old => return Ok(Step::Stands),
-            Seen::Confirmed { .. } => {}
+            ReportStatus::Old => return Ok(Step::Stands),
+            ReportStatus::Confirmed { .. } => {}
         }
         let body = match next_write(&self.map, self.machine, &seen, self.loaded) {
             Next::ReadBack { buffer } => {

@@ -15,7 +15,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
-use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, ReadBack, Reading, Told, Wanted};
+use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, ReadBack, Reading, CorrectionReport, RequestedCorrection};
 use volcomp_guard::vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis, PerChannel};
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
@@ -261,16 +261,16 @@ pub unsafe extern "C" fn volcomp_guard_cycle(
     };
     let Ok(mut guard) = Guard::new(limits) else { return -1 };
     let mut read_back = ReadBack::plain(Duration::ZERO);
-    let told = Told::Values(PerChannel::from_fn(|i| applied[i]));
-    read_back.hear(Duration::ZERO, Duration::ZERO, &told, &limits);
+    let told = CorrectionReport::Values(PerChannel::from_fn(|i| applied[i]));
+    read_back.receive(Duration::ZERO, Duration::ZERO, &told, &limits);
     let reading = Reading {
         taken: Duration::ZERO,
         positions: PerChannel::ZERO,
     };
     let found = guard.cycle(&Inputs {
         reading: Some(reading),
-        known: *read_back.known(),
-        wanted: Some(Wanted::linear(PerChannel::from_fn(|i| wanted[i]))),
+        read_back: *read_back.status(),
+        requested: Some(RequestedCorrection::linear(PerChannel::from_fn(|i| wanted[i]))),
         ..Inputs::default()
     });
     output.copy_from_slice(&found.correction[..]);

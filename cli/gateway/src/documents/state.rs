@@ -287,13 +287,13 @@ pub enum ProvenName {
     NotProven,
 }
 
-impl From<volcomp_guard::Proven> for ProvenName {
-    fn from(proven: volcomp_guard::Proven) -> Self {
-        use volcomp_guard::Proven;
+impl From<volcomp_guard::AxisProof> for ProvenName {
+    fn from(proven: volcomp_guard::AxisProof) -> Self {
+        use volcomp_guard::AxisProof;
         match proven {
-            Proven::Contained => Self::Contained,
-            Proven::NotContained => Self::NotContained,
-            Proven::NotProven => Self::NotProven,
+            AxisProof::Contained => Self::Contained,
+            AxisProof::NotContained => Self::NotContained,
+            AxisProof::NotProven => Self::NotProven,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Notes of a plan that an operator should read before the first start.
 
-use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
+use volcomp_runtime::{PathPlan, UncorrectedAxis, UncorrectedReason};
 use volcomp_vocabulary::Displacement;
 
 use super::{Plan, checks};
@@ -38,9 +38,9 @@ pub(super) fn notes(
     }
     for path in plan.paths() {
         notes.extend(
-            path.left_out
+            path.uncorrected
                 .iter()
-                .map(|left_out| of_left_out(path, *left_out)),
+                .map(|uncorrected| of_left_out(path, *uncorrected)),
         );
         notes.extend(linear_near_singular(plan, path));
     }
@@ -102,13 +102,13 @@ fn of_fleet(plan: &Plan) -> Vec<String> {
 }
 
 /// A rotary axis that could correct but does not.
-fn of_left_out(path: &PathPlan, LeftOut { axis, why }: LeftOut) -> String {
+fn of_left_out(path: &PathPlan, UncorrectedAxis { axis, why }: UncorrectedAxis) -> String {
     let device = &path.description.device;
     match why {
-        WhyLeftOut::Uncatchable => format!(
+        UncorrectedReason::Uncatchable => format!(
             "{device}: axis {axis} is not corrected: the linear axes that correct do not reach every direction, so they could not take back what {axis} moves the tool tip"
         ),
-        WhyLeftOut::Coarse(error) => format!(
+        UncorrectedReason::Coarse(error) => format!(
             "{device}: axis {axis} is not corrected: half a step of it moves the tool tip by up to {} µm in the work space, and {} µm are allowed (rotary_step_um); a finer step (resolution_urad) corrects it",
             round(error.to_um().0),
             round(path.rotary_step.to_um().0)

@@ -13,7 +13,7 @@ use volcomp_port::{
     simulated::SimulatedController,
 };
 use volcomp_runtime::{
-    Asked, Cycle, PathPlan,
+    Cycle, CycleInput, PathPlan,
     guard::{Phase, Reasons, Request, State},
 };
 use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
@@ -115,9 +115,9 @@ impl<'a> Run<'a> {
     /// Runs one cycle.
     pub(super) fn step(&mut self, request: Option<Request>) {
         self.rig.clock.advance(self.plan.config.cycle());
-        let asked = Asked {
+        let asked = CycleInput {
             request,
-            ..Asked::default()
+            ..CycleInput::default()
         };
         let now = self.rig.clock.now();
         self.cycle.run(now, &asked, &mut || Duration::ZERO);

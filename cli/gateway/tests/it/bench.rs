@@ -14,7 +14,7 @@ use volcomp_port::{
 };
 
 use volcomp_runtime::{
-    Asked, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report, Sensors,
+    ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings, Report, Sensors,
 };
 use volcomp_vocabulary::PerChannel;
 
@@ -210,7 +210,7 @@ impl Bench {
     /// One cycle, on which nothing is allocated.
     pub(crate) fn step(&mut self, dt: Duration, request: Option<Request>) -> Report {
         self.clock.advance(dt);
-        let asked = Asked {
+        let asked = CycleInput {
             request,
             forbids: self.forbids,
             notes: Reasons::NONE,

@@ -28,7 +28,7 @@ use volcomp_gateway::{
     service::Life,
 };
 use volcomp_port::inject::Injection;
-use volcomp_runtime::{ByHand, DisarmSwitch, start_by_hand};
+use volcomp_runtime::{DisarmSwitch, ManualCycles, start_manual};
 use volcomp_vocabulary::PerChannel;
 
 use crate::program::{Client, token_file};
@@ -42,7 +42,7 @@ pub(crate) struct Gateway {
     pub(crate) rig: Rig,
     pub(crate) parts: Assembled,
     shape: Shape,
-    cycles: ByHand,
+    cycles: ManualCycles,
     period: Duration,
 }
 
@@ -127,7 +127,7 @@ impl Gateway {
         restore_output(&mut opened);
         let mut cycles = None;
         let parts = assemble(&machine, opened, audit, &Life::default(), |cycle, _| {
-            let (handle, by_hand) = start_by_hand(cycle);
+            let (handle, by_hand) = start_manual(cycle);
             cycles = Some(by_hand);
             Ok(handle)
         });

@@ -17,7 +17,7 @@ use volcomp_port::{
     simulated::{self, Controls, Plant},
 };
 use volcomp_runtime::{
-    Asked, AxisSettings, BarrierSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan,
+    AxisSettings, BarrierSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan,
     PathSettings, Report, Sensors,
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
@@ -181,9 +181,9 @@ fn rig() -> Rig {
 impl Rig {
     fn run(&mut self, time: Duration, request: Option<Request>) -> Report {
         let end = self.clock.elapsed() + time;
-        let mut asked = Asked {
+        let mut asked = CycleInput {
             request,
-            ..Asked::default()
+            ..CycleInput::default()
         };
         while self.clock.elapsed() < end {
             self.clock.advance(PERIOD);

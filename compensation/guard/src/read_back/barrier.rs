@@ -4,11 +4,11 @@ use core::{ops::RangeInclusive, time::Duration};
 
 use volcomp_vocabulary::PerChannel;
 
-use super::known::{Confirmed, Known, Landed};
+use super::status::{Arrival, Confirmed, ReadBackStatus};
 use crate::{
     Limits, Reasons,
     barrier::{FRAME_WORDS, Report, Settings},
-    protocol::{Counts, Layout, Seen, Session},
+    protocol::{Counts, Layout, ReportStatus, Session},
     step::ROUNDING,
 };
 
@@ -18,6 +18,11 @@ const COUNTED: Duration = Duration::from_secs(1);
 const GAP: Duration = Duration::from_secs(5);
 
 /// The path to a barrier. State: the session, and the scan rate of the control.
+///
+/// Invariants:
+/// - `can_send` and `held_by_other` exclude each other, and both follow from the last new report.
+/// - `stands` is the applied correction of all new reports since its time: the control accepted another one, and did not move.
+/// - `counted` scans passed since `counted_from`, in one epoch and without a gap.
 #[derive(Clone, Debug)]
 pub struct BarrierLink {
     session: Session,
@@ -26,7 +31,7 @@ pub struct BarrierLink {
     scan: Duration,
     settings: Option<Settings>,
     /// When the last report, new or not, was valid.
-    heard: Option<Duration>,
+    last_received: Option<Duration>,
     /// When the last new report was valid, its epoch and tick, and the scans since `counted_from`.
     last: Option<(Duration, u16, u16)>,
     counted_from: Option<Duration>,
@@ -34,13 +39,13 @@ pub struct BarrierLink {
     /// Whether the scan period is as configured; `None`: not measured long enough.
     scans_fit: Option<bool>,
     /// The last sent correction.
-    asked: Option<Counts>,
+    last_sent: Option<Counts>,
     /// The correction at which the control stays although it accepted another one, and since when.
     stands: Option<(Counts, Duration)>,
     held_by_other: bool,
     can_send: bool,
     /// Whether received words were not a report of this machine and these axes.
-    strange: bool,
+    is_foreign_report: bool,
 }
 
 impl BarrierLink {
@@ -54,74 +59,74 @@ impl BarrierLink {
             layout,
             scan,
             settings: None,
-            heard: None,
+            last_received: None,
             last: None,
             counted_from: None,
             counted: 0,
             scans_fit: None,
-            asked: None,
+            last_sent: None,
             stands: None,
             held_by_other: false,
             can_send: false,
-            strange: false,
+            is_foreign_report: false,
         }
     }
 
-    pub(super) fn hear(
+    pub(super) fn receive(
         &mut self,
         taken: Duration,
         words: &[u16],
         limits: &Limits,
-        known: &mut Known,
-    ) -> Landed {
+        status: &mut ReadBackStatus,
+    ) -> Arrival {
         let report = Report::decode(self.machine, self.layout, words);
-        self.strange = report.is_none();
+        self.is_foreign_report = report.is_none();
         let Some(report) = report.filter(|_| self.layout.count() == limits.count) else {
             // Torn, or of another machine or other axes: ignored.
-            return Landed::Unknown;
+            return Arrival::Unknown;
         };
         // Reports of a stopped program arrive as well, but are not new.
-        let heard = self.heard.replace(taken);
-        if heard.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
+        let last_received = self.last_received.replace(taken);
+        if last_received.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
             self.session.forget();
         }
         let seen = self.session.read(report.head());
-        if seen == Seen::Old {
-            return Landed::Unknown;
+        if seen == ReportStatus::Old {
+            return Arrival::Unknown;
         }
         self.count(taken, report.epoch, report.tick);
         self.settings = Some(report.settings);
-        known.confirmed = Some(Confirmed {
+        status.confirmed = Some(Confirmed {
             values: values_of(&report.applied, limits),
             at: taken,
         });
-        let Seen::Confirmed {
+        let ReportStatus::Confirmed {
             landed,
             epoch_began,
         } = seen
         else {
             (self.held_by_other, self.can_send) = (true, false);
             self.stands = None;
-            known.changed = true;
-            return Landed::Unknown;
+            status.changed = true;
+            return Arrival::Unknown;
         };
         // The first report after another sender's also starts anew.
-        known.changed = epoch_began;
+        status.changed = epoch_began;
         (self.held_by_other, self.can_send) = (false, true);
         self.stands = match self.stands {
-            _ if epoch_began || self.asked == Some(report.applied) => None,
+            _ if epoch_began || self.last_sent == Some(report.applied) => None,
             Some((at, since)) if at == report.applied => Some((at, since)),
             _ => landed.then_some((report.applied, taken)),
         };
         if landed || epoch_began {
-            Landed::All
+            Arrival::All
         } else {
-            Landed::Unknown
+            Arrival::Unknown
         }
     }
 
     /// Time until a movement of the control is seen: the frame must arrive, be accepted, move it by one step, and be reported.
-    fn shown_after(&self, limits: &Limits) -> Duration {
+    fn motion_delay(&self, limits: &Limits) -> Duration {
         let step_scans = self.settings.map_or(0, |settings| settings.step_scans);
         limits.longest_delay() + self.time_of(step_scans)
     }
@@ -145,30 +150,33 @@ impl BarrierLink {
         }
     }
 
-    pub(super) fn judge(&self, now: Duration, limits: &Limits, known: &mut Known) {
+    pub(super) fn judge(&self, now: Duration, limits: &Limits, status: &mut ReadBackStatus) {
         let hold = self
             .settings
             .map(|settings| self.time_of(settings.hold_scans));
-        let age = known
+        let age = status
             .confirmed
             .map(|confirmed| now.saturating_sub(confirmed.at));
-        known.shown_after = self.shown_after(limits);
+        status.motion_delay = self.motion_delay(limits);
         // The time at which it could have moved, by the last report, which has this age.
-        known.stands_since = age
-            .zip(self.stands)
-            .map(|(age, (_, since))| since.saturating_add(known.shown_after).saturating_add(age));
-        known.lets_go_after = (self.settings).map(|settings| self.time_of(settings.time_out_scans));
+        status.stationary_since = age.zip(self.stands).map(|(age, (_, since))| {
+            since
+                .saturating_add(status.motion_delay)
+                .saturating_add(age)
+        });
+        status.barrier_time_out =
+            (self.settings).map(|settings| self.time_of(settings.time_out_scans));
         // A frame that answers an older report would be rejected.
-        known.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
+        status.writable = self.can_send && hold.zip(age).is_some_and(|(hold, age)| age < hold);
         let fits = self.settings.is_some_and(|settings| {
             barrier_misfits(&settings, self.scan, limits)
                 .next()
                 .is_none()
         });
-        known.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
+        status.reasons = Reasons::OTHER_GATEWAY.when(self.held_by_other)
             | Reasons::BARRIER_UNFIT
                 .when(self.settings.is_some() && !fits || self.scans_fit == Some(false))
-            | Reasons::BARRIER_STRANGE.when(self.strange && self.settings.is_none())
+            | Reasons::BARRIER_STRANGE.when(self.is_foreign_report && self.settings.is_none())
             | Reasons::WATCHING.when(self.settings.is_some() && self.scans_fit.is_none());
     }
 
@@ -185,7 +193,7 @@ impl BarrierLink {
         let settings = self.settings.filter(|_| self.can_send)?;
         let counts = counts_of(values, limits)?;
         let frame = self.session.frame(&counts)?;
-        self.asked = Some(counts);
+        self.last_sent = Some(counts);
         Some(frame.encode(&settings, words))
     }
 
@@ -200,7 +208,7 @@ impl BarrierLink {
     }
 
     /// Uses the maximum accepted scan period, and the delay of the path for the last frame.
-    pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
+    pub(super) fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         let settings = self.settings?;
         let steps = |i: usize| {
             let (limit, rate) = (settings.limit[i], settings.rate[i].max(1));
@@ -229,7 +237,7 @@ fn values_of(counts: &Counts, limits: &Limits) -> PerChannel<f64> {
 /// Converts mm and rad to counts of each axis; `None` if a count does not fit into a word.
 #[expect(
     clippy::cast_possible_truncation,
-    reason = "the range of a word was looked at before"
+    reason = "the range of a word was checked before"
 )]
 fn counts_of(values: &PerChannel<f64>, limits: &Limits) -> Option<Counts> {
     let mut counts = Counts::default();

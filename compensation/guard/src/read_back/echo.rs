@@ -9,7 +9,7 @@ use core::time::Duration;
 
 use volcomp_vocabulary::PerChannel;
 
-use super::known::{Confirmed, Known, Landed, are_equal};
+use super::status::{Arrival, Confirmed, ReadBackStatus, are_equal};
 use crate::{Limits, Reasons, limits::MOST_READ_BACK_CYCLES};
 
 /// Number of equal readings that confirm a value that was not written.
@@ -34,6 +34,12 @@ struct Equal {
     taken: Duration,
 }
 
+/// The values of one path that may be applied.
+///
+/// Invariants:
+/// - `candidates[..count]` are in the order of sending, and consecutive ones differ. With `count` 0 nothing is known, and nothing is sent.
+/// - After a confirmation the first candidate is the confirmed correction; the later ones were sent after it.
+/// - `equal` counts only readings that are later than every write by more than the age of the oldest possible reading.
 #[derive(Clone, Debug)]
 pub(super) struct Echo {
     /// How long nothing else may have changed the values before the first write.
@@ -42,7 +48,7 @@ pub(super) struct Echo {
     candidates: [Candidate; MOST],
     count: usize,
     /// When the last reading was valid.
-    heard: Option<Duration>,
+    last_received: Option<Duration>,
     /// The value of the last readings that are all later than every write, how many of them count, and when the last counted one was valid.
     equal: Option<Equal>,
     /// When something was last sent, on any path.
@@ -60,7 +66,7 @@ impl Echo {
             watch,
             candidates: [Candidate::default(); MOST],
             count: 0,
-            heard: None,
+            last_received: None,
             equal: None,
             sent: None,
             has_sent: false,
@@ -69,22 +75,22 @@ impl Echo {
         }
     }
 
-    pub(super) fn hear(
+    pub(super) fn receive(
         &mut self,
         now: Duration,
         taken: Duration,
         values: &PerChannel<f64>,
         limits: &Limits,
-        known: &mut Known,
-    ) -> Landed {
+        status: &mut ReadBackStatus,
+    ) -> Arrival {
         if !limits.places().all(|i| values[i].is_finite()) {
-            known.writable = false;
+            status.writable = false;
             self.equal = None;
-            return Landed::Unknown;
+            return Arrival::Unknown;
         }
-        if self.heard.replace(taken) == Some(taken) {
+        if self.last_received.replace(taken) == Some(taken) {
             // The same message as before: ignored.
-            return Landed::Unknown;
+            return Arrival::Unknown;
         }
         let found = self.find(values, taken, limits);
         let is_same = self.count_equal(values, taken, limits);
@@ -97,23 +103,23 @@ impl Echo {
             .is_some_and(|equal| equal.readings >= EQUAL_READINGS)
         {
             // Everything sent before is obsolete.
-            known.changed = found.is_none();
+            status.changed = found.is_none();
             self.has_sent &= found.is_some();
             self.begin(values, now);
-            self.confirm(values, [taken, now], known);
-            return Landed::All;
+            self.confirm(values, [taken, now], status);
+            return Arrival::All;
         }
         let Some([oldest, newest]) = found else {
-            known.writable = false;
-            return Landed::Unknown;
+            status.writable = false;
+            return Arrival::Unknown;
         };
         let landed = match self.candidates[..self.count].get(newest + 1) {
-            Some(next) => Landed::Before(next.since),
-            None => Landed::All,
+            Some(next) => Arrival::Before(next.since),
+            None => Arrival::All,
         };
         self.candidates.copy_within(oldest..self.count, 0);
         self.count -= oldest;
-        self.confirm(values, [taken, now], known);
+        self.confirm(values, [taken, now], status);
         landed
     }
 
@@ -158,15 +164,15 @@ impl Echo {
         &mut self,
         values: &PerChannel<f64>,
         [taken, now]: [Duration; 2],
-        known: &mut Known,
+        status: &mut ReadBackStatus,
     ) {
         self.alone_since.get_or_insert(now);
-        known.confirmed = Some(Confirmed {
+        status.confirmed = Some(Confirmed {
             values: *values,
             at: taken,
         });
         // If the memory is full, nothing more is sent.
-        known.writable = self.count < MOST;
+        status.writable = self.count < MOST;
     }
 
     /// The oldest and the newest candidate that a reading may be; `None` if it equals no candidate.
@@ -210,9 +216,9 @@ impl Echo {
     }
 
     /// The values sent on another path until now may be applied, and are unknown here.
-    pub(super) fn take_over(&mut self, now: Duration, known: &mut Known) {
+    pub(super) fn take_over(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.sent = self.sent.max(Some(now));
-        (self.count, self.equal, known.writable) = (0, None, false);
+        (self.count, self.equal, status.writable) = (0, None, false);
         // Changes seen during standby were made by this gateway.
         self.alone_since = Some(Duration::ZERO);
     }
@@ -231,13 +237,13 @@ impl Echo {
         Some(between)
     }
 
-    pub(super) fn see_other(&mut self, now: Duration) {
+    pub(super) fn report_other_gateway(&mut self, now: Duration) {
         self.other = Some(now);
         self.alone_since = Some(now);
     }
 
-    pub(super) fn judge(&self, now: Duration, limits: &Limits, known: &mut Known) {
-        let fresh = known
+    pub(super) fn judge(&self, now: Duration, limits: &Limits, status: &mut ReadBackStatus) {
+        let fresh = status
             .confirmed
             .is_some_and(|confirmed| now.saturating_sub(confirmed.at) <= limits.delay());
         let still = self
@@ -245,11 +251,11 @@ impl Echo {
             .is_some_and(|since| now.saturating_sub(since) >= self.watch);
         // Before the first write nothing else may have changed the values, and no reading may be from the previous run.
         let alone = still || self.has_sent;
-        known.writable &= fresh && alone;
+        status.writable &= fresh && alone;
         let other = self
             .other
             .is_some_and(|seen| now.saturating_sub(seen) < OTHER_REPORTED_FOR);
-        known.reasons = Reasons::WATCHING.when(!alone)
+        status.reasons = Reasons::WATCHING.when(!alone)
             | Reasons::OTHER_GATEWAY.when(other)
             | Reasons::NO_BARRIER;
     }

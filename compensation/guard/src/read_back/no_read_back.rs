@@ -7,7 +7,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::{
     echo::Echo,
-    known::{Confirmed, Known, Landed, Told, are_equal},
+    status::{Arrival, Confirmed, CorrectionReport, ReadBackStatus, are_equal},
 };
 use crate::{Limits, Reasons};
 
@@ -27,25 +27,31 @@ impl ControlTimeOut {
     }
 }
 
+/// A control without read-back, and what is known of it from the writes.
+///
+/// Invariants:
+/// - `reports_now` implies `has_reported`.
+/// - `acts` is in order of time, and is set only if the control goes to zero on its own.
+/// - While `unknown`, nothing is written. A reading that confirms a correction, the time of zero or an acknowledgement ends it.
 #[derive(Clone, Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "five facts, each of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "five separate facts")]
 pub(super) struct NoReadBack {
     control: Option<ControlTimeOut>,
     /// From when on the control may act on its own, and from when on it is at zero, without another write.
     acts: Option<[Duration; 2]>,
     /// When it was last read.
-    heard: Option<Duration>,
+    last_received: Option<Duration>,
     /// Whether an unknown correction may remain.
     unknown: bool,
     /// The device's reports of its outputs.
     echo: Echo,
     /// Whether it ever reported them, and whether it did in this cycle.
-    tells: bool,
-    sees: bool,
+    has_reported: bool,
+    reports_now: bool,
     /// Something was written.
     has_written: bool,
     /// The operator has acknowledged before anything was written.
-    was_looked_at: bool,
+    acknowledged: bool,
 }
 
 impl NoReadBack {
@@ -53,51 +59,51 @@ impl NoReadBack {
         Self {
             control,
             acts: None,
-            heard: None,
+            last_received: None,
             unknown: false,
             echo: Echo::new(Duration::ZERO),
-            tells: false,
-            sees: false,
+            has_reported: false,
+            reports_now: false,
             has_written: false,
-            was_looked_at: false,
+            acknowledged: false,
         }
     }
 
     /// Whether the device ever reported its outputs.
-    pub(super) fn tells(&self) -> bool {
-        self.tells
+    pub(super) fn has_reported(&self) -> bool {
+        self.has_reported
     }
 
     /// Whether the outputs show the written correction.
-    pub(super) fn sees(&self) -> bool {
-        self.sees
+    pub(super) fn reports_now(&self) -> bool {
+        self.reports_now
     }
 
     /// Lowest and highest value of each axis that may be applied, if the outputs are reported.
     pub(super) fn between(&self) -> Option<[PerChannel<f64>; 2]> {
-        self.echo.between().filter(|_| self.sees)
+        self.echo.between().filter(|_| self.reports_now)
     }
 
-    pub(super) fn hear(
+    pub(super) fn receive(
         &mut self,
         now: Duration,
         taken: Duration,
-        told: &Told<'_>,
+        report: &CorrectionReport<'_>,
         limits: &Limits,
-        known: &mut Known,
-    ) -> Landed {
-        self.heard = Some(now);
+        status: &mut ReadBackStatus,
+    ) -> Arrival {
+        self.last_received = Some(now);
         if let Some([acts, at_zero]) = self.acts
             && now >= acts
         {
             // The control is going to zero for lack of writes, or is there: earlier words, which may still be on its lines, no longer count.
             self.echo = Echo::new(Duration::ZERO);
-            let was_zero = known
+            let was_zero = status
                 .confirmed
                 .is_some_and(|confirmed| confirmed.values == PerChannel::ZERO);
             self.unknown = now < at_zero && !was_zero;
-            known.changed = !self.unknown && !was_zero;
-            known.confirmed = (!self.unknown).then_some(Confirmed {
+            status.changed = !self.unknown && !was_zero;
+            status.confirmed = (!self.unknown).then_some(Confirmed {
                 values: PerChannel::ZERO,
                 at: now,
             });
@@ -105,24 +111,24 @@ impl NoReadBack {
         // If a control goes to zero on its own, the levels of its lines are meaningful only while it is written.
         let is_on = self.control.is_none()
             || self.has_written && self.acts.is_some_and(|[acts, _]| now < acts);
-        let told = match told {
-            Told::Values(values) if is_on => Some(values),
+        let report = match report {
+            CorrectionReport::Values(values) if is_on => Some(values),
             _ => None,
         };
-        self.tells |= told.is_some();
-        self.sees = told.is_some();
-        let landed = told.map_or(Landed::Unknown, |values| {
-            let landed = self.echo.hear(now, taken, values, limits, known);
-            self.echo.judge(now, limits, known);
+        self.has_reported |= report.is_some();
+        self.reports_now = report.is_some();
+        let landed = report.map_or(Arrival::Unknown, |values| {
+            let landed = self.echo.receive(now, taken, values, limits, status);
+            self.echo.judge(now, limits, status);
             // A reading that confirms a value also shows what has arrived.
-            self.unknown &= landed == Landed::Unknown;
+            self.unknown &= landed == Arrival::Unknown;
             landed
         });
-        if !self.sees {
-            self.hear_nothing(now, known);
+        if !self.reports_now {
+            self.without_levels(now, status);
         }
-        known.until = self.acts.map(|[acts, _]| acts).filter(|acts| now < *acts);
-        known.reasons = Reasons::NO_BARRIER
+        status.control_acts_at = self.acts.map(|[acts, _]| acts).filter(|acts| now < *acts);
+        status.reasons = Reasons::NO_BARRIER
             | Reasons::CANNOT_SEE_OTHERS
             | Reasons::LEFT_UNKNOWN.when(self.unknown);
         landed
@@ -130,19 +136,19 @@ impl NoReadBack {
 
     /// Without output levels the last write counts, since only this gateway writes the lines. A device that reported levels before may have lost
     /// them: they are known again only after another accepted write.
-    fn hear_nothing(&mut self, now: Duration, known: &mut Known) {
+    fn without_levels(&mut self, now: Duration, status: &mut ReadBackStatus) {
         // If nothing was ever written or restored, it counts as zero.
         if !self.unknown {
-            known.confirmed.get_or_insert(Confirmed {
+            status.confirmed.get_or_insert(Confirmed {
                 values: PerChannel::ZERO,
                 at: now,
             });
         }
-        if let Some(confirmed) = known.confirmed.as_mut().filter(|_| !self.tells) {
+        if let Some(confirmed) = status.confirmed.as_mut().filter(|_| !self.has_reported) {
             // Only this gateway changes it, so it does not expire.
             confirmed.at = now;
         }
-        known.writable = known.confirmed.is_some() && !self.unknown;
+        status.writable = status.confirmed.is_some() && !self.unknown;
     }
 
     /// Records a write; `ok`: the device accepted it.
@@ -151,21 +157,21 @@ impl NoReadBack {
         now: Duration,
         values: &PerChannel<f64>,
         ok: bool,
-        known: &mut Known,
+        status: &mut ReadBackStatus,
     ) {
         self.echo.sent(now, values);
         if !ok {
             // If a device stops reporting its outputs and a write fails, their levels are unknown.
-            self.unknown |= self.tells && !self.sees;
+            self.unknown |= self.has_reported && !self.reports_now;
             return;
         }
         self.has_written = true;
         // The control may have received it at the begin of the cycle, or only now.
-        self.wait([self.heard.unwrap_or(now), now], Duration::ZERO);
-        if self.sees {
+        self.wait([self.last_received.unwrap_or(now), now], Duration::ZERO);
+        if self.reports_now {
             return;
         }
-        known.confirmed = Some(Confirmed {
+        status.confirmed = Some(Confirmed {
             values: *values,
             at: now,
         });
@@ -190,7 +196,7 @@ impl NoReadBack {
         values: &PerChannel<f64>,
         age: Duration,
         limits: &Limits,
-        known: &mut Known,
+        status: &mut ReadBackStatus,
     ) {
         let is_finite = limits.places().all(|i| values[i].is_finite());
         let is_zero = are_equal(values, &PerChannel::ZERO, limits);
@@ -204,48 +210,48 @@ impl NoReadBack {
         };
         self.unknown = found.is_none();
         self.wait([now; 2], age);
-        known.confirmed = found.map(|values| Confirmed { values, at: now });
+        status.confirmed = found.map(|values| Confirmed { values, at: now });
     }
 
-    /// Nothing remains of the correction of another path. This path's own earlier one remains, unless the control has dropped it, too (`let_go`),
+    /// Nothing remains of the correction of another path. This path's own earlier one remains, unless the control has dropped it, too (`released`),
     /// as its barrier does, or has acted on its own by the time since the last write.
-    pub(super) fn take_over(&mut self, now: Duration, let_go: bool, known: &mut Known) {
-        if self.tells {
+    pub(super) fn take_over(&mut self, now: Duration, released: bool, status: &mut ReadBackStatus) {
+        if self.has_reported {
             // The outputs keep their levels: they are read before the first write.
             self.acts = None;
-            self.echo.take_over(now, known);
-        } else if let_go {
+            self.echo.take_over(now, status);
+        } else if released {
             self.acts = None;
-            self.is_zero(now, known);
+            self.set_zero(now, status);
         } else if self.control.is_none() && !self.has_written {
             // The stored correction may have been written by another path in the previous run.
             let zero = |confirmed: Confirmed| confirmed.values == PerChannel::ZERO;
-            if self.was_looked_at || known.confirmed.is_none_or(zero) && !self.unknown {
-                self.is_zero(now, known);
+            if self.acknowledged || status.confirmed.is_none_or(zero) && !self.unknown {
+                self.set_zero(now, status);
             } else {
-                (self.unknown, known.confirmed) = (true, None);
+                (self.unknown, status.confirmed) = (true, None);
             }
         }
     }
 
-    pub(super) fn acknowledge(&mut self, now: Duration, known: &mut Known) {
-        self.was_looked_at |= !self.has_written;
+    pub(super) fn acknowledge(&mut self, now: Duration, status: &mut ReadBackStatus) {
+        self.acknowledged |= !self.has_written;
         // A control on its way to zero is known again once it must be there.
         if self.unknown && self.acts.is_none() {
-            self.is_zero(now, known);
+            self.set_zero(now, status);
         }
     }
 
     /// Nothing is applied.
-    fn is_zero(&mut self, now: Duration, known: &mut Known) {
+    fn set_zero(&mut self, now: Duration, status: &mut ReadBackStatus) {
         self.unknown = false;
-        known.confirmed = Some(Confirmed {
+        status.confirmed = Some(Confirmed {
             values: PerChannel::ZERO,
             at: now,
         });
     }
 
-    pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
+    pub(super) fn zero_after_last_write(&self, limits: &Limits) -> Option<Duration> {
         // One more cycle, since the last write may have been in transit.
         self.control
             .map(|control| control.all().saturating_add(limits.period))

@@ -31,9 +31,9 @@ impl Memory {
     }
 }
 
-/// One wrong position turned the direction, and the correction was wrong by the reversal value until the axis moved.
+/// A single wrong position used to reverse the direction, with an error of the reversal value until the axis moved.
 #[test]
-fn one_wrong_position_turns_nothing() {
+fn one_wrong_position_causes_no_reversal() {
     let [forward, back] = [Direction::Positive, Direction::Negative];
     for wrong in [-1.0, 1.0, 0.02, -0.02] {
         for (way, direction) in [(0.01, forward), (-0.01, back)] {
@@ -67,7 +67,7 @@ fn one_wrong_position_turns_nothing() {
 }
 
 #[test]
-fn it_turns_only_after_the_threshold_from_the_last_extreme() {
+fn it_reverses_only_beyond_the_threshold_from_the_last_extreme() {
     let mut memory = Memory::default();
     let mut at = |position: f64| memory.stays(position, 0.005, None);
     assert_eq!(at(10.0), None);
@@ -87,9 +87,9 @@ fn it_turns_only_after_the_threshold_from_the_last_extreme() {
     assert_eq!(at(20.0006), Some(Direction::Positive));
 }
 
-/// An axis that only turned forward was taken for backward at each passage of 360 deg.
+/// An axis that only moved forward used to count as reversed at each passage of 360°.
 #[test]
-fn an_axis_that_rolls_over_does_not_turn() {
+fn rolling_over_is_no_reversal() {
     for (step, direction) in [(0.001, Direction::Positive), (-0.7, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut position = 3.0_f64;
@@ -107,7 +107,7 @@ fn an_axis_that_rolls_over_does_not_turn() {
 }
 
 #[test]
-fn what_the_control_commands_counts_at_once() {
+fn a_commanded_direction_applies_at_once() {
     let mut memory = Memory::default();
     assert_eq!(
         memory.memory.commanded(5.0, Direction::Negative),
@@ -130,7 +130,7 @@ fn axis(includes_correction: bool) -> AxisLimits {
 }
 
 #[test]
-fn the_threshold_is_that_of_the_kind_of_the_steps_or_of_the_lag() {
+fn the_threshold_follows_kind_step_and_lag() {
     let delay = Duration::from_millis(20);
     let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-15, "{found}");
     close(reversal_threshold(&axis(false), 0.001, delay), 0.005);
@@ -168,16 +168,16 @@ fn turns_at_standstill(lag: usize, threshold: f64) -> u32 {
         let direction = memory.at(reported - output, threshold, None);
         turns += u32::from(cycle > 130 && direction != before);
         before = direction;
-        let wanted = direction.map_or(0.0, |direction| 0.010 * direction.sign());
-        let goal = output + (wanted - output).clamp(-slew, slew);
+        let requested = direction.map_or(0.0, |direction| 0.010 * direction.sign());
+        let goal = output + (requested - output).clamp(-slew, slew);
         output = (goal / STEP).round() * STEP;
     }
     turns
 }
 
-/// With 20 ms of lag the correction went ±10 µm to and fro for ever.
+/// With a lag of 20 ms the correction used to oscillate by ±10 µm.
 #[test]
-fn a_reversal_is_not_fed_back_at_standstill() {
+fn no_reversal_is_fed_back_at_standstill() {
     assert!(
         turns_at_standstill(5, 0.005) > 50,
         "the defect is gone from the test"
@@ -189,9 +189,9 @@ fn a_reversal_is_not_fed_back_at_standstill() {
     }
 }
 
-/// A position that flickers by one count at standstill turned the axis at each flicker.
+/// A position that flickers by one count at standstill.
 #[test]
-fn a_flickering_count_turns_nothing() {
+fn a_flickering_count_causes_no_reversal() {
     let step = 0.031_25;
     let threshold = reversal_threshold(&axis(false), step, Duration::ZERO);
     let mut memory = Memory::default();
@@ -211,10 +211,10 @@ fn a_flickering_count_turns_nothing() {
     assert_eq!(turns, 0);
 }
 
-/// At 0.1 mm/min an axis goes 7 nm in a cycle of 4 ms, about what its position flickers by: whatever it does within the threshold from
-/// where it was last, standing included, turns nothing, and what goes beyond it turns it once.
+/// At 0.1 mm/min an axis moves 7 nm per cycle of 4 ms, about as much as its position flickers. Motion and standstill within the threshold cause no
+/// reversal, motion beyond it exactly one.
 #[test]
-fn an_axis_that_creeps_turns_once_and_only_beyond_the_threshold() {
+fn a_creeping_axis_reverses_once_beyond_the_threshold() {
     let per_cycle = 0.1 / 60.0 * PERIOD.as_secs_f64();
     let threshold = reversal_threshold(&axis(false), 1e-6, Duration::ZERO);
     let mut random = ChaCha8Rng::seed_from_u64(11);
@@ -254,10 +254,9 @@ fn an_axis_that_creeps_turns_once_and_only_beyond_the_threshold() {
     }
 }
 
-/// An axis that has rolled over thousands of times in one direction turns as one that has not: whole turns are left out on the way,
-/// and nothing of that may show.
+/// Subtracting whole turns after thousands of revolutions must have no visible effect.
 #[test]
-fn many_turns_leave_a_direction_as_it_was() {
+fn many_turns_do_not_change_the_direction() {
     const THRESHOLD: f64 = 0.005;
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     for sign in [1.0, -1.0] {
@@ -288,10 +287,9 @@ fn many_turns_leave_a_direction_as_it_was() {
     }
 }
 
-/// Two wrong readings in five put off the first direction: half a turn from where the axis was first seen, right ones pointed the
-/// other way.
+/// Two wrong readings in five delay the first direction; half a turn from the first position, right readings used to give the opposite direction.
 #[test]
-fn the_first_direction_is_right_half_a_turn_on() {
+fn the_first_direction_is_right_half_a_turn_away() {
     let told = [
         0.0, 210.0, 40.0, 0.0, 80.0, 100.0, 120.0, 240.0, 260.0, 180.0,
     ];
@@ -312,9 +310,9 @@ fn the_first_direction_is_right_half_a_turn_on() {
     }
 }
 
-/// Two wrong readings in any five, on any way: a direction is that of a way which the axis has gone, by more than the threshold.
+/// With up to two wrong readings in any five, on any path, each direction is one in which the axis moved by more than the threshold.
 #[test]
-fn with_two_wrong_readings_in_five_a_direction_is_one_that_the_axis_went() {
+fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
     const THRESHOLD: f64 = 5.0;
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     for turn in [None, Some(360.0)] {
@@ -382,9 +380,9 @@ fn wrong_readings() -> impl Strategy<Value = Vec<Option<f64>>> {
 }
 
 proptest! {
-    /// One wrong, one right, one wrong position turned the direction where the middle one of three readings counted.
+    /// A wrong, a right and a wrong position used to reverse the direction with the median of three readings.
     #[test]
-    fn two_wrong_readings_in_five_turn_nothing(
+    fn two_wrong_readings_in_five_cause_no_reversal(
         wrong in wrong_readings(),
         ways in prop::collection::vec(prop_oneof![Just(0.0), 0.0..0.02_f64, Just(0.35)], 200),
         sign in prop_oneof![Just(1.0), Just(-1.0)],
@@ -422,9 +420,9 @@ proptest! {
         }
     }
 
-    /// Whatever was wrong, or how often: two wrong in five hide no way back either.
+    /// Two wrong readings in five hide no reversal.
     #[test]
-    fn a_way_back_is_seen_beside_wrong_readings(wrong in wrong_readings(), step in 0.001..0.5_f64) {
+    fn a_reversal_is_found_among_wrong_readings(wrong in wrong_readings(), step in 0.001..0.5_f64) {
         let mut memory = Memory::default();
         for k in 0..20 {
             memory.at(f64::from(k) * step, 0.005, None);

@@ -39,10 +39,9 @@ fn scheme(world: &World) -> volcomp_guard::Scheme {
     world.known().scheme
 }
 
-/// 40 µm were remembered from the run before; the control had gone to zero meanwhile, and said so. The axis went from 0
-/// to 40 µm with the first write, and 40 µm were shown as applied before.
+/// 40 µm were stored; the control had gone to zero and reported it. The first write used to move the axis by 40 µm.
 #[test]
-fn what_is_remembered_is_not_believed_against_what_the_control_tells() {
+fn the_control_overrides_the_stored_correction() {
     for mut world in asked(&close()) {
         let remembered = axes(0.040, 0.0);
         let limits = *world.guard.limits();
@@ -56,8 +55,7 @@ fn what_is_remembered_is_not_believed_against_what_the_control_tells() {
     }
 }
 
-/// One reading told 256 µm more than the axis had: the next write moved it by 256 µm. One that told −65.536 mm was
-/// written back as it was, far beyond the limit of 150 µm. What is wrong may also be another axis or no number.
+/// A reading off by 256 µm used to move the axis by that much; one of −65.536 mm was written back. Also wrong: another axis's values, NaN.
 #[test]
 fn one_wrong_reading_moves_nothing() {
     for lie in [
@@ -82,7 +80,7 @@ fn one_wrong_reading_moves_nothing() {
     }
 }
 
-/// The same with a barrier: whichever word of its report is wrong, by one bit or by many, its checksum tells.
+/// With a barrier, the checksum detects any wrong word of a report.
 #[test]
 fn one_wrong_word_of_a_report_moves_nothing() {
     let mut world = World::guarded(&close()).arm();
@@ -99,10 +97,8 @@ fn one_wrong_word_of_a_report_moves_nothing() {
     assert_eq!(world.applied, axes(0.040, -0.020));
 }
 
-/// What was read back was 96 ms old where 60 ms were allowed: it was taken for a correction that another had changed, and
-/// the axis stepped back to it again and again while it was ramped in. Readings that were 160 ms old were three times equal
-/// now and then while the guard waited: it took them, too, and the axis stepped by 5 µm. With a barrier a report that is late
-/// by any time moves nothing: the tick in the frame that answers it is too old.
+/// Readings 96 ms old on a path with 60 ms used to count as foreign corrections, and the axis stepped back to them; readings 160 ms old happened to
+/// be equal three times. With a barrier, frames that answer a late report are rejected for their tick.
 #[test]
 fn a_read_back_older_than_allowed_makes_no_step() {
     for late in [16, 24, 40, 100, 130] {
@@ -115,8 +111,8 @@ fn a_read_back_older_than_allowed_makes_no_step() {
             world.target = Some(axes(0.150, 0.0));
             let mut world = world.arm_from_here();
             for cycle in 0..2000_u32 {
-                let wanted = 0.1 * (TAU * f64::from(cycle) * 0.001).sin();
-                world.target = Some(axes(0.050 + wanted, 0.0));
+                let requested = 0.1 * (TAU * f64::from(cycle) * 0.001).sin();
+                world.target = Some(axes(0.050 + requested, 0.0));
                 world.run(Duration::ZERO);
                 assert!(world.applied[0].abs() <= 0.150 + 1e-9);
             }
@@ -130,10 +126,9 @@ fn a_read_back_older_than_allowed_makes_no_step() {
     }
 }
 
-/// The control refused every write for ten seconds. The state stayed `arming`, 40 µm were shown as applied, and nobody was
-/// told; the axis had nothing of it.
+/// The control refused every write for 10 s; the state used to stay `arming` with 40 µm shown as applied.
 #[test]
-fn writes_that_are_all_refused_are_a_fault_and_nothing_is_shown_as_applied() {
+fn refused_writes_are_a_fault_and_nothing_is_shown_as_applied() {
     for mut world in all(&close()) {
         (world.sticks, world.write_fails) = (false, true);
         world.request(Request::Arm);
@@ -155,10 +150,10 @@ fn writes_that_are_all_refused_are_a_fault_and_nothing_is_shown_as_applied() {
     }
 }
 
-/// An axis whose words the control does not take, beside one that follows a moving machine: for a minute nobody was told
-/// that Y was not corrected. Each pair is what Y wants and what X does.
+/// Y rejects its words while X follows a moving machine: this used to stay unreported for a minute. Each row is the request for Y, and the motion of
+/// X.
 #[test]
-fn one_axis_that_takes_nothing_is_a_fault() {
+fn one_axis_that_rejects_every_write_is_a_fault() {
     for (y, x_um, hz) in [
         (0.005, 50.0, 0.1),
         (0.010, 50.0, 0.2),
@@ -190,10 +185,10 @@ fn one_axis_that_takes_nothing_is_a_fault() {
     }
 }
 
-/// Lines that could not be written any more kept what they carried, while the guard went on to zero without them: when
-/// they were back the axis went from 40 µm to 0 in one write.
+/// Lines that could not be written kept their levels while the guard ramped to zero: once restored, the axis used to move from 40 µm to 0 in one
+/// write.
 #[test]
-fn lines_that_come_back_make_no_step() {
+fn restored_lines_make_no_step() {
     for arms_again in [false, true] {
         let mut world = World::lines(&limits()).arm();
         let held = world.applied;
@@ -214,8 +209,7 @@ fn lines_that_come_back_make_no_step() {
     }
 }
 
-/// An emergency stop while it was ramped out, and one reading lost meanwhile: the lost reading lifted the stop, and lines
-/// were written during it.
+/// A reading lost during an emergency stop on the ramp out used to lift the stop, and lines were written.
 #[test]
 fn a_lost_reading_does_not_lift_an_emergency_stop() {
     for world in all(&limits()) {
@@ -242,9 +236,9 @@ fn a_lost_reading_does_not_lift_an_emergency_stop() {
     }
 }
 
-/// A read-back that is no number for five seconds: nothing was written, and the state went on as `compensating`.
+/// The read-back is NaN for 5 s.
 #[test]
-fn a_read_back_that_is_no_number_is_not_called_compensating() {
+fn a_nan_read_back_is_not_reported_as_compensating() {
     for world in asked(&limits()) {
         let mut world = world.arm();
         world.target = Some(axes(-0.080, 0.0));
@@ -263,13 +257,12 @@ fn a_read_back_that_is_no_number_is_not_called_compensating() {
     }
 }
 
-/// The control was cleared, and the message that would have told it was late in this very cycle: the guard wrote the
-/// correction from before, and the axis went from 0 to 40 µm at once.
+/// The control was cleared while its report was late: the guard used to write the previous 40 µm in one step.
 #[test]
-fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
+fn a_correction_cleared_without_a_report_ramps_in_again() {
     for silent in [1, 3, 12, 100] {
         let mut world = World::compensating(&limits());
-        let wanted = world.applied;
+        let requested = world.applied;
         world.hides_applied = true;
         world.clear(PerChannel::ZERO);
         for _ in 0..silent {
@@ -279,17 +272,17 @@ fn a_correction_cleared_while_nothing_is_told_comes_back_by_a_ramp() {
         world.hides_applied = false;
         world.run(3 * SECOND);
         assert!(world.largest_step <= MOST, "{}", world.largest_step);
-        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+        assert_eq!(world.applied, requested, "silent for {silent} cycles");
     }
 }
 
-/// With a barrier there is nothing to be cleared but by the control's own start. Nothing told of it means that nothing is
-/// sent: it lets go by itself, and takes the correction again by a ramp.
+/// Only the control's own start clears a correction behind a barrier. Without reports nothing is sent: it ramps out after its timeout, and in again
+/// with the next report.
 #[test]
-fn a_barrier_that_is_not_heard_lets_go_by_itself() {
+fn a_barrier_without_frames_ramps_out() {
     for silent in [1, 3, 12, 100, 500] {
         let mut world = World::guarded(&limits()).arm();
-        let wanted = world.applied;
+        let requested = world.applied;
         world.hides_applied = true;
         for _ in 0..silent {
             world.run(Duration::ZERO);
@@ -299,14 +292,13 @@ fn a_barrier_that_is_not_heard_lets_go_by_itself() {
         world.hides_applied = false;
         world.run(3 * SECOND);
         assert!(world.largest_step <= MOST, "{}", world.largest_step);
-        assert_eq!(world.applied, wanted, "silent for {silent} cycles");
+        assert_eq!(world.applied, requested, "silent for {silent} cycles");
     }
 }
 
-/// The program was stopped between reading and writing, and the control was cleared meanwhile: the write was sent two
-/// seconds late, and the axis went from 0 to 40 µm.
+/// The program was stopped for 2 s between reading and writing while the control was cleared: the late write used to move the axis by 40 µm.
 #[test]
-fn what_was_decided_long_ago_is_not_sent() {
+fn an_expired_decision_is_not_sent() {
     for world in asked(&limits()) {
         let mut world = world.arm();
         world.target = Some(axes(0.100, 0.0));
@@ -320,10 +312,10 @@ fn what_was_decided_long_ago_is_not_sent() {
     }
 }
 
-/// Two readings in a row repeated one write of 32 ms before, which a path that is so late may tell: the axis went back from 25
-/// to 20 µm in one write. What was confirmed to be gone is not taken for applied any more.
+/// Two readings repeated a write of 32 ms before, as a late path may: the axis used to step from 25 to 20 µm. A value once confirmed to be replaced
+/// is not applied any more.
 #[test]
-fn readings_that_go_back_make_no_step() {
+fn readings_that_repeat_an_earlier_write_make_no_step() {
     for repeated in 1..12 {
         for back in 1..=8 {
             let mut world = World::new(&Limits {
@@ -349,8 +341,7 @@ fn readings_that_go_back_make_no_step() {
     }
 }
 
-/// Not only the newest write may be what is applied while readings are late and writes are lost: what is sent next is near to
-/// each of those that may have landed.
+/// With late readings and lost writes, any write since the last confirmed one may be applied; the next one must be close to all of them.
 #[test]
 fn a_lost_write_before_a_late_reading_makes_no_step() {
     for pattern in 0..64_u32 {
@@ -361,8 +352,8 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
         .arm();
         world.told_late = 7;
         for cycle in 0..2000_u32 {
-            let wanted = 0.040 + 0.004 * (TAU * f64::from(cycle) * 0.02).sin();
-            world.target = Some(axes(wanted, -0.020));
+            let requested = 0.040 + 0.004 * (TAU * f64::from(cycle) * 0.02).sin();
+            world.target = Some(axes(requested, -0.020));
             world.sticks = pattern >> (cycle / 3 % 6) & 1 == 0;
             world.run(Duration::ZERO);
         }
@@ -374,10 +365,9 @@ fn a_lost_write_before_a_late_reading_makes_no_step() {
     }
 }
 
-/// While the correction was faulted for another reason, three wrong readings that told 1.5 mm were written to the axis, and 1.5
-/// mm that were found were written on, without a person.
+/// In another fault, three false readings of 1.5 mm used to be written to the axis, and 1.5 mm that were found were ramped out without the operator.
 #[test]
-fn a_correction_beyond_the_limit_is_looked_at_in_any_fault() {
+fn a_correction_beyond_the_limit_needs_acknowledgement_in_any_fault() {
     let faulted = || {
         let mut world = World::new(&close()).arm();
         (world.sticks, world.target) = (false, Some(axes(0.080, -0.080)));
@@ -409,9 +399,9 @@ fn a_correction_beyond_the_limit_is_looked_at_in_any_fault() {
     assert!(world.largest_step <= MOST, "{}", world.largest_step);
 }
 
-/// One reading said that it was taken ten seconds later: its positions stayed fresh although they did not come any more.
+/// A reading dated 10 s ahead used to keep its positions fresh.
 #[test]
-fn a_reading_from_the_future_is_of_now() {
+fn a_reading_from_the_future_counts_as_present() {
     let mut world = World::compensating(&limits());
     world.frozen_at = Some(world.now + 10 * SECOND);
     world.run(Duration::ZERO);
@@ -421,9 +411,9 @@ fn a_reading_from_the_future_is_of_now() {
     assert!(output.reasons.contains(Reasons::POSITIONS_STALE));
 }
 
-/// One message that was wrong was told again with each new position, and counted as three readings.
+/// A wrong message repeated with each new position used to count as three readings.
 #[test]
-fn one_message_told_again_and_again_is_one_reading() {
+fn one_repeated_message_is_one_reading() {
     let mut limits = limits();
     limits.read_back_cycles = 15;
     let mut world = World::new(&limits);
@@ -438,9 +428,9 @@ fn one_message_told_again_and_again_is_one_reading() {
     assert!(world.largest_step <= MOST, "{}", world.largest_step);
 }
 
-/// A barrier that takes frames and stands, since the control holds it by itself: that the axis does not follow was not told.
+/// The barrier accepts frames, but the control holds the axis.
 #[test]
-fn an_axis_that_does_not_follow_is_told() {
+fn an_axis_that_does_not_follow_is_reported() {
     let mut world = World::guarded(&close()).arm();
     world.target = Some(axes(0.140, 0.0));
     let barrier = world.barrier;
@@ -462,10 +452,9 @@ fn an_axis_that_does_not_follow_is_told() {
     assert!(told > 20, "told in {told} of 100 cycles");
 }
 
-/// The control was switched off and on: its scans are counted anew. Their number after it was compared with the one before,
-/// and for a second it said "the control's barrier does not fit the limits" while it compensated.
+/// The scans are counted anew after a restart of the control: for a second the barrier used to be reported as unfit.
 #[test]
-fn a_control_that_is_switched_on_fits_as_before() {
+fn a_restarted_control_still_fits() {
     for tick in [0, 40, 30_000, 65_000] {
         let mut world = World::guarded(&limits()).arm();
         world.answers = false;
@@ -484,11 +473,10 @@ fn a_control_that_is_switched_on_fits_as_before() {
     }
 }
 
-/// Answers came again and again for a moment only, and the barrier had gone to zero each time: "correction does not stick".
-/// When they came as ever a person acknowledged, and arming was a fault at once, twice of two: what had not stuck before
-/// still counted.
+/// With repeated short outages the barrier had gone to zero each time, a fault; after the acknowledgement earlier failures still counted, and arming
+/// faulted at once.
 #[test]
-fn after_a_fault_a_person_can_begin_again() {
+fn arming_works_after_an_acknowledged_fault() {
     let mut faults = 0;
     for silent in [50, 100, 190, 250, 300, 460] {
         for mut world in asked(&limits()).into_iter().map(World::arm) {

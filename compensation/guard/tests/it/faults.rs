@@ -35,10 +35,9 @@ fn stale_positions_hold_then_ramp_out_then_back_in() {
     assert_eq!(world.applied, before);
 }
 
-/// The connection is gone: nothing is written blindly where the controller can be asked; afterwards the
-/// read-back is where it begins.
+/// Without an answer nothing is written; afterwards the output starts at the read-back.
 #[test]
-fn after_a_reboot_it_ramps_from_what_is_applied() {
+fn after_a_reboot_it_ramps_from_the_applied_correction() {
     let mut world = World::compensating(&limits());
     world.answers = false;
     let silent = world.run(2 * SECOND);
@@ -60,9 +59,8 @@ fn after_a_reboot_it_ramps_from_what_is_applied() {
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
 }
 
-/// Lines without memory: they are written all the same, to zero.
 #[test]
-fn lines_that_cannot_be_asked_are_ramped_out_blindly() {
+fn lines_without_read_back_ramp_out_without_answers() {
     let mut world = World::lines(&limits());
     world.request(Request::Arm);
     world.run(SECOND);
@@ -71,9 +69,9 @@ fn lines_that_cannot_be_asked_are_ramped_out_blindly() {
     assert_eq!(world.applied, PerChannel::ZERO);
 }
 
-/// As long as a reading may be from before the last write nothing is sent; then the correction comes back by a ramp.
+/// Nothing is sent while a reading may be older than the last write.
 #[test]
-fn a_correction_that_is_cleared_comes_back_by_a_ramp() {
+fn a_cleared_correction_ramps_in_again() {
     let mut world = World::compensating(&limits());
     world.applied = PerChannel::ZERO;
     let output = world.run(2 * PERIOD);
@@ -118,7 +116,7 @@ fn a_write_that_does_not_stick_is_a_fault() {
 }
 
 #[test]
-fn a_read_back_may_be_behind() {
+fn a_read_back_may_lag() {
     for (allowed, behind) in [(2, 1), (16, 12)] {
         let mut world = World::new(&Limits {
             read_back_cycles: allowed,
@@ -144,7 +142,7 @@ fn a_read_back_may_be_behind() {
 }
 
 #[test]
-fn an_emergency_stop_freezes_and_comes_back_by_a_ramp() {
+fn interlocks_freeze_the_correction_and_it_ramps_in_again() {
     for interlock in 0..3 {
         let mut world = World::compensating(&limits());
         let set = |world: &mut World, on: bool| match interlock {
@@ -170,7 +168,7 @@ fn an_emergency_stop_freezes_and_comes_back_by_a_ramp() {
 }
 
 #[test]
-fn no_number_is_held_then_ramped_out() {
+fn nan_positions_hold_then_ramp_out() {
     let mut world = World::compensating(&limits());
     let before = world.applied;
     world.positions[1] = f64::NAN;
@@ -187,7 +185,7 @@ fn no_number_is_held_then_ramped_out() {
 }
 
 #[test]
-fn time_that_goes_back_moves_nothing() {
+fn time_running_backwards_moves_nothing() {
     let mut world = World::compensating(&limits());
     world.target = Some(axes(0.0, 0.0));
     let before = world.applied;
@@ -220,10 +218,10 @@ fn the_proof_waits_for_standstill() {
     assert_eq!(world.run(4 * SECOND).state, State::Compensating);
 }
 
-/// Armed in a pause of a program that goes on in the middle of the proof: the test shift stayed applied for as long as the
-/// program ran. It goes back within a second, and the proof is done in the next pause.
+/// Armed in a pause of a program that continues during the proof: the test shift goes back within a second, and the proof completes in the next
+/// pause.
 #[test]
-fn a_program_that_goes_on_is_not_left_with_the_test_shift() {
+fn a_continuing_program_is_not_left_with_the_test_shift() {
     for (includes, until) in [(false, 90), (true, 90), (false, 170), (true, 170)] {
         let mut world = proving(includes, includes);
         let goes_on = |world: &mut World, cycles: u32| {
@@ -252,7 +250,7 @@ fn a_program_that_goes_on_is_not_left_with_the_test_shift() {
     }
 }
 
-/// Positions that do not get younger stand still and prove nothing; what interrupts the proof ends arming.
+/// Frozen positions prove nothing; an interrupted proof ends arming.
 #[test]
 fn an_interrupted_proof_is_no_proof() {
     for really in [false, true] {
@@ -278,8 +276,7 @@ fn an_interrupted_proof_is_no_proof() {
     }
 }
 
-/// Writes that fail and are not taken are no event, whether one or some in a row; the correction goes on from what is
-/// applied.
+/// Failed writes, single or in a row, are no event; the correction continues from the applied one.
 #[test]
 fn lost_writes_are_no_event() {
     let mut world = World::compensating(&Limits {
@@ -299,9 +296,9 @@ fn lost_writes_are_no_event() {
     assert!(before.abs() > 0.01);
 }
 
-/// The control's barrier takes frames and does not move, by a stop that no path shows: that was "compensating".
+/// The barrier accepts frames but does not move, for a stop that no path reports.
 #[test]
-fn a_barrier_that_stands_by_itself_is_told_and_goes_on() {
+fn a_barrier_held_by_its_control_is_reported_and_continues() {
     let mut world = World::guarded(&limits()).arm();
     world.holds = true;
     // Where it stands is where it is to be.
@@ -319,9 +316,9 @@ fn a_barrier_that_stands_by_itself_is_told_and_goes_on() {
     assert!((world.applied[0] - 0.140).abs() < 1e-9);
 }
 
-/// One count in half a second, and a barrier that follows: it is where it is to be, or on its way.
+/// One count in half a second.
 #[test]
-fn a_slow_correction_is_not_told_to_stand() {
+fn a_slow_correction_is_not_reported_as_held() {
     let mut limits = limits();
     for axis in &mut limits.axes {
         axis.slew_per_s = 0.002;
@@ -335,10 +332,9 @@ fn a_slow_correction_is_not_told_to_stand() {
     assert!(world.applied[0] > 0.01);
 }
 
-/// A way of 72 ms to the control and back: the word was one step on when a frame was seen to be taken, and the next one could
-/// not be taken for longer than `hold`. The control was told to stand elsewhere, and the correction was held.
+/// With 72 ms to the control and back, the word had moved on when its frame was seen to be accepted: this used to count as a control held elsewhere.
 #[test]
-fn a_slow_way_is_no_control_that_stands() {
+fn a_slow_path_is_not_reported_as_a_held_control() {
     let scan_ms = Duration::from_millis;
     for (delay_ms, scan, step_scans) in [
         (0, scan_ms(2), 1),
@@ -410,9 +406,9 @@ fn a_slow_way_is_no_control_that_stands() {
     }
 }
 
-/// A path of thermal terms alone may hold for 5 s. For so long "compensating" was said of a barrier that had let go.
+/// A path for thermal terms alone may hold for 5 s, longer than the timeout of its barrier.
 #[test]
-fn a_barrier_that_may_have_let_go_is_not_called_compensating() {
+fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
     let limits = Limits {
         only_thermal: true,
         hold: Duration::from_secs(5),

@@ -19,22 +19,21 @@ const STOP: Option<Interlock> = Some(Interlock {
 });
 
 #[test]
-fn what_one_path_says_holds_all_until_the_same_path_clears_it() {
+fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     let mut interlocks = Interlocks::default();
-    interlocks.see(0, CLEAR);
-    interlocks.see(1, STOP);
+    interlocks.update(0, CLEAR);
+    interlocks.update(1, STOP);
     assert_eq!(interlocks.reasons(), Reasons::EMERGENCY_STOP);
     // Another path that sees nothing of it lifts nothing, and neither does silence.
-    interlocks.see(0, CLEAR);
-    interlocks.see(1, None);
+    interlocks.update(0, CLEAR);
+    interlocks.update(1, None);
     let told = interlocks.reasons();
     assert_eq!(told, Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN);
-    interlocks.see(1, CLEAR);
+    interlocks.update(1, CLEAR);
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// Flags older than `hold` say nothing, so each one that the control shows forbids; one that it does not show has been
-/// accepted.
+/// Of flags older than `hold`, each one that the control reports forbids; one that it does not report was accepted by configuration.
 #[test]
 fn old_flags_forbid() {
     let hold = Duration::from_millis(40);
@@ -58,28 +57,27 @@ fn old_flags_forbid() {
 }
 
 #[test]
-fn a_person_lifts_what_a_silent_path_said_last_and_nothing_else() {
+fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
     let mut interlocks = Interlocks::default();
-    interlocks.see(0, STOP);
+    interlocks.update(0, STOP);
     interlocks.acknowledge();
     assert_eq!(
         interlocks.reasons(),
         Reasons::EMERGENCY_STOP,
         "it still says so"
     );
-    interlocks.see(0, None);
+    interlocks.update(0, None);
     interlocks.acknowledge();
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
 
-/// A stop that only another path shows, while the control's barrier goes on, and frames and reports that are some cycles on
-/// their way: each report was the next goal, and the axis was led to and fro, 27, 44, 30, 40, 34 µm.
+/// The barrier keeps moving, with frames and reports in transit: each report used to become the next goal, 27, 44, 30, 40, 34 µm.
 #[test]
-fn an_axis_stands_in_a_stop_that_another_path_shows() {
+fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
             let mut world = World::in_motion(late, at);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             // What was on its way lands, and is led back.
             world.run(20 * PERIOD);
             let stands = world.applied;
@@ -88,15 +86,15 @@ fn an_axis_stands_in_a_stop_that_another_path_shows() {
                 world.run(PERIOD);
                 assert_eq!(world.applied, stands, "{late} cycles late");
             }
-            world.interlocks.see(1, CLEAR);
+            world.interlocks.update(1, CLEAR);
             assert_eq!(world.run(Duration::from_secs(2)).state, State::Compensating);
         }
     }
 }
 
-/// The barrier holds in the stop, too, some cycles further on than where it was told last: it is not led back after it.
+/// The barrier holds some cycles further on than last reported; it is not moved back afterwards.
 #[test]
-fn what_the_barrier_holds_in_a_stop_is_taken_over() {
+fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
     let mut world = World::guarded(&Limits {
         read_back_cycles: 8,
         ..limits()
@@ -115,16 +113,15 @@ fn what_the_barrier_holds_in_a_stop_is_taken_over() {
     );
     // Only the barrier is free again.
     (world.emergency_stop, world.answers) = (false, true);
-    world.interlocks.see(1, STOP);
+    world.interlocks.update(1, STOP);
     world.run(Duration::from_secs(1));
     assert_eq!(world.applied, stands);
 }
 
-/// What was confirmed lags what was sent: it became the word when a stop began, which went back by 18 µm in one cycle, and where
-/// the barrier went on, the axis went back after it. Every word moves in any window of time by the slew and one step, and the
-/// axis goes no way twice.
+/// The confirmed correction lags the sent one; becoming the word, it moved the axis back by 18 µm in one cycle. Words keep the slew in every window
+/// of time, and the axis never reverses.
 #[test]
-fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
+fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;
     for late in [0, 2, 4, 6] {
         // The control holds, or only another path shows the stop; for a short while, or until it is told where it stands.
@@ -136,7 +133,9 @@ fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
             for cycle in 0..400 {
                 let stopped = (10..10 + cycles).contains(&cycle);
                 world.emergency_stop = holds && stopped;
-                world.interlocks.see(1, if stopped { STOP } else { CLEAR });
+                world
+                    .interlocks
+                    .update(1, if stopped { STOP } else { CLEAR });
                 let output = world.run(Duration::ZERO);
                 let applied = world.applied[0];
                 assert!(
@@ -174,8 +173,7 @@ fn stopped(late: usize) -> World {
     world
 }
 
-/// In a stop the word goes to where the control stands, and stays there when a person lowers the limits: it went from 100 µm to
-/// 69 µm.
+/// The word goes to the held correction and stays there when limits are lowered; it used to go from 100 µm to 69 µm.
 #[test]
 fn limits_lowered_in_a_stop_do_not_move_the_word() {
     let mut world = stopped(4);
@@ -189,9 +187,9 @@ fn limits_lowered_in_a_stop_do_not_move_the_word() {
     }
 }
 
-/// Limits are lowered while the word is still on its way to where the control stands: it goes there all the same.
+/// Limits are lowered while the word is on its way to the held correction.
 #[test]
-fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
+fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     for cycles in 0..40 {
         let mut world = World::in_motion(4, 100);
         world.emergency_stop = true;
@@ -207,11 +205,11 @@ fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
     }
 }
 
-/// The control is free again while another path still shows the stop: the axis went from 106 µm to 30 µm in it.
+/// The control is released while another path still reports the stop: the axis used to go from 106 µm to 30 µm.
 #[test]
-fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
+fn limits_lowered_in_a_stop_reported_by_another_path_move_no_axis() {
     let mut world = stopped(2);
-    world.interlocks.see(1, STOP);
+    world.interlocks.update(1, STOP);
     world.emergency_stop = false;
     world.run(Duration::from_millis(200));
     let stands = world.applied;
@@ -223,7 +221,7 @@ fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
     assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
 }
 
-/// When the stop ends the axis comes in by the slew of the guard, and not by the rate of the barrier.
+/// After the stop the correction is reduced at the guard's slew, not at the barrier's rate.
 #[test]
 fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
     // How far the axis goes beyond the slew in any window of time, mm.
@@ -253,12 +251,12 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
     }
 }
 
-/// Limits are lowered in the cycle in which a stop begins that only another path shows: the axis goes no way twice.
+/// Limits are lowered in the cycle in which another path reports a stop.
 #[test]
-fn limits_lowered_as_a_stop_begins_lead_no_axis_back() {
+fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     for late in [0, 2, 4, 6] {
         let mut world = World::in_motion(late, 100);
-        world.interlocks.see(1, STOP);
+        world.interlocks.update(1, STOP);
         world.lower_limits(0.030);
         let mut furthest = 0.0_f64;
         for _ in 0..300 {
@@ -291,10 +289,9 @@ fn goes_back(world: &mut World, cycles: u32) -> f64 {
     back
 }
 
-/// The control is free again, and then another path shows a stop: the axis goes to the word that was sent on, and stands there.
-/// What is known of where it stood is older than that.
+/// The control is released, then another path reports a stop: the axis goes to the last sent word. The known held correction is older than that.
 #[test]
-fn a_stop_that_begins_as_the_control_is_free_again_leads_no_axis_back() {
+fn a_stop_that_begins_as_the_control_is_released_does_not_reverse_an_axis() {
     for late in [0_usize, 1, 2, 4, 6] {
         for cycles in 0..2 * late + 4 {
             let mut world = held_by_itself(late);
@@ -302,21 +299,20 @@ fn a_stop_that_begins_as_the_control_is_free_again_leads_no_axis_back() {
             for _ in 0..cycles {
                 world.run(Duration::ZERO);
             }
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             let back = goes_back(&mut world, 200);
             assert!(back <= 1e-9, "{late} late, after {cycles}: {back}");
         }
     }
 }
 
-/// The control holds on in a stop that another path shows: the word goes where it stands, also where a limit was lowered below
-/// that, so that nothing moves when it is free again in the stop.
+/// The control holds during a stop of another path: the word goes to its correction, even beyond a lowered limit, so that nothing moves on release.
 #[test]
-fn what_holds_by_itself_in_a_stop_stands_when_it_is_free_again() {
+fn a_control_released_in_a_stop_does_not_move() {
     for late in [0, 1, 2, 4, 6] {
         for limit in [0.150, 0.030] {
             let mut world = held_by_itself(late);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             let stood = world.applied;
             world.run(Duration::from_millis(40));
             world.lower_limits(limit);
@@ -330,13 +326,13 @@ fn what_holds_by_itself_in_a_stop_stands_when_it_is_free_again() {
     }
 }
 
-/// The control is free again while the word is on its way to where it stood: the axis goes to the word, and both stand.
+/// The control is released while the word is on its way to the held correction: the axis goes to the word, and both stay.
 #[test]
-fn what_is_free_again_in_a_stop_is_led_nowhere() {
+fn a_control_released_early_in_a_stop_goes_to_the_word() {
     for late in [0, 1, 2, 4, 6] {
         for after in (0..200).step_by(12) {
             let mut world = held_by_itself(late);
-            world.interlocks.see(1, STOP);
+            world.interlocks.update(1, STOP);
             world.run(Duration::from_millis(after));
             world.holds = false;
             // Until this is seen, and what was sent until then has landed.
@@ -352,9 +348,9 @@ fn what_is_free_again_in_a_stop_is_led_nowhere() {
     }
 }
 
-/// Without a barrier: what a lowered limit left outside comes in at the slew, also while a stop chatters.
+/// Without a barrier, a correction beyond a lowered limit is reduced at the slew.
 #[test]
-fn a_stop_that_chatters_does_not_speed_up_what_comes_in_from_beyond_a_limit() {
+fn a_chattering_stop_does_not_speed_up_the_return_within_a_limit() {
     let mut limits = limits();
     limits.axes.iter_mut().for_each(|axis| {
         axis.slew_per_s = 0.005;
@@ -375,7 +371,7 @@ fn a_stop_that_chatters_does_not_speed_up_what_comes_in_from_beyond_a_limit() {
             emergency_stop: cycle % 2 == 0,
             ..Interlock::default()
         };
-        world.interlocks.see(1, Some(interlock));
+        world.interlocks.update(1, Some(interlock));
         world.cycle_after(PERIOD, None);
     }
     let passed_s = world.now.saturating_sub(begun).as_secs_f64();

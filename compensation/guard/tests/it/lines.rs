@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use volcomp_guard::{ControlTimeOut, ReadBack, Reasons, Request, State, Told};
+use volcomp_guard::{ControlTimeOut, CorrectionReport, ReadBack, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
@@ -24,10 +24,9 @@ fn told() -> World {
     world
 }
 
-/// A module that was without power for a second has its outputs at 0, and tells it: the correction that was remembered,
-/// 40 µm, was written in one step, and while it was off it was shown as applied.
+/// A module without power for 1 s reports outputs at 0: the stored 40 µm used to be written in one step, and shown as applied meanwhile.
 #[test]
-fn lines_that_were_off_are_ramped_in_from_what_they_carry() {
+fn lines_that_were_off_ramp_in_from_their_levels() {
     let mut world = told();
     (world.answers, world.write_fails) = (false, true);
     world.applied = PerChannel::ZERO;
@@ -46,10 +45,9 @@ fn lines_that_were_off_are_ramped_in_from_what_they_carry() {
     assert!((world.applied[0] - 0.040).abs() < 1e-9);
 }
 
-/// A module takes nothing for 45 ms although every write is accepted: all that was slewed meanwhile, 18 µm, was written
-/// in one step afterwards.
+/// A module ignores accepted writes for 45 ms: 18 µm of slew used to be written in one step afterwards.
 #[test]
-fn writes_that_wait_do_not_pile_up() {
+fn delayed_writes_do_not_accumulate() {
     let mut world = told();
     world.target = Some(axes(-0.040, 0.020));
     world.run(5 * PERIOD);
@@ -62,9 +60,9 @@ fn writes_that_wait_do_not_pile_up() {
     assert!((world.applied[0] + 0.040).abs() < 1e-9);
 }
 
-/// What the outputs carry is told some cycles late, and what is wanted turns at any moment.
+/// Levels are reported some cycles late, and the request reverses at any time.
 #[test]
-fn levels_that_are_told_late_make_no_step() {
+fn late_levels_make_no_step() {
     for late in 0..3 {
         let mut world = told();
         world.told_late = late;
@@ -84,9 +82,9 @@ fn levels_that_are_told_late_make_no_step() {
     }
 }
 
-/// A device whose inputs say nothing any more is still written to zero, as far as it takes writes.
+/// A device without inputs is still written to zero, as far as it accepts writes.
 #[test]
-fn told_lines_are_ramped_out_when_positions_are_lost() {
+fn readable_lines_ramp_out_when_positions_are_lost() {
     let mut world = told();
     world.answers = false;
     world.run(2 * SECOND);
@@ -94,10 +92,10 @@ fn told_lines_are_ramped_out_when_positions_are_lost() {
     assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
 }
 
-/// Nothing is remembered of the run before: with the levels told it begins there, without them a person has to look.
-/// What was not remembered counted as zero, which was written in one step.
+/// Nothing is stored: with reported levels the output starts there, without them the operator must check. It used to count as zero and was written in
+/// one step.
 #[test]
-fn what_is_not_remembered_is_not_zero() {
+fn an_unknown_stored_correction_is_not_zero() {
     for tells in [true, false] {
         let mut world = World::lines(&limits());
         world.applied = axes(-0.030, 0.0);
@@ -127,10 +125,9 @@ fn what_is_not_remembered_is_not_zero() {
     }
 }
 
-/// What lines were left with is unknown: disarming has nothing to lead out, and said "ramping-out" until somebody
-/// acknowledged.
+/// The state used to be "ramping-out" until an acknowledgement.
 #[test]
-fn disarming_does_not_ramp_out_what_is_unknown() {
+fn disarming_does_not_ramp_out_an_unknown_correction() {
     let mut world = World::lines(&limits());
     let none = PerChannel::from_fn(|_| f64::NAN);
     let now = world.now;
@@ -148,10 +145,9 @@ fn disarming_does_not_ramp_out_what_is_unknown() {
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
 }
 
-/// Lines that still carried what they had at the first outage of another path began at zero at the second: a step of all
-/// that they carried.
+/// Lines kept the levels of an earlier outage of the other path, and used to start at zero.
 #[test]
-fn lines_that_take_over_begin_with_what_they_carry() {
+fn lines_that_take_over_start_at_their_levels() {
     let mut world = World::lines(&limits());
     world.tells_levels = true;
     world.applied = axes(0.020, 0.0);
@@ -163,9 +159,9 @@ fn lines_that_take_over_begin_with_what_they_carry() {
     assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
 }
 
-/// What lines were left with, nobody knows by whom, is told where their device tells it, and disarming takes it out.
+/// The origin of the levels is unknown.
 #[test]
-fn what_lines_were_left_with_is_told_and_disarming_takes_it_out() {
+fn left_levels_are_reported_and_disarming_ramps_them_out() {
     let mut world = World::lines(&limits());
     let unknown = axes(f64::NAN, f64::NAN);
     world
@@ -184,9 +180,9 @@ fn what_lines_were_left_with_is_told_and_disarming_takes_it_out() {
     assert!(world.largest_step <= allowed(), "{} mm", world.largest_step);
 }
 
-/// A control that goes to zero by itself does so while its lines keep what they carry: they tell nothing then.
+/// A control that goes to zero on its own does so while its lines keep their levels.
 #[test]
-fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
+fn levels_of_a_control_that_times_out_count_only_while_it_is_written() {
     let mut world = World::lines(&limits());
     world.read_back = ReadBack::no_read_back(Some(ControlTimeOut {
         after: Duration::from_millis(200),
@@ -227,10 +223,9 @@ fn lines_of_a_control_that_lets_go_tell_only_while_writes_come() {
     assert_eq!(world.run(3 * SECOND).state, State::Compensating);
 }
 
-/// Lines that never tell anything began at zero whenever they took over, although the control behind them keeps what it has:
-/// a step of all that they carry.
+/// Lines without read-back used to start at zero whenever they took over, although the control keeps its correction.
 #[test]
-fn lines_that_take_over_again_begin_with_what_they_wrote() {
+fn lines_that_take_over_again_start_at_their_last_write() {
     let mut world = World::lines(&limits()).arm();
     world.request(Request::Disarm);
     world.run(10 * PERIOD);
@@ -253,9 +248,9 @@ fn lines_that_take_over_again_begin_with_what_they_wrote() {
     assert_eq!(known, Some(PerChannel::ZERO));
 }
 
-/// What was remembered of the run before may have been written by another path: a person has to look, where it is not zero.
+/// The stored correction may have been written by another path: unless it is zero, the operator must check.
 #[test]
-fn lines_that_take_over_do_not_guess_what_the_run_before_left() {
+fn lines_that_take_over_do_not_guess_the_correction_of_the_previous_run() {
     for (remembered, looked_at, known) in [
         (0.0, false, true),
         (0.020, false, false),
@@ -281,9 +276,9 @@ fn lines_that_take_over_do_not_guess_what_the_run_before_left() {
     }
 }
 
-/// A control that lets go by itself: the last output while it cannot have acted, unknown while it may be on its way, then zero.
+/// The last output while it cannot have acted, unknown while it may be ramping, then zero.
 #[test]
-fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() {
+fn a_control_that_times_out_is_known_by_the_time_since_the_last_write() {
     let (after, to_zero) = (Duration::from_millis(200), Duration::from_millis(300));
     for waited_ms in [0, 100, 190, 210, 300, 490, 510, 2000] {
         let mut world = World::lines(&limits());
@@ -295,22 +290,26 @@ fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() 
         world.read_back.sent(sent, &written, true);
         let now = sent + waited;
         let mut hear = || {
-            world.read_back.hear(now, now, &Told::Nothing, &limits());
-            let known = world.read_back.known();
+            world
+                .read_back
+                .receive(now, now, &CorrectionReport::Missing, &limits());
+            let known = world.read_back.status();
             (
                 known.confirmed.map(|confirmed| confirmed.values),
-                known.until,
+                known.control_acts_at,
             )
         };
         hear();
         let before = hear();
         world.read_back.take_over(now, false);
         let mut hear = || {
-            world.read_back.hear(now, now, &Told::Nothing, &limits());
-            let known = world.read_back.known();
+            world
+                .read_back
+                .receive(now, now, &CorrectionReport::Missing, &limits());
+            let known = world.read_back.status();
             (
                 known.confirmed.map(|confirmed| confirmed.values),
-                known.until,
+                known.control_acts_at,
             )
         };
         assert_eq!(hear(), before, "{waited_ms} ms");
@@ -325,9 +324,8 @@ fn lines_of_a_control_that_lets_go_take_over_by_the_time_since_the_last_write() 
     }
 }
 
-/// Lines that tell nothing: somebody arms while the module takes nothing, disarms again, and mends the module.
 #[test]
-fn lines_that_took_nothing_can_be_armed_once_they_do() {
+fn lines_that_rejected_writes_can_be_armed_once_they_accept_them() {
     let mut world = World::lines(&limits());
     world.write_fails = true;
     world.request(Request::Arm);

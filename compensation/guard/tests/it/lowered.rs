@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Cause, Interlock, Limits, ReadBack, Request, State, Vector, Wanted};
+use volcomp_guard::{
+    Cause, Interlock, Limits, ReadBack, Request, RequestedCorrection, State, Vector,
+};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
@@ -13,13 +15,13 @@ use crate::{
 const CYCLE_S: f64 = 0.004;
 
 /// X follows A with 500 mm for each rad, and no position is wanted beside: the tip misses by X − 500·A.
-fn led_by_a() -> Wanted {
+fn led_by_a() -> RequestedCorrection {
     let mut follow = PerChannel::default();
     follow[3] = of([500.0]);
-    Wanted {
+    RequestedCorrection {
         rotary: of([0.0, 0.0, 0.0, 200e-6]),
         follow,
-        ..Wanted::default()
+        ..RequestedCorrection::default()
     }
 }
 
@@ -43,24 +45,24 @@ fn with_accel(limits: &Limits, accel_per_s2: f64) -> Limits {
 }
 
 /// The most by which the tip misses (mm) on the way within limits that were lowered, as the guard does it.
-fn misses_most(wanted: &Wanted, before: &Limits, after: &Limits) -> (f64, Vector) {
+fn misses_most(requested: &RequestedCorrection, before: &Limits, after: &Limits) -> (f64, Vector) {
     let mut vector = Vector::at(&PerChannel::ZERO);
     for _ in 0..2000 {
-        vector.follow(wanted, before, CYCLE_S);
+        vector.follow(requested, before, CYCLE_S);
     }
     vector.begin_ramp();
     let mut most = 0.0_f64;
     for _ in 0..2000 {
-        vector.follow(wanted, after, CYCLE_S);
+        vector.follow(requested, after, CYCLE_S);
         let output = vector.output();
         most = most.max((output[0] - 500.0 * output[3]).abs());
     }
     (most, vector)
 }
 
-/// X alone came in at its slew, 30 µm ahead of what A then took half a second for: the tip was 50 µm off.
+/// X alone came in at its slew, 30 µm ahead of A, which took half a second: the tip was 50 µm off.
 #[test]
-fn a_lowered_linear_limit_takes_the_rotary_axes_along() {
+fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
     for rotary_slew in [2000e-6, 500e-6, 250e-6, 50e-6] {
         let before = tilting(rotary_slew);
         let mut after = before;
@@ -76,7 +78,7 @@ fn a_lowered_linear_limit_takes_the_rotary_axes_along() {
 }
 
 #[test]
-fn a_lowered_rotary_limit_takes_the_linear_axes_along() {
+fn a_lowered_rotary_limit_reduces_the_linear_shares_too() {
     let before = tilting(2000e-6);
     let mut after = before;
     after.axes[3].limit = 50e-6;
@@ -85,9 +87,9 @@ fn a_lowered_rotary_limit_takes_the_linear_axes_along() {
     assert!((vector.output()[0] - 0.025).abs() < 1e-5);
 }
 
-/// The end of a line that a lowered limit leaves outside is brought in by one factor, as the way there is.
+/// One factor applies to the end of the line, and to the way there.
 #[test]
-fn a_line_that_ends_beyond_a_lowered_limit_takes_all_axes_along() {
+fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
     let before = tilting(2000e-6);
     let to = led_by_a().full();
     for (linear, rotary) in [(1.0, 0.2), (0.2, 1.0), (0.3, 0.2)] {
@@ -108,21 +110,21 @@ fn a_line_that_ends_beyond_a_lowered_limit_takes_all_axes_along() {
     }
 }
 
-/// Without rotary axes: one factor for all, on the way in too.
+/// Also without rotary axes, on the way in.
 #[test]
-fn a_lowered_limit_takes_the_same_part_of_every_share() {
-    let wanted = Wanted::linear(of([0.100, -0.050, 0.020]));
+fn a_lowered_limit_scales_every_share_equally() {
+    let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));
     let before = three();
     let mut after = before;
     after.axes[0].limit = 0.030;
-    let mut vector = Vector::at(&wanted.position);
+    let mut vector = Vector::at(&requested.position);
     for _ in 0..200 {
-        vector.follow(&wanted, &before, CYCLE_S);
+        vector.follow(&requested, &before, CYCLE_S);
     }
     vector.begin_ramp();
     let mut cycles = 0;
     while !vector.is_ramped() {
-        vector.follow(&wanted, &after, CYCLE_S);
+        vector.follow(&requested, &after, CYCLE_S);
         let [x, y, z, ..] = vector.smooth().0;
         assert!((x + 2.0 * y).abs() < 1e-9 && (x - 5.0 * z).abs() < 1e-9);
         cycles += 1;
@@ -131,11 +133,10 @@ fn a_lowered_limit_takes_the_same_part_of_every_share() {
     assert_eq!(vector.output(), of([0.030, -0.015, 0.006]));
 }
 
-/// What moves brakes as hard as it was allowed to until it stands: with the lowered acceleration it ran 105 µm, and up
-/// to the limit, beyond what is wanted.
+/// A moving axis brakes with the previous acceleration until it is at rest: with the lowered one it overshot by 105 µm, up to the limit.
 #[test]
 fn a_lowered_acceleration_does_not_overshoot() {
-    let wanted = Wanted::linear(of([0.091, -0.040, 0.0]));
+    let requested = RequestedCorrection::linear(of([0.091, -0.040, 0.0]));
     for (cycles, part) in [(10, 0.1), (30, 0.025), (40, 0.005), (20, 0.005)] {
         let before = Limits {
             ramp: Duration::from_millis(100),
@@ -146,7 +147,7 @@ fn a_lowered_acceleration_does_not_overshoot() {
         let mut rate = 0.0;
         let mut follow = |vector: &mut Vector, limits: &Limits, accel_per_s2: f64| {
             let stood = vector.smooth()[0];
-            vector.follow(&wanted, limits, CYCLE_S);
+            vector.follow(&requested, limits, CYCLE_S);
             let now = (vector.smooth()[0] - stood) / CYCLE_S;
             let most = accel_per_s2 * CYCLE_S * (1.0 + 1e-6);
             assert!((now - rate).abs() <= most, "{rate} to {now}");
@@ -169,10 +170,9 @@ fn a_lowered_acceleration_does_not_overshoot() {
     }
 }
 
-/// What was on its way to a barrier lands after the limit was lowered, and comes in: it was a correction that nobody has sent,
-/// and the whole correction was lost.
+/// Words in transit to a barrier land after the limit was lowered: this used to count as a foreign correction.
 #[test]
-fn limits_lowered_in_motion_behind_a_slow_way_are_no_fault() {
+fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
         for after in [60, 80, 100, 120, 140] {
             for limit in [0.100, 0.030] {
@@ -191,7 +191,7 @@ fn limits_lowered_in_motion_behind_a_slow_way_are_no_fault() {
     }
 }
 
-/// The same by words that are read back some cycles late, and as a stop begins.
+/// The same with late read-back, and as a stop begins.
 #[test]
 fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
@@ -214,10 +214,10 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
                         ..Interlock::default()
                     })
                 };
-                world.interlocks.see(1, stop(emergency_stop));
+                world.interlocks.update(1, stop(emergency_stop));
                 world.request(Request::Switched);
                 world.run(Duration::from_secs(1));
-                world.interlocks.see(1, stop(false));
+                world.interlocks.update(1, stop(false));
                 let state = world.run(Duration::from_secs(3)).state;
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}, {emergency_stop}");
@@ -227,9 +227,9 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
     }
 }
 
-/// What was sent is no surprise for as long as it may be on its way: found later, nobody has sent it.
+/// A sent correction is accepted only as long as it may be in transit.
 #[test]
-fn what_was_sent_long_before_a_limit_was_lowered_is_a_surprise() {
+fn a_correction_sent_long_before_a_limit_was_lowered_is_a_fault() {
     for found in [0.140, 0.040] {
         let mut world = World::new(&world::limits());
         world.target = Some(axes(0.140, -0.070));
@@ -248,10 +248,9 @@ fn what_was_sent_long_before_a_limit_was_lowered_is_a_surprise() {
     }
 }
 
-/// A path whose axes are in another order and whose limit is 30 µm, as one without a barrier, takes over from one that applies
-/// 140 and -70 µm: what was sent there comes in by a ramp. It was a fault, and the correction stayed in the words.
+/// A path with another axis order and a limit of 30 µm takes over from one that applies 140 and −70 µm: this used to be a fault.
 #[test]
-fn a_path_with_lower_limits_leads_in_what_the_path_before_has_sent() {
+fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     // What the words hold when it takes over: what was sent; more than that; and on one axis what was sent on the other.
     for (found, is_expected) in [
         (axes(-0.070, 0.140), true),
@@ -287,9 +286,9 @@ fn a_path_with_lower_limits_leads_in_what_the_path_before_has_sent() {
     }
 }
 
-/// Two changes of path at once, before anything is known on the one between: what was sent is carried over both, by its axis.
+/// Two changes at once, before anything is known on the path between.
 #[test]
-fn what_was_sent_is_carried_over_two_changes_of_path() {
+fn sent_corrections_are_carried_over_two_changes_of_path() {
     let mut world = World::compensating(&world::limits());
     world.target = Some(axes(0.140, -0.020));
     world.run(Duration::from_secs(2));
@@ -317,10 +316,9 @@ fn what_was_sent_is_carried_over_two_changes_of_path() {
     assert_eq!(state, State::Faulted(Cause::BeyondLimit));
 }
 
-/// X follows A by a lever that is a little different in every cycle, since the machine moves: what was left over comes in within
-/// limits that were lowered before arming all the same, before the test shift begins.
+/// X follows A with a lever that changes in every cycle; a remaining correction is reduced within the lowered limits before the test shift.
 #[test]
-fn limits_lowered_before_arming_come_in_while_the_machine_moves() {
+fn limits_lowered_before_arming_apply_while_the_machine_moves() {
     let mut limits = world::limits();
     let a = &mut limits.axes[1];
     (a.kind, a.limit, a.warn) = (AxisKind::Rotary, 0.0015, 0.001);

@@ -8,8 +8,9 @@ use std::{collections::VecDeque, time::Duration};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    AxisLimits, BarrierLink, ControlTimeOut, Guard, Inputs, Interlock, Interlocks, Limits, Output,
-    PathHealth, ReadBack, Reading, Reasons, Request, Scheme, Selector, State, Told, Wanted,
+    AxisLimits, BarrierLink, ControlTimeOut, CorrectionReport, Guard, Inputs, Interlock,
+    Interlocks, Limits, Output, PathHealth, ReadBack, Reading, Reasons, Request,
+    RequestedCorrection, Scheme, Selector, State,
     barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
     protocol::{Counts, Layout},
 };
@@ -113,19 +114,19 @@ pub(crate) struct Machine {
     beyond: PerChannel<f64>,
     /// What was applied, and from when on, for readings that are late.
     past: VecDeque<(Duration, PerChannel<f64>)>,
-    wanted: Option<Wanted>,
+    requested: Option<RequestedCorrection>,
     positions: PerChannel<f64>,
     interlock: Interlock,
     really_includes: bool,
     forbids: Reasons,
     /// Until then readings are of now, since somebody else changed what is applied.
     prompt_until: Duration,
-    pub(crate) seen: Seen,
+    pub(crate) seen: AxisMotion,
 }
 
 /// What an axis did since this was taken.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Seen {
+pub(crate) struct AxisMotion {
     /// The largest change by one write or in one scan, as a part of what is allowed.
     pub(crate) step: f64,
     /// The largest correction that a write led further out, as a part of its limit, or of what was beyond it when the limit
@@ -228,16 +229,16 @@ impl Machine {
             applied: PerChannel::ZERO,
             beyond: PerChannel::ZERO,
             past: VecDeque::from([(now, PerChannel::ZERO)]),
-            wanted: None,
+            requested: None,
             positions: PerChannel::ZERO,
             interlock: Interlock::default(),
             really_includes: includes,
             forbids: Reasons::NONE,
             prompt_until: now,
-            seen: Seen::default(),
+            seen: AxisMotion::default(),
         };
         machine.ways = (0..ways).map(|_| Way::new(machine.read_back(77))).collect();
-        machine.wanted = Some(machine.any_wanted());
+        machine.requested = Some(machine.any_wanted());
         machine
     }
 
@@ -264,22 +265,22 @@ impl Machine {
     }
 
     /// What a wrong model may ask for.
-    fn any_wanted(&mut self) -> Wanted {
+    fn any_wanted(&mut self) -> RequestedCorrection {
         let count = self.limits.count;
         let random = &mut self.random;
-        let mut wanted = Wanted::default();
+        let mut requested = RequestedCorrection::default();
         let size = if random.random() { 0.3 } else { 0.03 };
         for i in 0..count {
             if i < 3 {
-                wanted.position[i] = random.random_range(-size..size);
+                requested.position[i] = random.random_range(-size..size);
             } else {
-                wanted.rotary[i] = random.random_range(-400e-6..400e-6);
+                requested.rotary[i] = random.random_range(-400e-6..400e-6);
                 for l in 0..3 {
-                    wanted.follow[i][l] = random.random_range(-300.0..300.0);
+                    requested.follow[i][l] = random.random_range(-300.0..300.0);
                 }
             }
         }
-        wanted
+        requested
     }
 
     fn interlocked(&self) -> bool {
@@ -403,26 +404,26 @@ impl Machine {
         }
         let lie = way.lie.take();
         let told = if !way.online || way.hides_applied {
-            Told::Nothing
+            CorrectionReport::Missing
         } else if barrier.is_some() {
-            Told::Report(&words[..length])
-        } else if way.read_back.known().scheme == Scheme::NoReadBack {
-            Told::Nothing
+            CorrectionReport::Barrier(&words[..length])
+        } else if way.read_back.status().scheme == Scheme::NoReadBack {
+            CorrectionReport::Missing
         } else {
-            Told::Values(lie.unwrap_or(applied))
+            CorrectionReport::Values(lie.unwrap_or(applied))
         };
-        way.read_back.hear(now, self.now, &told, &limits);
+        way.read_back.receive(now, self.now, &told, &limits);
         way.reading = way.online.then_some(Reading {
             taken: way.frozen_at.unwrap_or(self.now),
             positions,
         });
         let interlock = way.online.then_some(self.interlock);
-        self.interlocks.see(index, interlock);
+        self.interlocks.update(index, interlock);
     }
 
     /// Whether what the axes have is known once this way writes.
     fn is_ready(&self, index: usize) -> bool {
-        let known = self.ways[index].read_back.known();
+        let known = self.ways[index].read_back.status();
         if index == self.active() {
             return true;
         }
@@ -430,7 +431,7 @@ impl Machine {
             return known.confirmed.is_some();
         }
         let before = &self.ways[self.active()];
-        let zero = before.read_back.zero_by_itself(&self.limits);
+        let zero = before.read_back.zero_after_last_write(&self.limits);
         match before.sent {
             None => true,
             Some(sent) => zero.is_some_and(|wait| self.now.saturating_sub(sent) > wait),
@@ -502,10 +503,10 @@ impl Machine {
         let output = self.guard.cycle(&Inputs {
             now: begun,
             reading: way.reading,
-            known: *way.read_back.known(),
+            read_back: *way.read_back.status(),
             interlocks: self.interlocks.reasons(),
-            wanted: self.wanted,
-            let_go: false,
+            requested: self.requested,
+            fast_ramp_out: false,
             request: request.or(takes_over),
             forbids: self.forbids,
         });
@@ -533,7 +534,7 @@ impl Machine {
         }
         let (active, limits) = (self.active(), self.limits);
         let way = &mut self.ways[active];
-        let has_no_read_back = way.read_back.known().scheme == Scheme::NoReadBack;
+        let has_no_read_back = way.read_back.status().scheme == Scheme::NoReadBack;
         let ok = way.online && !way.fails;
         // What fails may have landed, but on lines.
         let lands = way.online && !way.loses && (ok || !has_no_read_back);

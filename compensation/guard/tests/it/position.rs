@@ -43,9 +43,9 @@ fn told(world: &str, limits: &PositionLimits, readings: &[(f64, f64, Result<(), 
     }
 }
 
-/// The reach is speed · (time + 50 ms): after 10 ms 100 mm, and for a second reading of the same moment 83.3 mm.
+/// The reach is speed · (time + 50 ms): 100 mm after 10 ms, 83.3 mm for a second reading of the same time.
 #[test]
-fn what_is_believed_of_a_linear_axis() {
+fn accepted_positions_of_a_linear_axis() {
     told(
         "the ends, and no way back from beyond but the way that was gone",
         &LINEAR,
@@ -94,9 +94,9 @@ fn what_is_believed_of_a_linear_axis() {
     );
 }
 
-/// However long a wrong position lasts, it does not become believable, nor does a silence make it so.
+/// Neither time nor silence makes a wrong position acceptable.
 #[test]
-fn a_jump_is_not_believed_after_the_time_that_it_would_have_taken() {
+fn a_jump_is_never_accepted_after_a_while() {
     let mut check = PositionCheck::default();
     assert_eq!(check.judge(&LINEAR, 100.0, ms(0.0)), OK);
     for reading in 1..100_000 {
@@ -124,9 +124,9 @@ fn a_jump_is_not_believed_after_the_time_that_it_would_have_taken() {
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
 }
 
-/// A jump that a filter spreads over many readings: the 50 ms count once, and come back while the axis stands.
+/// A jump spread by a filter: the 50 ms count once, and recover while the axis is at rest.
 #[test]
-fn a_row_of_small_jumps_goes_no_farther_than_one() {
+fn repeated_small_jumps_reach_no_farther_than_one() {
     let step = RAPID * 0.030;
     told(
         "each step has 10 ms of the 30 ms that it takes",
@@ -143,9 +143,8 @@ fn a_row_of_small_jumps_goes_no_farther_than_one() {
     );
 }
 
-/// Between two places that are out of reach of each other, only the first is believed.
 #[test]
-fn a_position_that_alternates_is_believed_at_one_place() {
+fn an_alternating_position_is_accepted_at_one_place() {
     let mut check = PositionCheck::default();
     for reading in 0..1000 {
         let there = reading % 2 == 1;
@@ -156,7 +155,7 @@ fn a_position_that_alternates_is_believed_at_one_place() {
 }
 
 #[test]
-fn what_is_believed_of_a_rotary_axis() {
+fn accepted_positions_of_a_rotary_axis() {
     told(
         "a table that rolls over",
         &TABLE,
@@ -185,10 +184,9 @@ fn what_is_believed_of_a_rotary_axis() {
 }
 
 proptest! {
-    /// Who moves at rapid at the most is believed, with cycles of any length, with silences, and where positions are up to 25 ms
-    /// older or younger than they are said to be.
+    /// Any cycle length, silences, and timestamps wrong by up to 25 ms.
     #[test]
-    fn an_axis_that_moves_as_fast_as_it_can_is_believed(
+    fn an_axis_at_maximum_speed_is_accepted(
         steps in prop::collection::vec((1_u32..=100, -1.0..=1.0_f64, -25.0..=25.0_f64), 1..200),
         silence in 0_u32..3000,
     ) {
@@ -208,9 +206,9 @@ proptest! {
         }
     }
 
-    /// A turn at the fastest, told between 0 and 360.
+    /// Positions are reported between 0° and 360°.
     #[test]
-    fn a_table_that_turns_as_fast_as_it_can_is_believed(
+    fn a_table_at_maximum_speed_is_accepted(
         begins in 0.0..360.0_f64, cycle in 1_u32..100, clockwise in any::<bool>(),
     ) {
         let mut check = PositionCheck::default();

@@ -3,11 +3,11 @@
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 
 use volcomp_guard::{
-    AxisLimits, Limits, Moves, Proof, Proven, Reading, Reasons, Request, State, Verdict,
+    AxisLimits, AxisProof, Limits, MotionHistory, Proof, Reading, Reasons, Request, State, Verdict,
 };
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
-use Proven::{Contained, NotContained, NotProven};
+use AxisProof::{Contained, NotContained, NotProven};
 
 use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
 
@@ -35,7 +35,7 @@ struct Axis {
 
 struct Rig {
     limits: Limits,
-    moves: Moves,
+    moves: MotionHistory,
     now: Duration,
     machine: [Axis; 2],
     history: VecDeque<[f64; 2]>,
@@ -51,7 +51,7 @@ impl Rig {
                 test_shift: PerChannel([SHIFT; 9]),
                 ..*limits
             },
-            moves: Moves::default(),
+            moves: MotionHistory::default(),
             now: SECOND,
             machine,
             history: VecDeque::new(),
@@ -91,7 +91,7 @@ impl Rig {
             }
         });
         self.moves
-            .see(self.now, &positions, &self.output, &self.limits);
+            .update(self.now, &positions, &self.output, &self.limits);
         positions
     }
 
@@ -128,14 +128,14 @@ fn axes_of(of: impl Fn(usize) -> f64) -> PerChannel<f64> {
     axes(of(0), of(1))
 }
 
-fn proven(machine: [Axis; 2]) -> [Proven; 2] {
+fn proven(machine: [Axis; 2]) -> [AxisProof; 2] {
     let (verdict, _) = Rig::new(&limits(), machine, PerChannel::ZERO).prove(20 * SECOND);
     let axes = verdict.expect("a verdict").axes;
     [axes[0], axes[1]]
 }
 
 #[test]
-fn each_axis_has_a_result_of_its_own() {
+fn each_axis_has_its_own_result() {
     let plain = Axis::default();
     let contains = Axis {
         contains: true,
@@ -160,9 +160,8 @@ fn each_axis_has_a_result_of_its_own() {
     assert_eq!(proven([stood_contains, stood]), [Contained, NotProven]);
 }
 
-/// Words of another unit: the position follows both ways by one factor. It was taken for motion of the machine, and shifted
-/// again without end (more than 2.5 times), or compensated with (twice). A tenth of the shift is less than a count that
-/// flickers: that position stays, which contradicts only where it should contain the correction.
+/// Words of another unit: the position follows both ways by another factor. This used to count as motion of the machine and to repeat for ever (above
+/// 2.5), or was compensated with (2). A tenth of the shift is less than a flickering count: that position stays.
 #[test]
 fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     for factor in [2.0, 10.0, 17.45, 0.5, 0.1, -1.0, -3.0] {
@@ -188,9 +187,9 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
     }
 }
 
-/// A rotary table that is parked at zero, which is also a whole turn: the shift was taken for a turn, and made again for ever.
+/// A rotary table at zero, which is also a whole turn: the shift used to count as a turn and was repeated for ever.
 #[test]
-fn a_shift_over_the_roll_over_is_a_shift() {
+fn a_shift_across_the_roll_over_is_found() {
     let mut limits = limits();
     limits.axes[0].kind = AxisKind::Rotary;
     limits.axes[0].includes_correction = true;
@@ -211,9 +210,9 @@ fn a_shift_over_the_roll_over_is_a_shift() {
     }
 }
 
-/// One write of the shift that failed, or missed its deadline, hung the proof: the axes stood, and it waited for standstill.
+/// The axes stood still, and the proof kept waiting for standstill.
 #[test]
-fn one_write_that_is_not_sent_does_not_hang_the_proof() {
+fn one_unsent_write_does_not_block_the_proof() {
     for missed in 0..300 {
         let mut limits = limits();
         limits.test_shift = PerChannel([SHIFT; 9]);
@@ -230,7 +229,7 @@ fn one_write_that_is_not_sent_does_not_hang_the_proof() {
     }
 }
 
-/// A position that shows a shift late, or creeps, or flickers by one of the four counts of a shift.
+/// A position that shows the shift late, creeps, or flickers by a quarter of the shift.
 #[test]
 fn slow_creeping_and_flickering_positions() {
     for contains in [false, true] {
@@ -268,7 +267,7 @@ fn slow_creeping_and_flickering_positions() {
     }
 }
 
-/// Both signs; near the limit inwards and back. Never beyond the limit.
+/// Near the limit the shift goes inwards and back.
 #[test]
 fn the_shift_goes_both_ways_and_stays_within_the_limit() {
     let machine = [Axis {
@@ -297,7 +296,7 @@ fn the_shift_goes_both_ways_and_stays_within_the_limit() {
 }
 
 #[test]
-fn an_axis_without_a_shift_is_not_proven_and_does_not_hinder() {
+fn an_axis_without_a_shift_is_not_proven_and_does_not_block() {
     let mut rig = Rig::new(&limits(), [Axis::default(); 2], PerChannel::ZERO);
     rig.limits.test_shift[1] = 0.0;
     let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
@@ -322,7 +321,6 @@ fn a_contradiction_names_its_axis() {
     assert_eq!(verdict.contradicts[..2], [true, false]);
 }
 
-/// Motion older than 10 s shows nothing any more.
 #[test]
 fn only_motion_of_the_last_ten_seconds_counts() {
     for (wait, expected) in [(8, NotContained), (10, NotProven)] {
@@ -336,7 +334,7 @@ fn only_motion_of_the_last_ten_seconds_counts() {
     }
 }
 
-/// The correction alone is no motion, whether positions contain it or not.
+/// Whether positions contain it or not.
 #[test]
 fn a_correction_is_no_motion_of_the_axis() {
     for contains in [false, true] {
@@ -350,19 +348,19 @@ fn a_correction_is_no_motion_of_the_axis() {
             rig.output[0] = 0.1 * (f64::from(cycle) * 0.05).sin();
             rig.reading();
         }
-        assert!(!rig.moves.lately(rig.now, 0));
-        assert!(!rig.moves.lately(rig.now, 1));
+        assert!(!rig.moves.moved_recently(rig.now, 0));
+        assert!(!rig.moves.moved_recently(rig.now, 1));
         rig.machine[0].stood = false;
         rig.reading();
-        assert!(rig.moves.lately(rig.now, 0));
-        assert!(!rig.moves.lately(rig.now + 11 * SECOND, 0));
-        assert!(!rig.moves.lately(rig.now, 99));
+        assert!(rig.moves.moved_recently(rig.now, 0));
+        assert!(!rig.moves.moved_recently(rig.now + 11 * SECOND, 0));
+        assert!(!rig.moves.moved_recently(rig.now, 99));
     }
 }
 
-/// A position that stays as it is, with fresh times, passed for one that does not contain the correction.
+/// A constant position with fresh timestamps used to count as one without the correction.
 #[test]
-fn a_frozen_position_proves_nothing_and_that_is_told() {
+fn a_frozen_position_is_reported_as_not_proven() {
     let mut world = World::new(&Limits {
         test_shift: PerChannel([SHIFT; 9]),
         ..limits()
@@ -385,7 +383,7 @@ fn a_frozen_position_proves_nothing_and_that_is_told() {
     assert_eq!(world.guard.verdict().proven[..2], [false, false]);
 }
 
-/// The positions of another path have another zero: the difference was taken for motion of the axis.
+/// Positions of another path have another zero: the difference used to count as motion.
 #[test]
 fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     let limits = Limits {
@@ -446,7 +444,7 @@ fn proves(world: &mut World, lever_mm: f64) -> [f64; 2] {
     [off, turned]
 }
 
-/// X and a table under a tool 400 mm from its centre were shifted at once: the tip was 33 µm off.
+/// X and a table under a tool 400 mm off its centre used to be shifted at once: the tip was 33 µm off.
 #[test]
 fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     for includes_correction in [true, false] {
@@ -465,7 +463,7 @@ fn the_tip_stays_while_a_rotary_axis_is_shifted() {
     }
 }
 
-/// Where the linear axes have no room to follow, a rotary axis is not shifted, and that is told.
+/// The linear axes have no room to follow; the rotary axis is reported as not proven.
 #[test]
 fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     let mut world = World::new(&with_table(false));
@@ -476,8 +474,7 @@ fn a_rotary_axis_that_cannot_be_followed_is_not_shifted() {
     assert!(output.reasons.contains(Reasons::NOT_PROVEN));
 }
 
-/// Positions that come once each second, each a second old: at every cycle the same one counted as another reading, so that it had
-/// stayed before it could have followed.
+/// Positions come once per second, each a second old: the same position used to count as another reading in every cycle.
 #[test]
 fn slow_positions_prove_what_they_contain() {
     let ms = Duration::from_millis;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisLimits, Limits, Request, State, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, Request, RequestedCorrection, State, Vector};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
@@ -62,10 +62,9 @@ fn a_line_takes_the_ramp_or_as_long_as_its_slowest_axis() {
     assert!((short_s - 0.08).abs() < 0.005, "{short_s}");
 }
 
-/// What is foretold of the way to zero is what it takes, whether slew, acceleration or the twenty cycles hold it back. It
-/// was foretold without the acceleration: 80 ms instead of 121 ms.
+/// Bounded by slew, acceleration or the twenty cycles. Without the acceleration it used to be 80 ms instead of 121 ms.
 #[test]
-fn the_time_to_zero_is_what_a_line_takes() {
+fn the_predicted_time_to_zero_is_that_of_a_line() {
     for slew_per_s in [0.05, 0.4, 5.0] {
         for accel_per_s2 in [0.5, 10.0, 200.0, f64::INFINITY] {
             for x in [0.001, 0.020, 0.140] {
@@ -96,7 +95,7 @@ fn the_time_to_zero_is_what_a_line_takes() {
     }
 }
 
-/// The line ends on the step that it was given, also from a value off the grid.
+/// The line ends exactly at its goal, also from a value off the grid.
 #[test]
 fn a_correction_off_the_grid_goes_to_zero() {
     let limits = five(0.0);
@@ -108,11 +107,11 @@ fn a_correction_off_the_grid_goes_to_zero() {
 }
 
 #[test]
-fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
+fn a_ramp_takes_its_time_and_begins_at_the_present_correction() {
     let limits = five(0.0);
     let mut follow = PerChannel::default();
     follow[3] = of([0.0, 200.0, -100.0]);
-    let wanted = Wanted {
+    let requested = RequestedCorrection {
         position: of([0.030, -0.020, 0.010]),
         rotary: of([0.0, 0.0, 0.0, 50e-6]),
         follow,
@@ -122,23 +121,23 @@ fn a_ramp_takes_its_time_and_begins_where_the_correction_stands() {
         let mut cycles = 0;
         while !vector.is_ramped() {
             let before = vector.smooth();
-            let followed = vector.follow(&wanted, &limits, 0.004);
+            let followed = vector.follow(&requested, &limits, 0.004);
             assert!(!followed.slewing, "{followed:?}");
             cycles += 1;
             for i in 0..5 {
-                let most = (wanted.full()[i] - from[i]).abs() / 120.0 + 1e-6;
+                let most = (requested.full()[i] - from[i]).abs() / 120.0 + 1e-6;
                 assert!((vector.smooth()[i] - before[i]).abs() <= most);
             }
         }
         assert!((124..=126).contains(&cycles), "{cycles}");
         for i in 0..5 {
             let step = limits.axes[i].resolution;
-            assert!((vector.output()[i] - wanted.full()[i]).abs() < 0.51 * step);
+            assert!((vector.output()[i] - requested.full()[i]).abs() < 0.51 * step);
         }
     }
 }
 
-/// A ramp that the slew of one axis allows in two seconds only takes two seconds for all axes, and it is said.
+/// If one axis needs two seconds at its slew, all take two seconds, and this is reported.
 #[test]
 fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut limits = three();
@@ -146,7 +145,11 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     let mut vector = Vector::default();
     let mut cycles = 0;
     while !vector.is_ramped() {
-        let followed = vector.follow(&Wanted::linear(of([0.1, 0.02, -0.05])), &limits, 0.004);
+        let followed = vector.follow(
+            &RequestedCorrection::linear(of([0.1, 0.02, -0.05])),
+            &limits,
+            0.004,
+        );
         let [x, y, z, ..] = vector.smooth().0;
         assert!((x - 5.0 * y).abs() < 1e-9 && (z + 2.5 * y).abs() < 1e-9);
         assert!(!followed.behind && (followed.slewing || vector.is_ramped()));
@@ -155,12 +158,12 @@ fn a_ramp_that_is_too_fast_for_an_axis_is_slower_for_all() {
     assert!((499..=502).contains(&cycles), "{cycles}");
 }
 
-/// A line ended with a last motion that was forgotten: what began in the next cycle accelerated by it more than it may.
+/// The next motion used to exceed the acceleration by the forgotten rate.
 #[test]
-fn what_begins_after_a_line_begins_with_its_last_rate() {
+fn a_motion_after_a_line_starts_with_its_last_rate() {
     let limits = five(0.118);
     // Back to where it came from.
-    let wanted = Wanted::linear(of([0.260, 0.0, 0.0]));
+    let requested = RequestedCorrection::linear(of([0.260, 0.0, 0.0]));
     for from_um in 1..150_u32 {
         for dt in [0.004, 0.0013, 0.020] {
             let mut vector = Vector::at(&of([f64::from(from_um) * 1e-3, -0.004, 0.0]));
@@ -171,7 +174,7 @@ fn what_begins_after_a_line_begins_with_its_last_rate() {
                 let arrived = if on_line {
                     vector.advance_line(&limits, dt)
                 } else {
-                    vector.follow(&wanted, &limits, dt);
+                    vector.follow(&requested, &limits, dt);
                     false
                 };
                 for (i, axis) in limits.axes.iter().enumerate().take(3) {
@@ -195,10 +198,9 @@ fn what_begins_after_a_line_begins_with_its_last_rate() {
     }
 }
 
-/// One wrong position in the cycle in which a ramp begins asked for 20 mm: the correction went to the opposite limit, and
-/// came back after nine seconds.
+/// A single request of 20 mm used to send the correction to the opposite limit for nine seconds.
 #[test]
-fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
+fn an_absurd_request_at_the_start_of_a_ramp_ends_with_the_ramp() {
     let mut linear = three();
     let mut rotary = five(0.0);
     for axis in linear.axes.iter_mut().chain(&mut rotary.axes).take(3) {
@@ -208,7 +210,7 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     let right = |follow_mm: f64| {
         let mut follow = PerChannel::default();
         follow[3] = of([follow_mm]);
-        Wanted {
+        RequestedCorrection {
             position: of([0.010]),
             rotary: of([0.0, 0.0, 0.0, 100e-6]),
             follow,
@@ -216,17 +218,17 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     };
     for from in [PerChannel::ZERO, of([0.020, 0.0, 0.0, 100e-6])] {
         for absurd in [1.0, 20.0, 1e3, 1e5, -1e12] {
-            for (limits, wanted, wrong) in [
+            for (limits, requested, wrong) in [
                 (
                     linear,
-                    Wanted::linear(of([0.010])),
-                    Wanted::linear(of([absurd])),
+                    RequestedCorrection::linear(of([0.010])),
+                    RequestedCorrection::linear(of([absurd])),
                 ),
                 // The levers are as wrong as the position.
                 (
                     rotary,
                     right(100.0),
-                    Wanted {
+                    RequestedCorrection {
                         position: of([absurd]),
                         ..right(1e3 * absurd)
                     },
@@ -238,13 +240,13 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
                 vector.follow(&wrong, &limits, 0.004);
                 let mut cycles = 1;
                 while !vector.is_ramped() {
-                    vector.follow(&wanted, &limits, 0.004);
+                    vector.follow(&requested, &limits, 0.004);
                     cycles += 1;
                     assert!(cycles <= 140, "{absurd}: {vector:?}");
                 }
-                let most = wanted.full()[0];
+                let most = requested.full()[0];
                 for _ in 0..25 {
-                    vector.follow(&wanted, &limits, 0.004);
+                    vector.follow(&requested, &limits, 0.004);
                 }
                 assert!(
                     (vector.output()[0] - most).abs() < 0.001,
@@ -255,9 +257,9 @@ fn one_absurd_cycle_at_the_beginning_of_a_ramp_ends_with_the_ramp() {
     }
 }
 
-/// A ramp of five seconds. On its way X is wanted 5 µm beyond its limit, as on any machine with a limit: Y goes on by the ramp.
+/// During a ramp of 5 s, X is requested 5 µm beyond its limit: Y continues its ramp.
 #[test]
-fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
+fn a_request_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
     let limits = Limits {
         ramp: Duration::from_secs(5),
         ..three()
@@ -269,7 +271,11 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
         // The machine goes on: 0.2 µm more in each cycle.
         let x = (0.100 + 0.0002 * f64::from(cycle)).min(0.155);
         let before = vector.smooth()[1];
-        vector.follow(&Wanted::linear(of([x, -0.120, 0.0])), &limits, 0.004);
+        vector.follow(
+            &RequestedCorrection::linear(of([x, -0.120, 0.0])),
+            &limits,
+            0.004,
+        );
         let rate = (vector.smooth()[1] - before).abs() / 0.004;
         largest = largest.max(rate);
     }
@@ -278,32 +284,32 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
 }
 
 /// By how much the tip is off along X, Y, Z, mm: the linear axes against what belongs to A and C where these are.
-fn tip_misses(wanted: &Wanted, at: &PerChannel<f64>) -> f64 {
+fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
     let off = |l: usize| {
-        let follows = wanted.follow[3][l] * at[3] + wanted.follow[4][l] * at[4];
-        at[l] - follows - wanted.position[l]
+        let follows = requested.follow[3][l] * at[3] + requested.follow[4][l] * at[4];
+        at[l] - follows - requested.position[l]
     };
     (0..3).map(|l| off(l).powi(2)).sum::<f64>().sqrt()
 }
 
 /// What is wanted of five axes, by any levers to 0.4 m.
-fn any_wanted(random: &mut ChaCha8Rng) -> Wanted {
+fn any_wanted(random: &mut ChaCha8Rng) -> RequestedCorrection {
     let mut share = |size: f64| random.random_range(-size..size);
     let mut follow = PerChannel::default();
     for rotary in [3, 4] {
         follow[rotary] = of([share(400.0), share(400.0), share(400.0)]);
     }
-    Wanted {
+    RequestedCorrection {
         position: of([share(0.2), share(0.2), share(0.2)]),
         rotary: of([0.0, 0.0, 0.0, share(300e-6), share(300e-6)]),
         follow,
     }
 }
 
-/// Limits of linear and rotary axes are lowered and raised at random, and other models come: while nothing is behind, the tip is
-/// no further off than without correction or than where the ramp began, but for the rounding.
+/// Random changes of limits and models: unless reported as behind, the tip is no further off than without correction or than at the start of the
+/// ramp, except for rounding.
 #[test]
-fn the_tip_is_never_further_off_than_where_the_ramp_began() {
+fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
     for seed in 0..60_u64 {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut limits = five(if random.random() { 0.0 } else { 0.05 });
@@ -314,9 +320,9 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
                 1e-8
             };
         }
-        let mut wanted = any_wanted(&mut random);
+        let mut requested = any_wanted(&mut random);
         let mut vector = Vector::default();
-        let mut begun = tip_misses(&wanted, &vector.smooth());
+        let mut begun = tip_misses(&requested, &vector.smooth());
         for cycle in 0..3000 {
             let what = random.random_range(0..200);
             if what < 3 {
@@ -332,15 +338,15 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
                             axis.warn = axis.limit;
                         }
                     }
-                    1 => wanted = any_wanted(&mut random),
+                    1 => requested = any_wanted(&mut random),
                     _ => vector = Vector::at(&vector.smooth()),
                 }
                 vector.begin_ramp();
-                begun = tip_misses(&wanted, &vector.smooth());
+                begun = tip_misses(&requested, &vector.smooth());
             }
-            let followed = vector.follow(&wanted, &limits, 0.004);
-            let off = tip_misses(&wanted, &vector.smooth());
-            let without = tip_misses(&wanted, &PerChannel::ZERO);
+            let followed = vector.follow(&requested, &limits, 0.004);
+            let off = tip_misses(&requested, &vector.smooth());
+            let without = tip_misses(&requested, &PerChannel::ZERO);
             if followed.behind {
                 begun = begun.max(off);
             } else {
@@ -351,10 +357,9 @@ fn the_tip_is_never_further_off_than_where_the_ramp_began() {
     }
 }
 
-/// A control that was left between two steps is led to zero, also where a cycle slews less than a step and the next
-/// whole step is as far as a word may be from what is applied.
+/// Also if a cycle slews less than a step, and the next whole step is as far as a word may be from the applied correction.
 #[test]
-fn what_stands_between_steps_is_ramped_out() {
+fn a_correction_between_steps_ramps_out() {
     for seed in 0..2000 {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let accel_s = if random.random_bool(0.5) { 0.0 } else { 0.02 };
@@ -389,10 +394,9 @@ fn what_stands_between_steps_is_ramped_out() {
     }
 }
 
-/// A rotary axis with an acceleration, linear ones without: what went back to zero stands a hair beside it, and the ramp
-/// to zero never begins.
+/// The rotary axis, with an acceleration limit, had returned to almost zero, and the ramp never began.
 #[test]
-fn a_ramp_to_zero_ends_where_a_rotary_axis_went_back_to_zero_before() {
+fn a_ramp_to_zero_ends_with_a_rotary_axis_already_at_zero() {
     let mut limits = limits();
     limits.count = 2;
     limits.axes[0].accel_per_s2 = f64::INFINITY;
@@ -419,16 +423,16 @@ fn a_ramp_to_zero_ends_where_a_rotary_axis_went_back_to_zero_before() {
 }
 
 /// How long the ramp takes of a correction that is wanted beyond the limit, s; infinite: two minutes and more.
-fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, wanted: [f64; 2]) -> f64 {
+fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, requested: [f64; 2]) -> f64 {
     let mut limits = limits();
     limits.ramp = ramp;
     for axis in &mut limits.axes {
         (axis.limit, axis.warn, axis.slew_per_s, axis.accel_per_s2) = (limit, limit, slew, accel);
     }
-    let wanted = Wanted::linear(axes(wanted[0], wanted[1]));
+    let requested = RequestedCorrection::linear(axes(requested[0], requested[1]));
     let mut vector = Vector::default();
     for cycle in 1..=30_000_u32 {
-        vector.follow(&wanted, &limits, 0.004);
+        vector.follow(&requested, &limits, 0.004);
         if vector.is_ramped() {
             return f64::from(cycle) * 0.004;
         }
@@ -436,26 +440,25 @@ fn ramp_s(limit: f64, slew: f64, accel: f64, ramp: Duration, wanted: [f64; 2]) -
     f64::INFINITY
 }
 
-/// The ramp of what is wanted beyond the limit takes no longer than the ramp, or than slew and acceleration need for all that
-/// is wanted, twice.
+/// At most twice the ramp time, or twice the time that slew and acceleration need for the whole request.
 #[test]
-fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
+fn the_ramp_to_a_request_beyond_a_limit_ends_in_time() {
     let mut wrong = 0;
     for limit in [0.030, 0.050, 0.100] {
         for slew in [0.05, 0.5] {
             for accel in [0.2, 2.0, 10.0, f64::INFINITY] {
                 for ramp_ms in [100, 2000] {
-                    for wanted in [[0.040, 0.0], [0.186, 0.0], [0.186, -0.172], [0.060, 0.040]] {
+                    for requested in [[0.040, 0.0], [0.186, 0.0], [0.186, -0.172], [0.060, 0.040]] {
                         let ramp = Duration::from_millis(ramp_ms);
-                        let taken_s = ramp_s(limit, slew, accel, ramp, wanted);
-                        let most = wanted[0].abs();
+                        let taken_s = ramp_s(limit, slew, accel, ramp, requested);
+                        let most = requested[0].abs();
                         let alone_s = (most / slew + 2.0 * slew / accel)
                             .max(2.0 * (2.0 * most / accel).sqrt());
                         let allowed_s = 2.0 * ramp.as_secs_f64().max(alone_s) + 0.1;
                         if taken_s > allowed_s {
                             wrong += 1;
                             println!(
-                                "limit {limit} slew {slew} accel {accel} ramp {ramp_ms} ms wanted {wanted:?}: {taken_s} s, {allowed_s} s allowed"
+                                "limit {limit} slew {slew} accel {accel} ramp {ramp_ms} ms wanted {requested:?}: {taken_s} s, {allowed_s} s allowed"
                             );
                         }
                     }
@@ -467,8 +470,7 @@ fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
 }
 
 proptest! {
-    /// However fast slew and ramp allow, after k cycles no more than k twentieths of the way are gone: in, out, and to
-    /// another target.
+    /// However fast slew and ramp are, at most k twentieths of the way are covered after k cycles: in, out, and to another target.
     #[test]
     fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
         let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };

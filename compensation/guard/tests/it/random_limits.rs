@@ -6,7 +6,8 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    BarrierLink, Cause, Interlock, Limits, ReadBack, Request, State, Told, barrier::REPORT_WORDS,
+    BarrierLink, Cause, CorrectionReport, Interlock, Limits, ReadBack, Request, State,
+    barrier::REPORT_WORDS,
 };
 use volcomp_vocabulary::PerChannel;
 
@@ -33,7 +34,7 @@ fn shows(world: &mut World, emergency_stop: bool) {
         emergency_stop,
         ..Interlock::default()
     };
-    world.interlocks.see(1, Some(interlock));
+    world.interlocks.update(1, Some(interlock));
 }
 
 /// The way that stands by is asked.
@@ -43,11 +44,11 @@ fn is_asked(standby: &mut ReadBack, world: &World) {
     };
     let mut words = [0; REPORT_WORDS];
     let length = barrier.report().encode(&mut words);
-    let told = Told::Report(&words[..length]);
-    standby.hear(world.now, world.now, &told, world.guard.limits());
+    let told = CorrectionReport::Barrier(&words[..length]);
+    standby.receive(world.now, world.now, &told, world.guard.limits());
 }
 
-/// Behind a barrier some cycles away, to which another way leads, too.
+/// Behind a barrier some cycles away, with a second path to it.
 #[test]
 fn random_changes_of_limits_are_no_fault() {
     // Beside any: those in which an axis moved in a stop, and one in which what was sent was a fault, once.
@@ -154,8 +155,7 @@ impl Window {
     }
 }
 
-/// The same by words that are read back some cycles late, or not at all for a while, and a way that names the axes the
-/// other way round.
+/// The same with late or missing read-back, and a path with another axis order.
 #[test]
 fn random_changes_of_limits_without_a_barrier_are_no_fault() {
     for seed in 0..400_u64 {

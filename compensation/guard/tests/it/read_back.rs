@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{ControlTimeOut, Known, ReadBack, Told};
+use volcomp_guard::{ControlTimeOut, CorrectionReport, ReadBack, ReadBackStatus};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, limits};
@@ -10,24 +10,24 @@ use crate::world::{PERIOD, STEP, limits};
 const MS: Duration = Duration::from_millis(1);
 
 /// Hears the same values in each of some cycles, as of `late` before each of them. What is known then, and when that was.
-fn heard(read_back: &mut ReadBack, late: Duration) -> (Known, Duration) {
+fn heard(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration) {
     let (limits, values) = (limits(), PerChannel::leading([5.0 * STEP]));
     let mut now = Duration::from_secs(1);
     for _ in 0..20 {
         now += PERIOD;
-        read_back.hear(
+        read_back.receive(
             now,
             now.saturating_sub(late),
-            &Told::Values(values),
+            &CorrectionReport::Values(values),
             &limits,
         );
     }
-    (*read_back.known(), now)
+    (*read_back.status(), now)
 }
 
-/// A reading confirms as of when it held, however late it is heard; one older than `hold` confirms nothing.
+/// However late it is received; readings older than `hold` confirm nothing.
 #[test]
-fn a_reading_confirms_as_of_when_it_held() {
+fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;
     for late in [Duration::ZERO, 7 * MS, hold] {
         let (known, now) = heard(&mut ReadBack::plain(Duration::ZERO), late);
@@ -39,10 +39,9 @@ fn a_reading_confirms_as_of_when_it_held() {
     assert_eq!((known.confirmed, known.writable), (None, false));
 }
 
-/// What was told last is told again and again, with its time: it grows old, nothing is written on it, and what was sent counts as
-/// not landed only for as long as readings came.
+/// Nothing is written on it, and sent corrections count as missing only while readings arrive.
 #[test]
-fn a_reading_that_is_repeated_grows_old() {
+fn a_repeated_reading_ages() {
     let limits = limits();
     let mut read_back = ReadBack::plain(Duration::ZERO);
     let (known, last) = heard(&mut read_back, Duration::ZERO);
@@ -50,10 +49,10 @@ fn a_reading_that_is_repeated_grows_old() {
     let mut now = last;
     for _ in 0..2000 {
         now += PERIOD;
-        read_back.hear(now, last, &Told::Values(values), &limits);
+        read_back.receive(now, last, &CorrectionReport::Values(values), &limits);
         read_back.sent(now, &PerChannel::leading([6.0 * STEP]), true);
     }
-    let known = read_back.known();
+    let known = read_back.status();
     assert_eq!(known.confirmed.map(|confirmed| confirmed.at), Some(last));
     assert!(!known.writable);
     let unlanded = known.unlanded_since.map(|since| now.saturating_sub(since));
@@ -63,10 +62,8 @@ fn a_reading_that_is_repeated_grows_old() {
     );
 }
 
-/// Lines of which it was not known what they carry are known from the first readings that the device tells, also where these
-/// are some cycles old.
 #[test]
-fn lines_are_known_by_readings_that_are_late() {
+fn late_readings_reveal_the_levels_of_lines() {
     let control = ControlTimeOut {
         after: 200 * MS,
         to_zero: 100 * MS,
@@ -75,7 +72,7 @@ fn lines_are_known_by_readings_that_are_late() {
         let mut read_back = ReadBack::no_read_back(control);
         let unknown = PerChannel::from_fn(|_| f64::NAN);
         read_back.restore(Duration::ZERO, &unknown, Duration::ZERO, &limits());
-        assert_eq!(read_back.known().confirmed, None);
+        assert_eq!(read_back.status().confirmed, None);
         let (known, now) = heard(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
         // Lines of a control that has gone to zero by itself say nothing of it.
@@ -89,9 +86,8 @@ fn lines_are_known_by_readings_that_are_late() {
     }
 }
 
-/// Whatever an integrator passes, nothing panics.
 #[test]
-fn absurd_times_and_counts_are_no_panic() {
+fn extreme_times_and_counts_do_not_panic() {
     use volcomp_guard::{
         BarrierLink, ControlTimeOut, Limits, barrier::Settings, barrier_misfits, scans_fit,
     };
@@ -122,15 +118,20 @@ fn absurd_times_and_counts_are_no_panic() {
     ] {
         for now in [Duration::ZERO, endless] {
             let values = PerChannel([0.001; 9]);
-            read_back.hear(now, now, &Told::Values(values), &limits);
+            read_back.receive(now, now, &CorrectionReport::Values(values), &limits);
             read_back.restore(now, &values, endless, &limits);
             read_back.sent(now, &values, true);
-            read_back.hear(now, endless, &Told::Report(&[u16::MAX; 60]), &limits);
+            read_back.receive(
+                now,
+                endless,
+                &CorrectionReport::Barrier(&[u16::MAX; 60]),
+                &limits,
+            );
             read_back.take_over(now, false);
             read_back.acknowledge(now);
             let _ = (
-                read_back.zero_by_itself(&limits),
-                read_back.known().holds(&limits),
+                read_back.zero_after_last_write(&limits),
+                read_back.status().holds(&limits),
             );
         }
     }

@@ -41,10 +41,10 @@ fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
     let all_down: [Step; 1] = [(1, [DOWN, DOWN], (0, 0, false, false))];
     for steps in [&goes_down[..], &is_unknown, &all_down] {
         let mut selector = Selector::new(Duration::from_secs(2));
-        for (second, health, (active, wanted, switched, blocked)) in steps {
+        for (second, health, (active, preferred, switched, blocked)) in steps {
             let expected = Choice {
                 active: *active,
-                wanted: *wanted,
+                preferred: *preferred,
                 switched: *switched,
                 blocked: *blocked,
             };

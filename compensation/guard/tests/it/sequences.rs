@@ -136,7 +136,7 @@ proptest! {
     }
 }
 
-/// The sequences are about something: all states are visited, however the control is reached.
+/// With every kind of control.
 #[test]
 fn sequences_visit_every_state() {
     for kind in KINDS {
@@ -158,9 +158,8 @@ fn sequences_visit_every_state() {
     }
 }
 
-/// Sequences that led an axis too far once, or never to zero.
 #[test]
-fn sequences_that_failed_once() {
+fn sequences_that_once_failed() {
     for (seed, kind, axes, ways, cycles) in FAILED {
         assert_eq!(
             run(seed, kind, axes, ways, cycles).map(|_| ()),

@@ -65,7 +65,7 @@ fn with_slew(limits: &Limits, part: f64) -> Limits {
     limits
 }
 
-/// The correction goes on at the lower rate, and frames go on: else the barrier lets go of it, at its own rate.
+/// Frames continue at the lower rate, or the barrier would time out.
 #[test]
 fn a_slew_lowered_in_motion_loses_no_correction() {
     for late in LATE {
@@ -89,9 +89,9 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     }
 }
 
-/// A correction that turns at full rate, while what is confirmed still goes on, is sent in every cycle.
+/// Although the confirmed correction still moves the other way.
 #[test]
-fn a_correction_that_turns_at_full_rate_is_sent_in_every_cycle() {
+fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     for late in [0, 1, 2, 3, 4, 6] {
         for cycles in [20, 21, 30, 45] {
             let mut world = World::in_motion(late, 500);
@@ -112,9 +112,9 @@ fn a_correction_that_turns_at_full_rate_is_sent_in_every_cycle() {
     }
 }
 
-/// What was sent before is on its way to the same barrier: the axis does not go back, and the word goes on at its rate.
+/// The last words are in transit to the same barrier: the axis does not reverse, and the word continues at its rate.
 #[test]
-fn another_way_to_the_same_barrier_takes_over_in_motion() {
+fn another_path_to_the_same_barrier_takes_over_in_motion() {
     for late in LATE {
         for after in [60, 80, 100] {
             // With other limits than before, and the slew of before lowered a moment ago, too.
@@ -139,10 +139,9 @@ fn another_way_to_the_same_barrier_takes_over_in_motion() {
     }
 }
 
-/// Whatever a person asks for in the very cycle in which another way takes over, or nothing: "compensating" is not told
-/// until the ramp of that way is over.
+/// "compensating" is not reported before the ramp is complete, whatever is requested in the cycle of the take-over.
 #[test]
-fn another_way_begins_with_a_ramp_whatever_is_asked_for() {
+fn another_path_starts_with_a_ramp_for_every_request() {
     let asked = [
         None,
         Some(Request::Acknowledge),
@@ -160,24 +159,23 @@ fn another_way_begins_with_a_ramp_whatever_is_asked_for() {
     }
 }
 
-/// The same in the cycle in which a stop is first seen, by another path: the control itself does not hold.
+/// Another path reports the stop first in that cycle; the control itself does not hold.
 #[test]
-fn a_way_that_takes_over_and_shows_a_stop_moves_no_axis_back() {
+fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     for late in LATE {
         let mut world = World::in_motion(late, 80);
         let limits = *world.guard.limits();
         world.take_other_way(&limits);
-        world.interlocks.see(1, STOP);
+        world.interlocks.update(1, STOP);
         let mut watch = Watch::of(&world);
         watch.look(&mut world, 200, Some(Request::TakeOver));
         assert!(watch.back <= 1e-9, "{late} late: {watch:?}");
     }
 }
 
-/// Nothing was sent for longer than anything is on its way: the output begins with what is confirmed, where the barrier stood
-/// by itself, and not with the last word.
+/// Nothing is in transit any more: the output starts at the confirmed correction.
 #[test]
-fn what_was_sent_long_before_another_way_takes_over_is_not_carried_over() {
+fn words_sent_long_before_a_take_over_are_not_carried_over() {
     for late in LATE {
         let mut world = World::in_motion(late, 80);
         let limits = *world.guard.limits();
@@ -197,10 +195,9 @@ fn what_was_sent_long_before_another_way_takes_over_is_not_carried_over() {
     }
 }
 
-/// A late cycle whose frame fails, and a short one after it: the last word before lies further from the one that failed than the
-/// rate allows. Frames wait until it does, and the correction goes on from its word.
+/// The word before the failed one is farther away than the rate allows in the next, short cycle: frames wait until it is reachable.
 #[test]
-fn after_a_failed_frame_of_a_late_cycle_the_correction_goes_on() {
+fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
     for late in LATE {
         let mut world = World::in_motion(late, 80);
         let mut watch = Watch::of(&world);

@@ -40,7 +40,7 @@ fn arming_ramps_in_and_disarming_ramps_out() {
 }
 
 #[test]
-fn what_is_beyond_the_limit_is_clamped_and_told() {
+fn a_request_beyond_the_limit_is_clamped_and_reported() {
     let mut world = World::compensating(&limits());
     world.target = Some(axes(0.120, 0.0));
     let warned = world.run(SECOND);
@@ -102,7 +102,7 @@ fn arming_is_refused_with_reasons() {
 }
 
 #[test]
-fn limits_that_make_no_sense_are_refused() {
+fn invalid_limits_are_refused() {
     type Case = (fn(&mut Limits), Quantity);
     let cases: [Case; 9] = [
         (|l| l.axes[1].limit = 0.0009, Quantity::Limit),
@@ -125,7 +125,7 @@ fn limits_that_make_no_sense_are_refused() {
     }
 }
 
-/// The ceilings, for both kinds of axes: what is at one is taken, what is beyond is refused, also while it runs.
+/// For both kinds of axes, at construction and in operation; a value at the ceiling is accepted.
 #[test]
 fn limits_beyond_the_ceilings_are_refused() {
     use volcomp_vocabulary::AxisKind::{Linear, Rotary};
@@ -183,7 +183,7 @@ fn limits_beyond_the_ceilings_are_refused() {
 }
 
 #[test]
-fn limits_lowered_while_it_runs_are_approached() {
+fn limits_lowered_in_operation_are_approached_at_the_slew() {
     let mut world = World::compensating(&limits());
     let mut lower = limits();
     for axis in &mut lower.axes {
@@ -202,10 +202,9 @@ fn limits_lowered_while_it_runs_are_approached() {
     assert!((70..120).contains(&cycles), "{cycles}");
 }
 
-/// What was applied before a restart, where the controller cannot be asked: it is where the correction begins, and what a
-/// control says that can be asked counts more than what is remembered.
+/// Without read-back, after a restart.
 #[test]
-fn what_is_remembered_is_where_it_begins() {
+fn the_output_starts_at_the_stored_correction() {
     let mut world = World::lines(&limits());
     world.applied = axes(0.030, 0.0);
     world.read_back.restore(
@@ -220,9 +219,9 @@ fn what_is_remembered_is_where_it_begins() {
     assert!(world.largest_step < 0.003, "{}", world.largest_step);
 }
 
-/// A correction beyond the limit that was found: nothing is sent until a person has looked, then it ramps out.
+/// Nothing is sent before.
 #[test]
-fn a_correction_beyond_the_limit_is_led_out_by_a_person() {
+fn a_correction_beyond_the_limit_ramps_out_after_acknowledgement() {
     let mut world = World::new(&limits());
     world.clear(axes(4.998, 0.0));
     world.run(SECOND);
@@ -242,10 +241,9 @@ fn a_correction_beyond_the_limit_is_led_out_by_a_person() {
     assert!(world.largest_step <= 0.002 + 1e-9, "{}", world.largest_step);
 }
 
-/// Garbage in the words, and then limits that are set again (a reload): what was found was no surprise any more, and was led
-/// out by whoever armed or disarmed.
+/// A reload used to make an unknown correction beyond the limit acceptable; arming or disarming then ramped it out.
 #[test]
-fn limits_that_are_set_again_make_nothing_expected() {
+fn setting_the_same_limits_accepts_no_correction() {
     for request in [Request::Arm, Request::Disarm] {
         let mut world = World::new(&limits());
         world.clear(axes(1.5, 0.0));
@@ -258,10 +256,9 @@ fn limits_that_are_set_again_make_nothing_expected() {
     }
 }
 
-/// Disarming, and so each end of the program, wrote from a read-back beyond the limit: where three readings lied it was
-/// a step of 1.5 mm, and what was found was led out although nobody had looked.
+/// With three false readings it used to be a step of 1.5 mm, and a real correction was ramped out without acknowledgement.
 #[test]
-fn disarming_leads_out_nothing_beyond_the_limit() {
+fn disarming_does_not_ramp_out_a_correction_beyond_the_limit() {
     let lies = |world: &mut World| world.lie = Some(axes(1.5, 0.0));
     let holds = |world: &mut World| world.clear(axes(1.5, 0.0));
     let told: [&dyn Fn(&mut World); 2] = [&lies, &holds];
@@ -307,10 +304,9 @@ fn disarming_leads_out_nothing_beyond_the_limit() {
     }
 }
 
-/// A second gateway that never corrected took the correction of the first one out when it was told to disarm, or merely
-/// ended, 100 ms after its start.
+/// A second gateway, disarmed or ended 100 ms after its start, used to ramp out the correction of the first.
 #[test]
-fn disarming_takes_no_other_gateways_correction_out() {
+fn disarming_does_not_ramp_out_another_gateways_correction() {
     let mut world = World::new(&limits());
     world.clear(axes(0.020, 0.0));
     world.read_back = ReadBack::plain(2 * SECOND);
@@ -319,7 +315,7 @@ fn disarming_takes_no_other_gateways_correction_out() {
     world.request(Request::Disarm);
     assert_eq!(world.run(4 * SECOND).state, State::Disarmed);
     // Also where it is seen later.
-    world.read_back.see_other(world.now);
+    world.read_back.report_other_gateway(world.now);
     world.request(Request::Disarm);
     world.run(SECOND);
     assert_eq!(world.applied, axes(0.020, 0.0));
@@ -333,10 +329,9 @@ fn disarming_takes_no_other_gateways_correction_out() {
     assert_eq!(world.applied, PerChannel::ZERO);
 }
 
-/// The barrier has accepted what this gateway has not sent: another owner, its own number with a later sequence, its own number in an
-/// epoch in which it has sent nothing. Otherwise it would ramp in again and again on what another program writes.
+/// The barrier accepted another owner, a later sequence, or an epoch without own frames.
 #[test]
-fn what_another_gateway_sent_is_a_fault_until_it_is_gone() {
+fn a_frame_of_another_gateway_is_a_fault_until_it_is_gone() {
     for (owner, ahead, epochs) in [(5, 0, 0), (99, 2, 0), (99, 30_000, 0), (99, 0, 1)] {
         for disarms in [false, true] {
             let mut world = World::guarded(&limits());
@@ -376,9 +371,9 @@ fn what_another_gateway_sent_is_a_fault_until_it_is_gone() {
     }
 }
 
-/// A correction beyond the limit that a person has let out: on another path it was a fault again, in which it stayed.
+/// An acknowledged correction beyond the limit used to fault again on the other path.
 #[test]
-fn what_is_led_out_from_beyond_the_limit_goes_on_over_a_change_of_paths() {
+fn ramping_out_from_beyond_the_limit_continues_after_a_change_of_paths() {
     for found_there in [None, Some(0.500)] {
         let mut world = World::new(&limits());
         world.applied = axes(0.190, 0.0);

@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 use volcomp_guard::{
-    Heard, SensorCheck, SensorFlaw, SensorLimits, SensorReport, judge_temperatures,
+    SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 
 /// Sensors of a machine, asked once in `pause` seconds.
@@ -24,21 +24,21 @@ impl Machine {
     }
 
     /// The next round: what is heard of each sensor, measured now.
-    fn hears(&mut self, heard: &[Heard]) -> Vec<SensorReport> {
+    fn hears(&mut self, readings: &[SensorReading]) -> Vec<SensorReport> {
         self.now += self.pause;
         let now = Duration::from_secs_f64(self.now);
-        let mut told = vec![SensorReport::default(); heard.len()];
-        judge_temperatures(&mut self.checks, heard, now, &self.limits, &mut told);
+        let mut told = vec![SensorReport::default(); readings.len()];
+        judge_temperatures(&mut self.checks, readings, now, &self.limits, &mut told);
         told
     }
 
     fn reads(&mut self, degc: &[f64]) -> Vec<Option<SensorFlaw>> {
         let taken = Duration::from_secs_f64(self.now + self.pause);
-        let heard: Vec<Heard> = degc
+        let readings: Vec<SensorReading> = degc
             .iter()
-            .map(|degc| Heard::Temperature { degc: *degc, taken })
+            .map(|degc| SensorReading::Temperature { degc: *degc, taken })
             .collect();
-        let told = self.hears(&heard);
+        let told = self.hears(&readings);
         for (told, degc) in told.iter().zip(degc) {
             let used = told.flaw.is_none_or(SensorFlaw::is_used);
             assert_eq!(told.degc, used.then_some(*degc));
@@ -65,17 +65,17 @@ impl Machine {
 const DAY: f64 = 86_400.0;
 
 #[test]
-fn every_way_to_be_wrong() {
+fn every_flaw() {
     let limits = SensorLimits::default();
     let check = |checks: &mut [SensorCheck], now: u64, degc: f64, taken: u64| {
-        let heard = Heard::Temperature {
+        let readings = SensorReading::Temperature {
             degc,
             taken: Duration::from_secs(taken),
         };
         let mut told = [SensorReport::default()];
         judge_temperatures(
             checks,
-            &[heard],
+            &[readings],
             Duration::from_secs(now),
             &limits,
             &mut told,
@@ -93,17 +93,17 @@ fn every_way_to_be_wrong() {
     // The same reading again and again is fine.
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
-    for heard in [Heard::Silence, Heard::Fault] {
+    for readings in [SensorReading::Silence, SensorReading::Fault] {
         let mut told = [SensorReport::default()];
         let mut new = [SensorCheck::default()];
-        judge_temperatures(&mut new, &[heard], Duration::ZERO, &limits, &mut told);
+        judge_temperatures(&mut new, &[readings], Duration::ZERO, &limits, &mut told);
         assert_eq!((told[0].degc, told[0].flaw), out(SensorFlaw::Broken));
     }
 }
 
-/// A sensor that is wrong by 40 K from one second to the next was believed again after 475 s.
+/// It used to be accepted after 475 s.
 #[test]
-fn forty_kelvin_are_never_believed() {
+fn a_jump_of_forty_kelvin_is_never_accepted() {
     let mut alone = Machine::new(1, SensorLimits::default());
     assert_eq!(alone.reads(&[20.0]), [None]);
     assert_eq!(alone.used_after(&[60.0], DAY), None);
@@ -117,10 +117,10 @@ fn forty_kelvin_are_never_believed() {
     assert_eq!(among.reads(&[60.0, 21.0, 25.0, 22.0])[1..], [None; 3]);
 }
 
-/// Behind a fault, a break or a pause there is no other way in.
+/// After a fault, a break or a pause.
 #[test]
-fn a_jump_behind_a_gap_is_a_jump() {
-    for gap in [Heard::Fault, Heard::Silence] {
+fn a_jump_after_a_gap_is_a_jump() {
+    for gap in [SensorReading::Fault, SensorReading::Silence] {
         let mut machine = Machine::new(1, SensorLimits::default());
         assert_eq!(machine.reads(&[20.0]), [None]);
         for _ in 0..3600 {
@@ -144,13 +144,13 @@ fn a_jump_that_was_a_disturbance_ends_after_ten_minutes() {
     // And so does a fault.
     machine.reads(&[60.0]);
     assert_eq!(machine.used_after(&[20.8], 500.0), None);
-    machine.hears(&[Heard::Fault]);
+    machine.hears(&[SensorReading::Fault]);
     assert_eq!(machine.used_after(&[20.8], 3600.0), Some(601.0));
 }
 
-/// The machine cooled by 6 K while the sensor was out: its neighbours know.
+/// The machine cooled by 6 K meanwhile, as the neighbours show.
 #[test]
-fn neighbours_by_their_usual_difference_bring_a_sensor_back() {
+fn agreement_with_neighbours_readmits_a_sensor() {
     let mut machine = Machine::new(3, SensorLimits::default());
     assert_eq!(machine.reads(&[30.0, 22.0, 41.0]), [None; 3]);
     machine.reads(&[70.0, 22.0, 41.0]);
@@ -179,23 +179,22 @@ fn cooled_while_the_first_was_broken() -> Machine {
     for second in 0..7200 {
         let degc = 40.0 - 15.0 * f64::from(second) / 7200.0;
         let taken = Duration::from_secs_f64(machine.now + machine.pause);
-        let other = Heard::Temperature { degc, taken };
-        machine.hears(&[Heard::Fault, other, other]);
+        let other = SensorReading::Temperature { degc, taken };
+        machine.hears(&[SensorReading::Fault, other, other]);
     }
     machine
 }
 
-/// Its usual difference from its neighbours is that of the moment at which it was believed last, not that of its old
-/// temperature to what its neighbours tell hours later.
+/// The usual difference is that at its last accepted reading, not between its old temperature and later ones of the neighbours.
 #[test]
-fn a_repaired_sensor_that_agrees_with_its_neighbours_comes_back() {
+fn a_repaired_sensor_that_agrees_with_its_neighbours_is_readmitted() {
     let mut machine = cooled_while_the_first_was_broken();
     assert_eq!(machine.reads(&[25.0; 3])[0], Some(SensorFlaw::Jumped));
     assert_eq!(machine.used_after(&[25.0; 3], 4.0 * 3600.0), Some(601.0));
 }
 
-/// What it told two hours ago is no prediction when its neighbours have changed since, with a jump at its return and
-/// without one, and also when its neighbours fall silent later.
+/// A temperature of two hours ago predicts nothing if the neighbours have changed, with or without a jump at its return, or if they fall silent
+/// later.
 #[test]
 fn an_old_temperature_does_not_outweigh_the_neighbours() {
     for first in [60.0, 40.0] {
@@ -204,8 +203,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
         assert_eq!(machine.used_after(&[40.0, 25.0, 25.0], 3600.0), None);
         for _ in 0..3600 {
             let taken = Duration::from_secs_f64(machine.now + machine.pause);
-            let wrong = Heard::Temperature { degc: 40.0, taken };
-            let told = machine.hears(&[wrong, Heard::Silence, Heard::Silence]);
+            let wrong = SensorReading::Temperature { degc: 40.0, taken };
+            let told = machine.hears(&[wrong, SensorReading::Silence, SensorReading::Silence]);
             assert_eq!(told[0].flaw, Some(SensorFlaw::Jumped));
         }
         machine.acknowledge();
@@ -213,7 +212,7 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
     }
 }
 
-/// A short disturbance of a slow sensor: what it told a moment ago is the prediction, though the others warm up.
+/// Its own last temperature is the prediction while the neighbours warm up.
 #[test]
 fn a_short_disturbance_of_a_slow_sensor_ends() {
     let mut machine = Machine::new(3, SensorLimits::default());
@@ -226,7 +225,7 @@ fn a_short_disturbance_of_a_slow_sensor_ends() {
     assert_eq!(back, Some(600));
 }
 
-/// All sensors of a module that lost its reference jump together: they do not vouch for one another.
+/// The sensors of a module that lost its reference do not confirm one another.
 #[test]
 fn sensors_that_jump_together_stay_out() {
     let mut machine = Machine::new(4, SensorLimits::default());
@@ -239,7 +238,7 @@ fn sensors_that_jump_together_stay_out() {
 }
 
 #[test]
-fn a_person_acknowledges_a_jump() {
+fn an_acknowledged_jump_is_accepted() {
     let mut machine = Machine::new(2, SensorLimits::default());
     machine.reads(&[20.0, 20.0]);
     assert_eq!(machine.used_after(&[60.0, 20.0], 3600.0), None);
@@ -250,30 +249,29 @@ fn a_person_acknowledges_a_jump() {
     assert_eq!(machine.reads(&[60.0, 60.0])[1], Some(SensorFlaw::Jumped));
 }
 
-/// A machine that was off overnight: its thermometer was silent, nothing speaks of a fault.
+/// The thermometer was silent overnight, without a fault.
 #[test]
-fn a_cold_morning_is_believed() {
+fn a_cold_morning_is_accepted() {
     let mut machine = Machine::new(2, SensorLimits::default());
     machine.reads(&[31.0, 24.0]);
     for _ in 0..8 * 3600 {
-        machine.hears(&[Heard::Silence; 2]);
+        machine.hears(&[SensorReading::Silence; 2]);
     }
     assert_eq!(machine.reads(&[16.0, 15.0]), [None; 2]);
 }
 
-/// Five minutes of silence are no night: a thermometer that was exchanged, or set to another range, came back 22 K off and
-/// was believed at once.
+/// A replaced or reconfigured thermometer used to be accepted although 22 K off.
 #[test]
-fn a_sensor_that_was_away_for_minutes_is_not_believed_far_off() {
+fn a_sensor_far_off_after_minutes_of_silence_is_rejected() {
     let mut machine = Machine::new(1, SensorLimits::default());
     machine.reads(&[22.0]);
     for _ in 0..300 {
-        machine.hears(&[Heard::Silence]);
+        machine.hears(&[SensorReading::Silence]);
     }
     assert_eq!(machine.reads(&[44.0]), [Some(SensorFlaw::Jumped)]);
 }
 
-/// Many small steps are no way around the rate.
+/// Many small steps do not evade the rate.
 #[test]
 fn creeping_is_jumping() {
     let mut machine = Machine::new(1, SensorLimits::default());
@@ -282,7 +280,7 @@ fn creeping_is_jumping() {
 }
 
 #[test]
-fn the_same_digits_for_too_long_are_told() {
+fn unchanged_digits_are_reported_as_stuck() {
     let limits = SensorLimits {
         stuck_after: Some(Duration::from_secs(60)),
         ..SensorLimits::default()
@@ -304,7 +302,7 @@ fn the_same_digits_for_too_long_are_told() {
 }
 
 #[test]
-fn a_sensor_apart_from_the_others_is_told() {
+fn a_sensor_that_disagrees_is_reported() {
     let disagrees = |degc: &[f64]| {
         let limits = SensorLimits {
             neighbours_k: Some(3.0),
@@ -332,7 +330,7 @@ fn a_sensor_apart_from_the_others_is_told() {
     let told = Machine::new(80, limits).hears(
         &many
             .iter()
-            .map(|degc| Heard::Temperature {
+            .map(|degc| SensorReading::Temperature {
                 degc: *degc,
                 taken: Duration::ZERO,
             })
@@ -349,9 +347,9 @@ fn a_sensor_apart_from_the_others_is_told() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// A real warm-up is never thrown out, whatever the module's resolution, its pace and its noise.
+    /// At any resolution, interval and noise.
     #[test]
-    fn a_slow_warm_up_stays(
+    fn a_slow_warm_up_is_accepted(
         k_per_min in -4.0..4.0_f64,
         resolution in prop::sample::select(vec![0.001, 0.01, 0.1, 0.25]),
         pause in prop::sample::select(vec![0.05, 1.0, 7.0, 29.0]),
@@ -362,7 +360,7 @@ proptest! {
         machine.pause = pause;
         for round in 0..400 {
             if (silent..silent + 5).contains(&round) {
-                machine.hears(&[Heard::Silence]);
+                machine.hears(&[SensorReading::Silence]);
                 continue;
             }
             // Within the range of the machine the temperature goes up or down and then stands.
@@ -372,10 +370,10 @@ proptest! {
         }
     }
 
-    /// A sensor that is wrong by more than it must agree by, always by the same amount, never comes back after its jump:
-    /// whatever the machine does meanwhile, whatever gaps there are, alone and among others.
+    /// Off by more than the agreement, it is never readmitted after its jump, whatever the machine does and whatever gaps occur, alone or among
+    /// others.
     #[test]
-    fn constantly_wrong_stays_out(
+    fn a_constantly_wrong_sensor_stays_out(
         wrong in prop_oneof![-25.0..-6.0_f64, 6.0..60.0_f64],
         drift in -4.0..4.0_f64,
         sensors in 1_usize..6,
@@ -390,9 +388,9 @@ proptest! {
             machine.reads(&usual[..sensors]);
         }
         if hides_in_a_gap {
-            let mut heard = vec![Heard::Silence; sensors];
-            heard[0] = Heard::Fault;
-            machine.hears(&heard);
+            let mut readings = vec![SensorReading::Silence; sensors];
+            readings[0] = SensorReading::Fault;
+            machine.hears(&readings);
         }
         for round in 0_u32..4000 {
             // The machine drifts by up to 4 K, there and back.
@@ -404,9 +402,9 @@ proptest! {
             let flaw = match gap {
                 Some((_, is_fault, _)) => {
                     let taken = Duration::from_secs_f64(machine.now + pause);
-                    let mut heard: Vec<Heard> = degc.iter().map(|degc| Heard::Temperature { degc: *degc, taken }).collect();
-                    heard[0] = if *is_fault { Heard::Fault } else { Heard::Silence };
-                    machine.hears(&heard)[0].flaw
+                    let mut readings: Vec<SensorReading> = degc.iter().map(|degc| SensorReading::Temperature { degc: *degc, taken }).collect();
+                    readings[0] = if *is_fault { SensorReading::Fault } else { SensorReading::Silence };
+                    machine.hears(&readings)[0].flaw
                 }
                 None => machine.reads(&degc)[0],
             };

@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, RequestedCorrection, Vector};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::world::limits;
@@ -41,7 +41,7 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
 }
 
 /// What no machine asks for, but a wrong model may: any shares, and levers to 0.6 m.
-fn any_wanted() -> impl Strategy<Value = Wanted> {
+fn any_wanted() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];
     (
@@ -52,7 +52,7 @@ fn any_wanted() -> impl Strategy<Value = Wanted> {
         .prop_map(|([x, y, z], [a, c], [by_a, by_c])| {
             let mut follow = PerChannel::default();
             (follow[3], follow[4]) = (of(by_a), of(by_c));
-            Wanted {
+            RequestedCorrection {
                 position: of([x, y, z]),
                 rotary: of([0.0, 0.0, 0.0, a, c]),
                 follow,
@@ -63,8 +63,8 @@ fn any_wanted() -> impl Strategy<Value = Wanted> {
 /// What is done with a vector, for so many cycles.
 #[derive(Clone, Debug)]
 enum Task {
-    Follow(Wanted, usize),
-    Ramp(Wanted, usize),
+    Follow(RequestedCorrection, usize),
+    Ramp(RequestedCorrection, usize),
     Line([f64; 5], usize),
     Stop,
     At([f64; 5]),
@@ -78,8 +78,8 @@ fn any_task() -> impl Strategy<Value = Task> {
             .prop_map(|(x, y, z, a, c)| [x, y, z, a, c])
     };
     prop_oneof![
-        4 => (any_wanted(), 1..60_usize).prop_map(|(wanted, cycles)| Task::Follow(wanted, cycles)),
-        2 => (any_wanted(), 1..60_usize).prop_map(|(wanted, cycles)| Task::Ramp(wanted, cycles)),
+        4 => (any_wanted(), 1..60_usize).prop_map(|(requested, cycles)| Task::Follow(requested, cycles)),
+        2 => (any_wanted(), 1..60_usize).prop_map(|(requested, cycles)| Task::Ramp(requested, cycles)),
         1 => (Just([0.0; 5]), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
         1 => (places(), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
         1 => Just(Task::Stop),
@@ -115,8 +115,8 @@ fn run(
             let (dt, before) = (dts[count % dts.len()], vector);
             count += 1;
             match task {
-                Task::Follow(wanted, _) | Task::Ramp(wanted, _) => {
-                    vector.follow(wanted, limits, dt);
+                Task::Follow(requested, _) | Task::Ramp(requested, _) => {
+                    vector.follow(requested, limits, dt);
                 }
                 _ => {
                     vector.advance_line(limits, dt);
@@ -130,7 +130,7 @@ fn run(
 }
 
 proptest! {
-    /// Slew, acceleration and limit hold in every cycle and window of time, cycles from a third of a period to five.
+    /// In every cycle and window of time, with cycles from a third of a period to five.
     #[test]
     fn slew_acceleration_and_limit_hold(
         tasks in prop::collection::vec(any_task(), 1..10),
@@ -174,10 +174,10 @@ proptest! {
         })?;
     }
 
-    /// Limit, slew and acceleration lowered in motion: nothing goes further out than it stood or than the new limit,
-    /// and what is outside comes in at the old slew or the new one, whichever is lower.
+    /// Limit, slew and acceleration are lowered in motion: nothing moves further out than before or than the new limit, and the return takes the
+    /// lower of both slews.
     #[test]
-    fn lowered_limits_are_not_passed(
+    fn lowered_limits_are_not_exceeded(
         before in prop::collection::vec(any_task(), 1..5),
         after in prop::collection::vec(any_wanted(), 1..5),
         parts in prop::array::uniform3(prop_oneof![Just(1.0), 0.02..1.0_f64]),
@@ -197,13 +197,13 @@ proptest! {
         if line {
             vector.begin_line(&PerChannel::ZERO);
         }
-        for wanted in &after {
+        for requested in &after {
             for dt in &dts {
                 let before = vector;
                 if line {
                     vector.advance_line(&new, *dt);
                 } else {
-                    vector.follow(wanted, &new, *dt);
+                    vector.follow(requested, &new, *dt);
                 }
                 for (i, axis) in new.axes.iter().enumerate().take(5) {
                     let rounding = 1e-6 * axis.resolution;
@@ -218,35 +218,35 @@ proptest! {
         }
         // In the end every word is within the new limit.
         for _ in 0..3000 {
-            vector.follow(&Wanted::default(), &new, 0.02);
+            vector.follow(&RequestedCorrection::default(), &new, 0.02);
         }
         for (i, axis) in new.axes.iter().enumerate().take(5) {
             prop_assert!(vector.output()[i].abs() <= axis.limit * (1.0 + 1e-9), "{vector:?}");
         }
     }
 
-    /// The linear axes are where they belong for the rotary shares as they are, unless it is said that they are behind.
+    /// They match the present rotary shares, unless reported as behind.
     #[test]
     fn linear_axes_follow_the_moving_shares(
-        wanted in any_wanted(),
+        requested in any_wanted(),
         accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
         dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
     ) {
         let mut limits = five(accel_s);
-        let full = wanted.full();
+        let full = requested.full();
         for (i, axis) in limits.axes.iter_mut().enumerate().take(5) {
-            axis.limit = full[i].abs() + wanted.position[i].abs() + 0.02;
+            axis.limit = full[i].abs() + requested.position[i].abs() + 0.02;
         }
         let mut vector = Vector::default();
         for cycle in 0..6_000 {
-            let followed = vector.follow(&wanted, &limits, dts[cycle % dts.len()]);
+            let followed = vector.follow(&requested, &limits, dts[cycle % dts.len()]);
             prop_assert!(!followed.limited);
             // All parts of the position share are equal on the ramp: x = s·x, so the shares of the linear axes beside
             // what follows are proportional to the position share.
             let rotary = PerChannel::from_fn(|i| if i >= 3 { vector.smooth()[i] } else { 0.0 });
-            let following = Wanted { position: PerChannel::ZERO, rotary, ..wanted }.full();
+            let following = RequestedCorrection { position: PerChannel::ZERO, rotary, ..requested }.full();
             let beside = |i: usize| vector.smooth()[i] - following[i];
-            let (x, y) = (wanted.position[0], wanted.position[1]);
+            let (x, y) = (requested.position[0], requested.position[1]);
             if !followed.behind {
                 prop_assert!((beside(0) * y - beside(1) * x).abs() < 1e-8 * 0.3, "{vector:?}");
             }
@@ -260,9 +260,9 @@ proptest! {
         }
     }
 
-    /// Without rotary axes: fresh goals that the slew can follow are reached in every cycle, but for the quantiser.
+    /// Without rotary axes, requests within the slew are reached in every cycle, except for the quantiser.
     #[test]
-    fn three_axes_are_where_they_are_wanted(
+    fn three_axes_reach_their_request(
         at in prop::array::uniform3(-0.1..0.1_f64),
         rates in prop::array::uniform3(-0.45..0.45_f64),
         dts in prop::collection::vec(0.001..0.020_f64, 200),
@@ -278,7 +278,7 @@ proptest! {
                     *now = if next.abs() < 0.14 { next } else { *now };
                 }
             }
-            let followed = vector.follow(&Wanted::linear(of(now)), &limits, dt);
+            let followed = vector.follow(&RequestedCorrection::linear(of(now)), &limits, dt);
             prop_assert!(!followed.limited && !followed.slewing, "{followed:?}");
             if vector.is_ramped() {
                 for (i, now) in now.iter().enumerate() {
@@ -289,26 +289,26 @@ proptest! {
         prop_assert!(vector.is_ramped());
     }
 
-    /// Noise of less than the hysteresis at standstill changes each word once at the most.
+    /// Noise below the hysteresis changes each word at most once.
     #[test]
     fn no_chatter_at_standstill(
-        wanted in any_wanted(),
+        requested in any_wanted(),
         noise in prop::collection::vec(prop::array::uniform5(-0.00004..0.00004_f64), 200),
     ) {
         let limits = five(0.0);
         let mut vector = Vector::default();
         // Inside the limits, so that no factor moves with the noise.
-        let wanted = Wanted {
-            position: wanted.position.map(|x| 0.1 * x),
-            rotary: wanted.rotary.map(|x| 0.1 * x),
-            ..wanted
+        let requested = RequestedCorrection {
+            position: requested.position.map(|x| 0.1 * x),
+            rotary: requested.rotary.map(|x| 0.1 * x),
+            ..requested
         };
         for _ in 0..4000 {
-            vector.follow(&wanted, &limits, 0.004);
+            vector.follow(&requested, &limits, 0.004);
         }
         let mut changes = [0; 5];
         for noise in noise {
-            let mut noisy = wanted;
+            let mut noisy = requested;
             for (i, noise) in noise.into_iter().enumerate() {
                 if i < 3 {
                     noisy.position[i] += noise;
@@ -330,28 +330,27 @@ proptest! {
     }
 }
 
-/// What no machine sends moves nothing, and no call panics.
 #[test]
-fn what_is_no_number_moves_nothing() {
+fn nan_and_infinity_move_nothing() {
     let limits = five(0.0);
     let here = of([0.020, 0.030, -0.040, -40e-6, 35e-6]);
     let mut follow = PerChannel::default();
     follow[3] = of([0.0, f64::NAN]);
-    for wanted in [
-        Wanted::linear(of([f64::NAN])),
-        Wanted::linear(of([f64::INFINITY])),
-        Wanted {
+    for requested in [
+        RequestedCorrection::linear(of([f64::NAN])),
+        RequestedCorrection::linear(of([f64::INFINITY])),
+        RequestedCorrection {
             follow,
-            ..Wanted::default()
+            ..RequestedCorrection::default()
         },
     ] {
         let mut vector = Vector::at(&here);
-        assert!(vector.follow(&wanted, &limits, 0.004).slewing);
+        assert!(vector.follow(&requested, &limits, 0.004).slewing);
         assert_eq!(vector.output(), here);
     }
     for dt in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let mut vector = Vector::at(&here);
-        vector.follow(&Wanted::default(), &limits, dt);
+        vector.follow(&RequestedCorrection::default(), &limits, dt);
         vector.begin_line(&PerChannel::ZERO);
         assert!(!vector.advance_line(&limits, dt));
         vector.begin_line(&of([f64::NAN]));
@@ -361,27 +360,26 @@ fn what_is_no_number_moves_nothing() {
     assert_eq!(Vector::at(&PerChannel::ZERO), Vector::default());
 }
 
-/// What no machine asks for, in one cycle of a ramp: the axes are away for as long as they need to come back, and the ramp
-/// goes on. It was over for all axes at once.
+/// The axes leave only as long as they need to return, and the ramp continues.
 #[test]
-fn one_absurd_cycle_does_not_end_the_ramp() {
-    let wanted = Wanted {
+fn one_absurd_request_does_not_end_the_ramp() {
+    let requested = RequestedCorrection {
         rotary: of([0.0, 0.0, 0.0, 100e-6, -80e-6]),
         follow: {
             let mut follow = PerChannel::default();
             (follow[3], follow[4]) = (of([300.0, -100.0, 50.0]), of([20.0, 200.0, -80.0]));
             follow
         },
-        ..Wanted::linear(of([0.070, -0.050, 0.030]))
+        ..RequestedCorrection::linear(of([0.070, -0.050, 0.030]))
     };
-    let absurd = |size: f64| Wanted {
-        position: wanted.position.map(|x| -size * x),
-        rotary: wanted.rotary.map(|x| size * x),
-        follow: wanted.follow.map(|row| row.map(|x| size * x)),
+    let absurd = |size: f64| RequestedCorrection {
+        position: requested.position.map(|x| -size * x),
+        rotary: requested.rotary.map(|x| size * x),
+        follow: requested.follow.map(|row| row.map(|x| size * x)),
     };
-    let position = |size: f64| Wanted {
-        position: wanted.position.map(|x| -size * x),
-        ..wanted
+    let position = |size: f64| RequestedCorrection {
+        position: requested.position.map(|x| -size * x),
+        ..requested
     };
     for accel_s in [0.0, 0.1] {
         let mut limits = five(accel_s);
@@ -394,8 +392,8 @@ fn one_absurd_cycle_does_not_end_the_ramp() {
                 for at in [1, 2, 20, 125, 200] {
                     let [mut calm, mut vector] = [Vector::default(); 2];
                     for cycle in 0..400 {
-                        calm.follow(&wanted, &limits, 0.004);
-                        let now = if cycle == at { &disturbed } else { &wanted };
+                        calm.follow(&requested, &limits, 0.004);
+                        let now = if cycle == at { &disturbed } else { &requested };
                         vector.follow(now, &limits, 0.004);
                         let differs = |i: usize| (vector.smooth()[i] - calm.smooth()[i]).abs();
                         let now = (0..3).map(differs).fold(0.0, f64::max);
@@ -413,27 +411,27 @@ fn one_absurd_cycle_does_not_end_the_ramp() {
     }
 }
 
-/// The ramp to zero begins in the cycle after something absurd was wanted, levers as well: what moves is braked all the same.
+/// The ramp to zero begins in the cycle after it: moving axes brake.
 #[test]
-fn one_absurd_cycle_does_not_keep_a_line_from_beginning() {
+fn one_absurd_request_does_not_block_a_line() {
     for accel_s in [0.0, 0.1] {
         let limits = five(accel_s);
         for size in [30.0, 1e6, 1e12, 1e300] {
-            let wanted = |size: f64| Wanted {
+            let requested = |size: f64| RequestedCorrection {
                 rotary: of([0.0, 0.0, 0.0, size * 60e-6, -size * 50e-6]),
                 follow: {
                     let mut follow = PerChannel::default();
                     follow[3] = of([size * 300.0, -size * 100.0, size * 50.0]);
                     follow
                 },
-                ..Wanted::linear(of([size * 0.070, -size * 0.050, size * 0.030]))
+                ..RequestedCorrection::linear(of([size * 0.070, -size * 0.050, size * 0.030]))
             };
             for at in [20, 125, 400] {
                 let mut vector = Vector::default();
                 for _ in 0..at {
-                    vector.follow(&wanted(1.0), &limits, 0.004);
+                    vector.follow(&requested(1.0), &limits, 0.004);
                 }
-                vector.follow(&wanted(size), &limits, 0.004);
+                vector.follow(&requested(size), &limits, 0.004);
                 vector.begin_line(&PerChannel::ZERO);
                 let most = vector.time_to_zero(&limits).as_secs_f64() + 1.0;
                 let mut time_s = 0.0;
@@ -446,22 +444,25 @@ fn one_absurd_cycle_does_not_keep_a_line_from_beginning() {
     }
 }
 
-/// One factor for all: where X may go half of what is wanted, so do the others, and it is said.
 #[test]
-fn a_limit_takes_the_same_part_of_every_share() {
+fn a_limit_scales_every_share_equally() {
     let limits = three();
     let mut vector = Vector::default();
-    let mut followed = vector.follow(&Wanted::default(), &limits, 0.004);
+    let mut followed = vector.follow(&RequestedCorrection::default(), &limits, 0.004);
     assert!(!followed.limited && !followed.warned);
     for _ in 0..1000 {
-        followed = vector.follow(&Wanted::linear(of([0.300, -0.100, 0.020])), &limits, 0.004);
+        followed = vector.follow(
+            &RequestedCorrection::linear(of([0.300, -0.100, 0.020])),
+            &limits,
+            0.004,
+        );
     }
     assert_eq!(vector.output(), of([0.150, -0.050, 0.010]));
     assert!(followed.limited && followed.warned && !followed.slewing);
 }
 
-/// At rest the rotary words are the shares for which the linear ones are solved: where rounding passed the limit of a
-/// linear axis, they were up to half a step beside them, and the tip 3 µm off.
+/// They equal the shares for which the linear ones are solved. They used to differ by up to half a step, and the tip by 3 µm, where rounding exceeded
+/// the limit of a linear axis.
 #[test]
 fn at_rest_rotary_words_are_whole_steps() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -472,23 +473,23 @@ fn at_rest_rotary_words_are_whole_steps() {
     limits.ramp = std::time::Duration::from_millis(80);
     let (mut rested, mut whole) = (0, 0);
     for _ in 0..4000 {
-        let mut wanted = Wanted::default();
+        let mut requested = RequestedCorrection::default();
         for i in 0..3 {
             limits.axes[i].limit = rng.random_range(0.02..0.12);
-            wanted.position[i] = rng.random_range(-0.1..0.1);
+            requested.position[i] = rng.random_range(-0.1..0.1);
         }
         for r in 3..5 {
             limits.axes[r].limit = 300e-6;
             limits.axes[r].resolution = 17.453e-6;
-            wanted.rotary[r] = rng.random_range(-200e-6..200e-6);
-            wanted.follow[r] = of([(); 3].map(|()| rng.random_range(-400.0..400.0)));
+            requested.rotary[r] = rng.random_range(-200e-6..200e-6);
+            requested.follow[r] = of([(); 3].map(|()| rng.random_range(-400.0..400.0)));
         }
         let mut vector = Vector::default();
         for _ in 0..200 {
-            vector.follow(&wanted, &limits, 0.004);
+            vector.follow(&requested, &limits, 0.004);
         }
         let before = vector.smooth();
-        let followed = vector.follow(&wanted, &limits, 0.004);
+        let followed = vector.follow(&requested, &limits, 0.004);
         if before != vector.smooth() || followed.slewing {
             continue;
         }
@@ -497,7 +498,7 @@ fn at_rest_rotary_words_are_whole_steps() {
         let beside = |r: usize| (output[r] - smooth[r]).abs() / limits.axes[r].resolution;
         assert!(
             beside(3) < 1e-6 && beside(4) < 1e-6,
-            "{wanted:?} {vector:?}"
+            "{requested:?} {vector:?}"
         );
         whole += u32::from(output[3] != 0.0 || output[4] != 0.0);
     }

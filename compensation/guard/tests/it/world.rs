@@ -3,8 +3,9 @@
 use std::{collections::VecDeque, time::Duration};
 
 use volcomp_guard::{
-    AxisLimits, BarrierLink, Guard, Inputs, Interlock, Interlocks, Known, Limits, Output, ReadBack,
-    Reading, Reasons, Request, Scheme, State, Told, Wanted,
+    AxisLimits, BarrierLink, CorrectionReport, Guard, Inputs, Interlock, Interlocks, Limits,
+    Output, ReadBack, ReadBackStatus, Reading, Reasons, Request, RequestedCorrection, Scheme,
+    State,
     barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
     protocol::Layout,
 };
@@ -78,9 +79,9 @@ pub(crate) struct World {
     /// The control scans once in this time.
     pub(crate) scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
-    /// How linear axes follow rotary ones, as in [`Wanted`].
+    /// How linear axes follow rotary ones, as in [`RequestedCorrection`].
     pub(crate) follow: PerChannel<PerChannel<f64>>,
-    /// The shares of the rotary axes, as in [`Wanted`].
+    /// The shares of the rotary axes, as in [`RequestedCorrection`].
     pub(crate) rotary: PerChannel<f64>,
     pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
@@ -225,8 +226,8 @@ impl World {
         }
     }
 
-    pub(crate) fn known(&self) -> &Known {
-        self.read_back.known()
+    pub(crate) fn known(&self) -> &ReadBackStatus {
+        self.read_back.status()
     }
 
     /// Lowers the limit of every axis to this, mm.
@@ -314,20 +315,20 @@ impl World {
             words[word % length.max(1)] ^= bits;
         }
         let told = match &self.barrier {
-            _ if !self.answers || self.hides_applied => Told::Nothing,
-            Some(_) => Told::Report(&words[..length]),
+            _ if !self.answers || self.hides_applied => CorrectionReport::Missing,
+            Some(_) => CorrectionReport::Barrier(&words[..length]),
             None if self.known().scheme == Scheme::NoReadBack && !self.tells_levels => {
-                Told::Nothing
+                CorrectionReport::Missing
             }
-            None => Told::Values(self.lie.unwrap_or(applied)),
+            None => CorrectionReport::Values(self.lie.unwrap_or(applied)),
         };
-        self.read_back.hear(self.now, taken, &told, &limits);
+        self.read_back.receive(self.now, taken, &told, &limits);
         let interlock = Interlock {
             unreferenced: !self.referenced,
             alarm: self.alarm,
             emergency_stop: self.emergency_stop,
         };
-        self.interlocks.see(0, self.answers.then_some(interlock));
+        self.interlocks.update(0, self.answers.then_some(interlock));
     }
 
     /// What the guard makes of it.
@@ -339,14 +340,14 @@ impl World {
         self.guard.cycle(&Inputs {
             now: self.now,
             reading: self.reading(),
-            known: *self.known(),
+            read_back: *self.known(),
             interlocks: self.interlocks.reasons(),
-            wanted: self.target.map(|target| Wanted {
+            requested: self.target.map(|target| RequestedCorrection {
                 follow: self.follow,
                 rotary: self.rotary,
-                ..Wanted::linear(target)
+                ..RequestedCorrection::linear(target)
             }),
-            let_go: false,
+            fast_ramp_out: false,
             request,
             forbids: self.forbids,
         })

@@ -7,8 +7,8 @@ use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisKind, PerAxis};
 
 use crate::{
-    model::{Model, ModelWanted},
-    place::Place,
+    model::{CoupledCorrection, Model},
+    positions::MachinePosition,
 };
 
 /// Minimum time over which speeds are measured: over less, the resolution of the positions dominates.
@@ -28,12 +28,16 @@ const CALM_CHANGE: f64 = 1.0 / 32.0;
 const MOST_CHANGE: f64 = 1.0 / 8.0;
 
 /// Speeds of the axes, and the reduction of the correction.
+///
+/// Invariants:
+/// - `wanted` is in descending order of time, at least `SPACING` apart, and of the present model.
+/// - `goes_out` is set only while positions are stale.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
     /// Positions, and when they were valid.
     before: Option<(PerAxis<f64>, Duration)>,
     /// Past corrections by the model, and when their positions were valid; newest first.
-    wanted: [Option<(ModelWanted, Duration)>; REMEMBERED],
+    wanted: [Option<(CoupledCorrection, Duration)>; REMEMBERED],
     /// Speed of each axis, mm/s and rad/s.
     speed: PerAxis<f64>,
     /// When the correction was last reduced.
@@ -43,14 +47,14 @@ pub(super) struct Lag {
 }
 
 /// The inputs of a prediction.
-pub(super) struct Asked<'a> {
+pub(super) struct PredictionInputs<'a> {
     pub(super) model: &'a Model,
     pub(super) correctors: &'a Correctors,
     /// Whether the correction is that of thermal terms alone.
     pub(super) only_thermal: bool,
     pub(super) limits: &'a Limits,
     pub(super) state: &'a State,
-    pub(super) wanted: &'a ModelWanted,
+    pub(super) wanted: &'a CoupledCorrection,
     /// The applied correction, in machine order.
     pub(super) applied: &'a PerAxis<f64>,
     /// Duration of a line to zero.
@@ -59,17 +63,17 @@ pub(super) struct Asked<'a> {
 
 /// The part of a correction that is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Kept {
+pub(super) struct Reduction {
     /// Factor up to which the correction is still better than none, 0 to 1.
     pub(super) part: f64,
     /// Positions are stale, and the held correction would become worse than none.
-    pub(super) let_go: bool,
+    pub(super) fast_ramp_out: bool,
     pub(super) notes: Reasons,
 }
 
 impl Lag {
     /// Updates the speeds from the positions.
-    pub(super) fn see(&mut self, place: &Place, model: &Model) {
+    pub(super) fn update(&mut self, place: &MachinePosition, model: &Model) {
         let Some(taken) = place.oldest else { return };
         let Some((before, at)) = self.before else {
             self.before = Some((place.positions, taken));
@@ -89,34 +93,39 @@ impl Lag {
     /// The part of a correction that is better than none, with positions of this `age`: the machine has continued at its speed since, and continues
     /// until the correction reaches the axes. Meanwhile the required correction changes by some distance d. A correction of size c is better than
     /// none for any change within d as long as d is at most c/2; for larger d, 2·(1 − d/c) of it is; at d = c nothing remains.
-    pub(super) fn kept(&mut self, asked: &Asked<'_>, age: Duration, now: Duration) -> Kept {
-        let limits = asked.limits;
+    pub(super) fn reduction(
+        &mut self,
+        inputs: &PredictionInputs<'_>,
+        age: Duration,
+        now: Duration,
+    ) -> Reduction {
+        let limits = inputs.limits;
         let stale = age > limits.hold;
         let mut ahead = age.saturating_add(limits.delay());
         if stale {
             // A held correction ramps out no faster than its slew allows.
-            ahead = ahead.saturating_add(asked.way_out);
+            ahead = ahead.saturating_add(inputs.way_out);
         }
         let ahead = ahead.min(MAX_AHEAD);
         let taken = now.saturating_sub(age);
         let moves = self.speed.iter().any(|speed| *speed != 0.0);
-        let part = if moves && !self.is_calm(asked, taken, ahead) {
-            asked.part_ahead(&self.speed, ahead)
+        let part = if moves && !self.is_calm(inputs, taken, ahead) {
+            inputs.part_ahead(&self.speed, ahead)
         } else {
             1.0
         };
-        self.remember(asked.wanted, taken);
+        self.remember(inputs.wanted, taken);
         self.goes_out = stale && (self.goes_out || part < 1.0);
         if part < 1.0 {
             self.last = Some(now);
         }
-        let told = self
+        let is_reported = self
             .last
             .is_some_and(|last| now.saturating_sub(last) <= REPORTED_FOR);
-        Kept {
+        Reduction {
             part,
-            let_go: self.goes_out,
-            notes: Reasons::LET_GO.when(told),
+            fast_ramp_out: self.goes_out,
+            notes: Reasons::LET_GO.when(is_reported),
         }
     }
 }
@@ -124,7 +133,7 @@ impl Lag {
 impl Lag {
     /// Whether the correction changed so little up to the positions of `taken` that a prediction would reduce nothing. A prediction costs as much
     /// as the rest of the cycle.
-    fn is_calm(&self, asked: &Asked<'_>, taken: Duration, ahead: Duration) -> bool {
+    fn is_calm(&self, inputs: &PredictionInputs<'_>, taken: Duration, ahead: Duration) -> bool {
         let Some((_, begun)) = self.wanted[REMEMBERED - 1] else {
             return false;
         };
@@ -132,10 +141,10 @@ impl Lag {
         // Near a singular pose shares start and end abruptly, and at a node a curve may bend: earlier corrections do not predict later ones.
         let may_bend = |(axis, (at, speed)): (usize, (&f64, &f64))| {
             let [from, to] = [-stretch.as_secs_f64(), ahead.as_secs_f64()].map(|s| at + speed * s);
-            from != to && asked.model.may_bend_between(axis, from, to)
+            from != to && inputs.model.may_bend_between(axis, from, to)
         };
-        let mut axes = asked.state.q.iter().zip(&self.speed).enumerate();
-        let wanted = asked.wanted;
+        let mut axes = inputs.state.q.iter().zip(&self.speed).enumerate();
+        let wanted = inputs.wanted;
         if ahead > stretch
             || stretch.is_zero()
             || wanted.near_singular
@@ -148,14 +157,14 @@ impl Lag {
         let most = (CALM_CHANGE / part).min(MOST_CHANGE);
         let mut past = self.wanted.iter().flatten();
         past.all(|(then, _)| {
-            asked
-                .against(then)
+            inputs
+                .compare(then)
                 .iter()
-                .all(|against| against.is_within(most))
+                .all(|compare| compare.is_within(most))
         })
     }
 
-    fn remember(&mut self, wanted: &ModelWanted, taken: Duration) {
+    fn remember(&mut self, wanted: &CoupledCorrection, taken: Duration) {
         let is_due = |(_, last): (_, Duration)| taken.saturating_sub(last) >= SPACING;
         if self.wanted[0].is_none_or(is_due) {
             self.wanted.rotate_right(1);
@@ -169,7 +178,7 @@ impl Lag {
     }
 }
 
-impl Asked<'_> {
+impl PredictionInputs<'_> {
     /// The part that is better than none anywhere on the path covered in `ahead` at this speed.
     fn part_ahead(&self, speed: &PerAxis<f64>, ahead: Duration) -> f64 {
         // Also checks half the path: a periodic error may return to the same value at its end.
@@ -179,18 +188,23 @@ impl Asked<'_> {
 
     /// The part that is better than none after `time` at this speed.
     fn part_after(&self, speed: &PerAxis<f64>, time: Duration) -> f64 {
-        let mut there = *self.state;
-        for (q, speed) in there.q.iter_mut().zip(speed) {
+        let mut ahead_state = *self.state;
+        for (q, speed) in ahead_state.q.iter_mut().zip(speed) {
             *q += speed * time.as_secs_f64();
         }
         let model = self.model;
-        let then = model.wanted_by(self.only_thermal, &there, self.correctors, self.applied);
-        let [linear, rotary] = self.against(&then).map(|against| against.part());
+        let then = model.wanted_by(
+            self.only_thermal,
+            &ahead_state,
+            self.correctors,
+            self.applied,
+        );
+        let [linear, rotary] = self.compare(&then).map(|compare| compare.part());
         linear.min(rotary)
     }
 
     /// Compares the present correction with the one required at `then`: linear axes, rotary axes.
-    fn against(&self, then: &ModelWanted) -> [Against; 2] {
+    fn compare(&self, then: &CoupledCorrection) -> [Comparison; 2] {
         let now = self.wanted;
         // The effect of the present linear shares at that position, where the levers of the rotary shares differ.
         let mut does = now.position;
@@ -201,8 +215,8 @@ impl Asked<'_> {
             }
         }
         [
-            Against::new(&does, &then.position, self.step(AxisKind::Linear)),
-            Against::new(&now.rotary, &then.rotary, self.step(AxisKind::Rotary)),
+            Comparison::new(&does, &then.position, self.step(AxisKind::Linear)),
+            Comparison::new(&now.rotary, &then.rotary, self.step(AxisKind::Rotary)),
         ]
     }
 
@@ -215,13 +229,13 @@ impl Asked<'_> {
 }
 
 /// A correction compared with the required one; differences of up to one step are ignored.
-struct Against {
+struct Comparison {
     size: f64,
     differs: f64,
     step: f64,
 }
 
-impl Against {
+impl Comparison {
     fn new(does: &PerAxis<f64>, needed: &PerAxis<f64>, step: f64) -> Self {
         let norm = |values: &PerAxis<f64>| values.iter().map(|x| x * x).sum::<f64>().sqrt();
         Self {

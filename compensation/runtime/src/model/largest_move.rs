@@ -72,7 +72,7 @@ impl<'a> Pair<'a> {
     }
 
     /// The change at a state, mm and rad; updates the largest one.
-    fn look(&mut self, state: &State) -> LargestMove {
+    fn sample(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
             return LargestMove::NONE;
         }
@@ -100,13 +100,13 @@ impl<'a> Pair<'a> {
     }
 
     /// The largest change at a position over all `directions` of approach.
-    fn look_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
+    fn sample_from(&mut self, q: &PerAxis<f64>, directions: &[PerAxis<Option<Direction>>]) -> f64 {
         let moves = directions.iter().map(|approach| {
             let state = State {
                 q: *q,
                 approach: *approach,
             };
-            let moved = self.look(&state);
+            let moved = self.sample(&state);
             // A single number to rank positions by: one milliradian counts as one millimetre.
             moved.linear.0 + moved.rotary.0
         });
@@ -148,7 +148,7 @@ impl Model {
         sets.into_iter()
             .fold(LargestMove::NONE, |worst, correctors| {
                 let mut pair = Pair::new([self, other], correctors, worst, left);
-                space.look(&mut pair);
+                space.sample(&mut pair);
                 pair.worst
             })
     }
@@ -238,7 +238,7 @@ impl Space {
             .saturating_mul(self.both().len())
     }
 
-    fn look(&self, pair: &mut Pair<'_>) {
+    fn sample(&self, pair: &mut Pair<'_>) {
         let whole = pair.left.saturating_sub(self.node_states());
         // One third for the corners, the rest for the results of the nodes.
         self.corners(pair, whole / 3);
@@ -247,7 +247,7 @@ impl Space {
         for (axis, places) in self.places.iter().enumerate() {
             let before = std::mem::take(&mut pair.most);
             let points = places.iter().map(|place| vec![(axis, *place)]);
-            self.look_at(pair, points);
+            self.sample_points(pair, points);
             along.push(pair.most);
             for (most, before) in pair.most.iter_mut().zip(before) {
                 for (most, before) in most.iter_mut().zip(before) {
@@ -266,7 +266,7 @@ impl Space {
                 let row = nodes[1].iter();
                 row.map(move |b| vec![(*one, *a), (*two, *b)])
             });
-            self.look_at(pair, points);
+            self.sample_points(pair, points);
         }
         self.climb(pair, &along);
     }
@@ -297,8 +297,8 @@ impl Space {
                     Some(Direction::Positive)
                 };
             }
-            pair.look(&together);
-            pair.look_from(&together.q, &self.directions);
+            pair.sample(&together);
+            pair.sample_from(&together.q, &self.directions);
         }
         for _ in 0..MAX_PASSES {
             let before = pair.most;
@@ -308,13 +308,13 @@ impl Space {
                     let mut state = from;
                     for place in &self.places[axis] {
                         state.q[axis] = *place;
-                        pair.look(&state);
+                        pair.sample(&state);
                     }
                     if self.both().len() > 1 {
                         let (_, mut turned) = pair.most[*goal][*sign];
                         for direction in Direction::BOTH {
                             turned.approach[axis] = Some(direction);
-                            pair.look(&turned);
+                            pair.sample(&turned);
                         }
                     }
                 }
@@ -329,7 +329,7 @@ impl Space {
     }
 
     /// Samples points, which fix some of the axes, with the other axes centred; the worst points also with the other axes at their ends.
-    fn look_at(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
+    fn sample_points(&self, pair: &mut Pair<'_>, points: impl Iterator<Item = Vec<(usize, f64)>>) {
         let at = |mut q: PerAxis<f64>, point: &[(usize, f64)]| {
             for (axis, place) in point {
                 q[*axis] = *place;
@@ -337,12 +337,17 @@ impl Space {
             q
         };
         let mut found: Vec<_> = points
-            .map(|point| (pair.look_from(&at(self.middle, &point), self.both()), point))
+            .map(|point| {
+                (
+                    pair.sample_from(&at(self.middle, &point), self.both()),
+                    point,
+                )
+            })
             .collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         for (_, point) in found.into_iter().take(MAX_BEST_NODES) {
             for ends in self.diagonals() {
-                pair.look_from(&at(ends, &point), self.both());
+                pair.sample_from(&at(ends, &point), self.both());
             }
         }
     }
@@ -365,7 +370,7 @@ impl Space {
         } else {
             &self.ends
         };
-        pair.look_from(&self.middle, &self.directions);
+        pair.sample_from(&self.middle, &self.directions);
         let all = grid.iter().map(Vec::len).product::<usize>();
         // If there are too many corners, an evenly spread subset.
         let step = (count(grid).div_ceil(at_most.max(1))).max(1) | 1;
@@ -376,7 +381,7 @@ impl Space {
                 q[axis] = places[rest % places.len()];
                 rest /= places.len();
             }
-            pair.look_from(&q, &self.directions);
+            pair.sample_from(&q, &self.directions);
         }
     }
 
@@ -439,9 +444,9 @@ mod tests {
         Model::new(&machine, Fading::default()).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// What moves between the corners, or from one direction only: before, all of it was 0 µm.
+    /// Between the corners, or in one direction of approach only.
     #[test]
-    fn what_corners_do_not_show_is_seen() {
+    fn changes_between_corners_are_found() {
         let flat = model(SMALL, "EYX = 0.0\n");
         for (errors, least_um) in [
             (
@@ -481,10 +486,9 @@ mod tests {
         }
     }
 
-    /// A bump of 200 µm at a node of a grid beside its middle, and one at the second of 801 targets, were 0.0 µm; two
-    /// rotary axes were looked at one at a time, 120 µm of 340 µm.
+    /// A bump at an off-centre grid node, at the second of 801 targets, and one that needs two rotary axes at once.
     #[test]
-    fn every_node_is_looked_at() {
+    fn every_node_is_sampled() {
         let flat = model(SMALL, "EYX = 0.0\n");
         for (i, j) in (0..9).flat_map(|i| (0..6).map(move |j| (i, j))) {
             let mut values = [[0.0; 6]; 9];
@@ -518,9 +522,9 @@ mod tests {
         assert!(um > 300.0, "both turned: {um} µm");
     }
 
-    /// The error of a screw repeats with its pitch: 90 µm between places that are as far apart are 90 µm all the same.
+    /// The error of a screw with a period equal to the distance of the samples.
     #[test]
-    fn an_error_that_repeats_between_places_is_seen() {
+    fn a_periodic_error_between_samples_is_found() {
         let flat = model(SMALL, "EZZ = 0.0\n");
         let screw = model(
             SMALL,
@@ -530,9 +534,8 @@ mod tests {
         assert!(um > 80.0, "{um} µm");
     }
 
-    /// ±360° and 0° are one pose.
     #[test]
-    fn a_whole_turn_is_looked_at() {
+    fn a_whole_turn_is_sampled() {
         let flat = model(TURNING, "EXC = 0.0\n");
         let wobbles = model(
             TURNING,
@@ -542,7 +545,6 @@ mod tests {
         assert!(um > 150.0, "{um} µm at 180 deg");
     }
 
-    /// The work is bounded, however many nodes there are.
     #[test]
     fn the_number_of_states_is_bounded() {
         let nodes: Vec<String> = (0..=800).map(|k| format!("[{}, {}]", k, k % 7)).collect();
@@ -554,7 +556,7 @@ mod tests {
         let correctors = [&old, &new].map(|model| model.correctors_among(&model.axes));
         let left = MAX_STATES + Space::of(&old, &new).node_states();
         let mut pair = Pair::new([&old, &new], correctors, LargestMove::NONE, left);
-        Space::of(&old, &new).look(&mut pair);
+        Space::of(&old, &new).sample(&mut pair);
         assert!(pair.left > 0, "every part had room");
         assert!(pair.worst.linear.0 > 0.005);
     }

@@ -37,9 +37,8 @@ fn exact(place: [f64; 5], correction: &PerAxis<f64>) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// With nothing applied the error with correction is the error without.
 #[test]
-fn nothing_applied_changes_nothing() {
+fn without_correction_residual_and_error_agree() {
     for place in PLACES {
         let report = Rig::at(place).run(10);
         let (error, residual) = (
@@ -65,7 +64,7 @@ fn nothing_applied_changes_nothing() {
     }
 }
 
-/// Half way up the ramp and at its end the residual is that of the exact chain at command plus correction.
+/// Half way up the ramp and at its end, by the exact chain.
 #[test]
 fn the_residual_is_that_of_the_chain_at_command_plus_correction() {
     let mut largest = 0.0_f64;
@@ -160,7 +159,7 @@ fn compare(machine: &Machine, seed: u64) {
 }
 
 #[test]
-fn the_gateway_and_the_exact_correction_choose_and_solve_alike() {
+fn the_runtime_matches_the_exact_correction() {
     compare(&machine(), 1);
     // U half a degree off X, V two degrees off Y: U is no new direction, and X and Y correct.
     let text = "structure = \"w C' X' b Y Z U V B t\"
@@ -196,11 +195,10 @@ EX0B = 6.0
     compare(&Machine::parse(text, "m").expect("valid"), 2);
 }
 
-/// A control that writes X, Y and Z of a five-axis machine: the tip goes where it should with the rotary axes held, and
-/// what is left is the direction of the tool. Each got its share of the correction of all five axes before: an orientation
-/// error about the very tip, which is no error of its place, made one.
+/// X, Y and Z of a five-axis machine are written: the tip is corrected with the rotary axes held, the direction of the tool remains. Shares of the
+/// full correction used to add an error at the tip.
 #[test]
-fn the_tip_is_corrected_by_the_axes_that_are_written() {
+fn the_written_axes_correct_the_tip() {
     for place in [
         [-100.0, 40.0, 200.0, 50.0, 300.0],
         [-400.0, -75.0, 650.0, 300.0, 50.0],

@@ -8,7 +8,7 @@ use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
     AxisSettings, BarrierSettings, GuardSettings, Model, PathPlan, PlanError, Replacement,
-    WhyLeftOut, WithoutBarrier,
+    UncorrectedReason, WithoutBarrier,
     guard::{Reasons, Request},
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
@@ -52,8 +52,7 @@ fn largest_outputs(rig: &mut Rig, machine: &Machine) -> Vec<(AxisName, f64)> {
     largest
 }
 
-/// Neither the test shift nor the correction reaches an axis that may not correct, whether or not limits are stated
-/// for axes of its kind; the others make their test shift.
+/// Neither the test shift nor the correction, with or without limits for axes of that kind.
 #[test]
 fn nothing_is_written_to_axes_that_do_not_correct() {
     let machine = correcting("\"X\", \"Y\", \"Z\"");
@@ -75,7 +74,7 @@ fn nothing_is_written_to_axes_that_do_not_correct() {
     }
 }
 
-/// A linear axis along the direction of another one does not correct, and is not shifted either.
+/// It is parallel to another one and does not correct.
 #[test]
 fn a_redundant_linear_axis_is_not_shifted() {
     let text = "structure = \"w b X Y Z C t\"
@@ -100,9 +99,8 @@ EXX = { poly = [0.0, 0.02] }
     assert!(of(AxisName::X) > Some(0.0049) && of(AxisName::Z) > Some(0.0049));
 }
 
-/// A model that lets fewer axes correct takes their test shift away as well.
 #[test]
-fn another_model_takes_the_test_shift_of_the_axes_that_no_longer_correct() {
+fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     let before = machine();
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let after = correcting("\"X\", \"Y\", \"Z\"");
@@ -127,9 +125,9 @@ fn another_model_takes_the_test_shift_of_the_axes_that_no_longer_correct() {
     }
 }
 
-/// Rotary axes without a test shift beside linear ones that have one: nobody was told that they are not proven.
+/// Rotary axes without a test shift next to linear ones with one.
 #[test]
-fn axes_without_a_test_shift_are_told_as_not_proven() {
+fn axes_without_a_test_shift_are_reported_as_not_proven() {
     let rotary = shifting();
     let mut linear = shifting();
     if let Some(rotary) = &mut linear.rotary {
@@ -191,7 +189,7 @@ fn shipped(
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
 
-/// An axis whose step is larger than its limit, or than any limit may be, is left out and held at zero.
+/// An axis whose step exceeds its limit, or any limit, is held at zero.
 #[test]
 fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     let stated = AxisSettings::new(Urad(250.0), Urad(500.0));
@@ -201,9 +199,9 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
                 let case = format!("{step_deg} deg, barrier {has_barrier}, {rotary:?}");
                 let plan = shipped(step_deg, has_barrier, rotary)
                     .unwrap_or_else(|error| panic!("{case}: {error}"));
-                let left_out = plan.left_out.iter().map(|out| out.axis);
-                let left_out: Vec<_> = left_out.collect();
-                assert_eq!(left_out, [AxisName::C, AxisName::B], "{case}");
+                let uncorrected = plan.uncorrected.iter().map(|out| out.axis);
+                let uncorrected: Vec<_> = uncorrected.collect();
+                assert_eq!(uncorrected, [AxisName::C, AxisName::B], "{case}");
                 for axis in plan.limits.axes.iter().take(plan.limits.count) {
                     let is_rotary = axis.kind == AxisKind::Rotary;
                     assert_eq!(axis.reachable() == 0.0 && is_rotary, axis.limit == 0.0);
@@ -221,7 +219,7 @@ fn axes_that_are_too_coarse_to_correct_need_no_limits() {
     );
 }
 
-/// Half a step times the lever against what is allowed, axis by axis.
+/// Half a step times the lever against the allowed error, for each axis.
 #[test]
 fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     let model = Model::new(&machine(), Fading::default()).expect("compiles");
@@ -234,31 +232,33 @@ fn a_rotary_axis_with_coarse_steps_is_not_corrected() {
     assert!(b < c && b > Um(1.0), "levers of B and C: {b} {c}");
     let corrects = |most: f64| {
         let plan = plan(&NAMES, 20.0, Um(most)).expect("fits");
-        let left_out = plan.left_out.iter().map(|out| (out.axis, out.why));
-        (plan.correctors.rotary().len(), left_out.collect::<Vec<_>>())
+        let uncorrected = plan.uncorrected.iter().map(|out| (out.axis, out.why));
+        (
+            plan.correctors.rotary().len(),
+            uncorrected.collect::<Vec<_>>(),
+        )
     };
     assert_eq!(corrects(c.0 * 1.001), (2, Vec::new()));
-    let (count, left_out) = corrects(c.0 * 0.999);
+    let (count, uncorrected) = corrects(c.0 * 0.999);
     assert_eq!(count, 1);
-    let [(AxisName::C, WhyLeftOut::Coarse(error))] = left_out[..] else {
-        panic!("{left_out:?}")
+    let [(AxisName::C, UncorrectedReason::Coarse(error))] = uncorrected[..] else {
+        panic!("{uncorrected:?}")
     };
     assert!((error.to_um() - c).0.abs() < 1e-9);
     assert_eq!(corrects(b.0 * 0.999).0, 0);
 }
 
-/// Without three linear directions nothing takes back what a rotary axis moves the tip: it is not corrected, and a
-/// controller of which nothing remains is refused.
+/// Otherwise nothing compensates their movement of the tip. A controller without any correcting axis is refused.
 #[test]
-fn rotary_axes_correct_only_beside_three_linear_directions() {
+fn rotary_axes_correct_only_with_three_linear_directions() {
     let [x, y, b, c] = [AxisName::X, AxisName::Y, AxisName::B, AxisName::C];
     let plan = |axes: &[AxisName]| plan(axes, 1.0, Um(1000.0));
     let two = plan(&[x, b, y]).expect("X and Y correct");
     assert!(two.correctors.rotary().is_empty());
-    assert_eq!(two.left_out.len(), 1);
+    assert_eq!(two.uncorrected.len(), 1);
     assert_eq!(
-        (two.left_out[0].axis, two.left_out[0].why),
-        (b, WhyLeftOut::Uncatchable)
+        (two.uncorrected[0].axis, two.uncorrected[0].why),
+        (b, UncorrectedReason::Uncatchable)
     );
     let refused = plan(&[b, c]).expect_err("nothing corrects");
     assert!(
@@ -267,8 +267,7 @@ fn rotary_axes_correct_only_beside_three_linear_directions() {
     );
 }
 
-/// A machine X Y A: the tool is no further off than without correction. A alone turned the tip by its lever, and no axis
-/// takes that back along Z.
+/// X, Y, A: A alone would move the tip along Z, which no axis compensates.
 #[test]
 fn a_machine_with_two_linear_directions_and_a_rotary_axis_gains_no_error() {
     let text = "structure = \"w A' b X Y t\"
@@ -300,10 +299,9 @@ errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
     assert!(worst < 1e-6, "{worst} mm further off than without");
 }
 
-/// X under a rotary table, Y on the other side: at C = 90° they lie in one direction. The shares grow without end there,
-/// are limited together, and are told.
+/// X under a rotary table, Y on the other side: parallel at C = 90°. The shares grow without bound there and are limited together.
 #[test]
-fn linear_axes_turned_into_one_direction_are_told() {
+fn linear_axes_turned_into_one_direction_are_reported() {
     let text = "structure = \"w X' C' b Y Z t\"
 axes.X = { travel = [-500.0, 500.0] }
 axes.Y = { travel = [-500.0, 500.0] }
@@ -365,10 +363,9 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
     }
 }
 
-/// A tool that is 1 mm longer: half a step of B at its lever is above what is allowed now, and B is not corrected any more.
-/// Before, the change was compared with B correcting in both models, and was told as 0 µm.
+/// With a tool 1 mm longer, half a step of B exceeds the allowed error. The change used to be compared with B correcting in both models: 0 µm.
 #[test]
-fn a_rotary_axis_that_falls_out_of_the_correction_is_told_as_a_move() {
+fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let machine = |length: f64| {
         let text = format!(
             "structure = \"w C' X' b Y Z B t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\npoint = [400.0, 300.0, -120.0]\n[axes.B]\ntravel = [-110.0, 110.0]\npoint = [400.0, 300.0, 120.0]\n[axes.C]\ntravel = [0.0, 360.0]\npoint = [400.0, 300.0, 0.0]\nmodulo = 360.0\n[tool]\ngauge = [400.0, 300.0, 0.0]\nlength = {length:?}\n[errors]\nEBZ = -160.0\n"

@@ -160,10 +160,9 @@ impl Table {
 /// What rounding, the slew of a cycle and the steps of the model may add, mm.
 const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 
-/// Positions that always come so late: the tool is never further off than without correction. `hold_ms` is 200, the most
-/// that a configuration may state; older positions do not correct at all.
+/// `hold_ms` is 200, the maximum; older positions do not correct at all.
 #[test]
-fn a_correction_by_late_positions_is_never_worse_than_nothing() {
+fn a_correction_by_late_positions_is_never_worse_than_none() {
     let hold = Duration::from_millis(200);
     println!("age | rms without | rms with | part that is left | let go");
     let mut lefts = Vec::new();
@@ -222,10 +221,9 @@ fn a_correction_by_late_positions_is_never_worse_than_nothing() {
     assert!(lefts.iter().any(|(age, _, told)| *age == 160 && *told));
 }
 
-/// Positions that stop to come while the table turns on: what is held goes out before it is worse than nothing, and comes
-/// in again when they come.
+/// Positions stop while the table keeps turning, and return later.
 #[test]
-fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
+fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
     for silent_ms in (0..=500).step_by(50) {
         for begins_ms in [0, 450, 900, 1350] {
             let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));
@@ -265,10 +263,9 @@ fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
     }
 }
 
-/// A part of a correction is let go where something corrects: not while disarmed, and not any more when all of it has gone
-/// to zero because nothing tells positions.
+/// Neither while disarmed nor after ramping out without positions.
 #[test]
-fn nothing_is_told_to_be_let_go_where_nothing_corrects() {
+fn no_reduction_is_reported_without_a_correction() {
     let is_told = |report: &Report| report.reasons.contains(Reasons::LET_GO);
     for disarms in [true, false] {
         let mut table = Table::armed(Duration::ZERO, Duration::from_millis(50));

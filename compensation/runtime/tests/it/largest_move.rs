@@ -68,8 +68,8 @@ fn extremes(curve: &Curve, travel: f64) -> [f64; 2] {
     })
 }
 
-/// Errors that shift the tool in X, over one, two or three axes: what moves at the most is the largest sum of them, each at its own
-/// largest. Before, a period of a part of the travel was not seen, and of two axes only one stood at its largest.
+/// Errors in X over one, two or three axes: the maximum is the sum of their maxima. Periods shorter than the travel used to be missed, and of two
+/// axes only one was at its maximum.
 #[test]
 fn the_largest_move_is_that_of_a_dense_scan() {
     let flat = model(&machine());
@@ -101,9 +101,9 @@ fn the_largest_move_is_that_of_a_dense_scan() {
     }
 }
 
-/// A tilt that repeats acts by the lever of Z: the scan asks the model itself, over X at both ends of Y and Z.
+/// A periodic tilt acts by the lever of Z; the scan evaluates the model over X at both ends of Y and Z.
 #[test]
-fn a_lever_makes_no_difference() {
+fn levers_are_found_by_a_dense_scan() {
     let old = model(&machine());
     let mut rng = ChaCha8Rng::seed_from_u64(23);
     for kind in 0..7 {

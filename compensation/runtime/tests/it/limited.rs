@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, RequestedCorrection, Vector};
 use volcomp_kinematics::actual_pose;
 use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_runtime::{
@@ -44,8 +44,7 @@ EYY = { fourier = [0.0, 0.0, 5.0], period = 10.0 }
 EBZ = 100.0
 ";
 
-/// Near the singular pose C is asked for so much that the linear axes would go by tenths of a millimetre, and a limit
-/// leaves little of it. The errors of where the whole would have led made an error of 4.6 µm where there was none.
+/// Near the singular pose a limit leaves little of the share of C. Errors evaluated at the unlimited correction used to cause 4.6 µm.
 #[test]
 fn a_limit_near_the_singular_pose_makes_no_error() {
     let machine = Machine::parse(PERIODIC, "m").expect("valid");
@@ -93,7 +92,7 @@ fn a_limit_near_the_singular_pose_makes_no_error() {
             let without = off_um(&machine, &state, &PerAxis::ZERO);
             for cycle in 0..200 {
                 let wanted = model.wanted(&state, &correctors, &PerAxis(vector.output().0));
-                let wanted = Wanted {
+                let wanted = RequestedCorrection {
                     position: PerChannel(wanted.position.0),
                     rotary: PerChannel(wanted.rotary.0),
                     follow: PerChannel(wanted.follow.0.map(|row| PerChannel(row.0))),
@@ -214,10 +213,9 @@ const PACES: [(f64, f64); 3] = [
     (500.0, 1000.0),
 ];
 
-/// Another machine file takes the rotary axes out of `correct`: what they hold goes out, and the tip stays. The linear axes
-/// followed nothing, and the tool went off by 26 µm at 100 µrad/s.
+/// Another machine file removes the rotary axes from `correct`. Without following linear axes the tool used to be off by 26 µm at 100 µrad/s.
 #[test]
-fn rotary_axes_that_correct_no_more_go_out_together_with_the_linear_ones() {
+fn rotary_axes_that_stop_correcting_ramp_out_with_the_linear_axes() {
     for (slew, accel) in PACES {
         let mut holding = Holding::new(slew, accel);
         holding.corrects("\"X\", \"Y\", \"Z\"");
@@ -226,10 +224,9 @@ fn rotary_axes_that_correct_no_more_go_out_together_with_the_linear_ones() {
     }
 }
 
-/// Another machine file takes a linear axis out of `correct`, and the rotary axes with it, since two linear axes cannot take
-/// back what those move the tip. Each went out at its own pace, and the tool was off by tens of µm for seconds.
+/// Two linear axes cannot follow rotary ones, so these stop, too. At separate rates the tool used to be off by tens of µm for seconds.
 #[test]
-fn a_linear_axis_that_corrects_no_more_goes_out_together_with_the_rotary_ones() {
+fn a_linear_axis_that_stops_correcting_ramps_out_with_the_rotary_axes() {
     for (slew, accel) in PACES {
         for left in [
             "\"Y\", \"Z\"",
@@ -250,9 +247,8 @@ fn a_linear_axis_that_corrects_no_more_goes_out_together_with_the_rotary_ones() 
     }
 }
 
-/// A linear axis leaves the correction, and while the rotary axes are on their way out another one does.
 #[test]
-fn axes_that_leave_one_after_another_take_the_tip_nowhere() {
+fn axes_that_stop_correcting_in_turn_do_not_move_the_tip() {
     let mut holding = Holding::new(100.0, f64::INFINITY);
     for left in ["\"Y\", \"Z\"", "\"Z\"", "\"X\", \"Y\", \"Z\""] {
         holding.corrects(left);
@@ -260,10 +256,10 @@ fn axes_that_leave_one_after_another_take_the_tip_nowhere() {
     }
 }
 
-/// Limits are lowered while the correction is on its way out, and it is armed again: what begins the test shift is reached
-/// as one vector. A rotary axis alone was brought within its limit, and the tool was off by tens of µm.
+/// Limits are lowered on the ramp out, and it is armed again: the start of the test shift is reached as one vector. A rotary axis alone used to be
+/// reduced, with tens of µm at the tool.
 #[test]
-fn limits_lowered_before_arming_take_the_whole_correction_along() {
+fn limits_lowered_before_arming_reduce_the_whole_correction() {
     for (slew, accel) in PACES {
         for (linear, rotary) in [(1.0, 0.2), (0.1, 1.0), (0.1, 0.3)] {
             let mut holding = Holding::new(slew, accel);

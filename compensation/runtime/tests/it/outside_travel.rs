@@ -85,7 +85,7 @@ fn compensating() -> (Rig, Injected, Report) {
 }
 
 #[test]
-fn a_jump_within_the_travel_holds_goes_to_zero_and_comes_back_with_the_position() {
+fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
     let (mut rig, control, armed) = compensating();
     let z = machine().index_of(AxisName::Z).unwrap();
     let applied = armed.sent.unwrap();
@@ -120,9 +120,9 @@ fn a_jump_within_the_travel_holds_goes_to_zero_and_comes_back_with_the_position(
     assert_eq!((report.positions[z], report.jumped), (-400.0, 0));
 }
 
-/// Z moves on, at 90 m/min, behind the end of a machine file that is wrong; with the right one its position is believed where it stands.
+/// Z is beyond the end of a wrong machine file; with the right one its position is accepted.
 #[test]
-fn another_travel_judges_the_next_position_anew() {
+fn a_new_travel_accepts_the_next_position() {
     let (mut rig, control, _) = compensating();
     let z = machine().index_of(AxisName::Z).unwrap();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
@@ -147,7 +147,7 @@ fn another_travel_judges_the_next_position_anew() {
 }
 
 #[test]
-fn motion_at_rapid_after_a_silence_is_believed() {
+fn motion_at_rapid_after_a_silence_is_accepted() {
     let (mut rig, control, _) = compensating();
     control.set_silent(true);
     rig.run(50);
@@ -159,9 +159,9 @@ fn motion_at_rapid_after_a_silence_is_believed() {
     assert_eq!(rig.run(1000).state, State::Compensating);
 }
 
-/// A table counts on, or begins anew at 0, as its control likes; half a turn at once is a jump.
+/// Whether the control counts on or restarts at 0; half a turn at once is a jump.
 #[test]
-fn a_table_that_rolls_over_is_believed() {
+fn a_table_that_rolls_over_is_accepted() {
     let mut names = NAMES;
     names.sort_by_key(|name| *name != AxisName::C);
     let control = Injected::default();
@@ -178,10 +178,9 @@ fn a_table_that_rolls_over_is_believed() {
     }
 }
 
-/// Referencing gives an axis another position: whoever is there arms anew. Flags that are only old look like "not referenced", too, and
-/// make no jump true.
+/// Stale flags also read as "not referenced", and validate no jump.
 #[test]
-fn a_position_after_referencing_is_believed_once_armed_anew() {
+fn a_position_after_referencing_is_accepted_after_arming_again() {
     let (mut rig, control, armed) = compensating();
     control.set_unreferenced(true);
     control.displace(-300.0);
@@ -198,7 +197,7 @@ fn a_position_after_referencing_is_believed_once_armed_anew() {
     assert_eq!((report.jumped, armed.jumped), (0, 0));
 }
 
-/// So has a table with a turn of travel, or all but a thousandth of a degree of it.
+/// Or with a thousandth of a degree less.
 #[test]
 fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
     for (travel, at, is_outside) in [
@@ -221,9 +220,8 @@ fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
     }
 }
 
-/// An axis with `modulo` has no ends.
 #[test]
-fn a_table_that_turns_on_is_nowhere_outside() {
+fn a_modulo_axis_is_nowhere_outside() {
     let place = [-100.0, 20.0, 300.0, 36_040.0, 200.0];
     let report = Rig::at(place).run(20);
     assert_eq!(report.outside_travel, 0, "{report:?}");

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use volcomp_model::Machine;
 use volcomp_port::{Clock, Description};
 use volcomp_runtime::{
-    Asked, BarrierSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError,
+    BarrierSettings, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings, PlanError,
     PositionReader, ReaderPlan, Report,
     guard::{ControlTimeOut, Hold, Reasons, Request, State, protocol::Counts},
 };
@@ -83,10 +83,9 @@ fn largest_write_um(offset: u64, begins: u64, hand_back: Duration) -> f64 {
     ways.plant().largest * 1e3
 }
 
-/// Before, the first write over the other path was made from what it had said when it stood by, up to 100 ms before: the axis
-/// went back by 26 µm in one cycle where 2 µm are allowed.
+/// The first write used to rely on a standby reading up to 100 ms old: the axis stepped back by 26 µm where 2 µm are allowed.
 #[test]
-fn a_change_of_ways_in_motion_makes_no_step() {
+fn a_change_of_paths_in_motion_makes_no_step() {
     let (sooner, later) = (Duration::from_secs(2), Duration::from_millis(2050));
     for offset in (0..30).step_by(3) {
         for (begins, hand_back) in [
@@ -106,10 +105,9 @@ fn a_change_of_ways_in_motion_makes_no_step() {
     }
 }
 
-/// The second path has its axes in another order, and lower limits: what the first one has sent comes in by a ramp. It was a
-/// correction beyond the limit that nobody had sent: a fault, and the correction stayed in the words.
+/// The second path has another axis order. This used to be a fault.
 #[test]
-fn a_way_with_lower_limits_leads_in_what_the_way_before_has_sent() {
+fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
     let ways = Ways::to(Control::default(), Clock::manual());
     let guard = guard_um(30.0);
     let model = three_axes(SLOPE, &guard);
@@ -169,9 +167,9 @@ fn fewer_axes(
     ways.cycle(model, &guard, paths.into())
 }
 
-/// The words of Z stayed at 20 µm for good, and 0 µm was shown.
+/// Otherwise 20 µm would stay on Z.
 #[test]
-fn a_path_whose_axes_another_does_not_write_must_go_to_zero_by_itself() {
+fn a_path_with_additional_axes_must_go_to_zero_on_its_own() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 10.0)]), Clock::manual());
     let made = |axes, time_out| fewer_axes(axes, time_out, &ways).map(|_| ());
     let few = &AXES[..2];
@@ -261,16 +259,16 @@ fn left_on_z(real_scan: Duration, time_out_scans: u16, stop_until: i32) -> (i16,
     (most, taken_over)
 }
 
-/// A control whose scans are longer than configured, and yet accepted, had 120 µm on Z when the second path took over.
+/// With scans longer than configured, 120 µm used to be left on Z.
 #[test]
 fn a_slow_control_is_at_zero_when_fewer_axes_take_over() {
     let found = left_on_z(Duration::from_micros(2450), 1000, 0);
     assert_eq!(found, (0, true));
 }
 
-/// A barrier holds in a stop; the time until it is taken for zero ran on, and 112 µm were left on Z.
+/// A barrier holds in a stop: 112 µm used to be left on Z.
 #[test]
-fn a_stop_does_not_count_until_fewer_axes_take_over() {
+fn a_stop_does_not_count_towards_the_time_to_zero() {
     assert_eq!(left_on_z(SCAN, 100, 2500), (0, true));
 }
 
@@ -312,14 +310,14 @@ fn after_a_restart(
     }
     for number in 0..500 {
         ways.clock.advance(PERIOD);
-        let asked = Asked {
+        let asked = CycleInput {
             request: match number {
                 50 if acknowledged => Some(Request::Acknowledge),
                 100 => Some(Request::Arm),
                 _ => None,
             },
             forbids: Reasons::FAULTED_BEFORE.when(was_faulted && number <= 50),
-            ..Asked::default()
+            ..CycleInput::default()
         };
         cycle.run(ways.clock.now(), &asked, &mut || Duration::ZERO);
     }
@@ -327,10 +325,9 @@ fn after_a_restart(
     (report.state, report.reasons, ways.plant().largest)
 }
 
-/// After a restart lines took over at once from a path that was never heard, although its last output was written down as
-/// -25 µm, or lost: X went from -25 to 0 µm in one write, and 0 µm was shown as applied.
+/// After a restart, with −25 µm stored or unknown, lines used to take over at once: X moved by 25 µm in one write.
 #[test]
-fn lines_do_not_take_over_while_a_silent_way_may_hold_a_correction() {
+fn lines_do_not_take_over_while_a_silent_path_may_hold_a_correction() {
     for remembered in [None, Some(-0.025), Some(f64::NAN)] {
         let (state, reasons, change) = after_a_restart(-0.025, remembered, false, false);
         assert_eq!(change, 0.0, "{remembered:?}: nothing is written");
@@ -347,17 +344,15 @@ fn lines_do_not_take_over_while_a_silent_way_may_hold_a_correction() {
     }
 }
 
-/// The silent first path had -25 µm, which were written down. A person acknowledged the fault of before the restart, and with
-/// it, unasked, that nothing was left there: X went from -25 to 0 µm in one write.
+/// The operator acknowledged an earlier fault, and with it −25 µm stored for a silent path.
 #[test]
-fn who_acknowledges_a_fault_says_nothing_of_what_is_left_elsewhere() {
+fn acknowledging_a_fault_does_not_clear_corrections_on_other_paths() {
     let (_, _, change) = after_a_restart(-0.025, Some(-0.025), true, true);
     assert!(change <= 0.002 + 1e-9, "{change} mm");
 }
 
-/// The first path corrects again, and the lines keep what they were left with: nothing told it, also not when all was disarmed.
 #[test]
-fn what_lines_keep_after_a_hand_back_is_told() {
+fn corrections_left_on_lines_after_a_hand_back_are_reported() {
     let control = Control {
         away: Some("words"),
         lines: Some([].into()),
@@ -440,10 +435,9 @@ fn with_silent_scale(disarm_at: u32, look_at: [u32; 3]) -> (u32, State, [f64; 3]
     (changes, cycle.report().state, words)
 }
 
-/// Positions that are lost ramp the correction out. Before, the paths changed in every cycle and each change began the ramp
-/// anew: 10 µm stayed for good.
+/// The paths used to change in every cycle, each change restarting the ramp.
 #[test]
-fn positions_that_are_old_on_both_ways_ramp_the_correction_out() {
+fn stale_positions_on_both_paths_ramp_out() {
     let (changes, state, words) = with_silent_scale(u32::MAX, [SILENT_AT, SILENT_AT + 300, 2999]);
     assert_eq!(state, State::Holding(Hold::Lost));
     assert!((words[0].abs() - 10.0).abs() < 1.0, "{words:?}");
@@ -451,9 +445,8 @@ fn positions_that_are_old_on_both_ways_ramp_the_correction_out() {
     assert!(changes <= 1, "{changes} changes");
 }
 
-/// Disarming takes the correction out in the time of a ramp, whatever the positions are.
 #[test]
-fn disarming_while_positions_are_old_takes_the_correction_out() {
+fn disarming_with_stale_positions_ramps_out() {
     let look_at = [SILENT_AT, SILENT_AT + 30, SILENT_AT + 130];
     let (changes, state, words) = with_silent_scale(SILENT_AT + 30, look_at);
     assert_eq!(state, State::Disarmed);
@@ -462,13 +455,13 @@ fn disarming_while_positions_are_old_takes_the_correction_out() {
     assert!(changes <= 1, "{changes} changes");
 }
 
-/// The scale keeps whoever asks it for two seconds. Before, the cycle waited for it, and so did disarming.
+/// Its exchange takes two seconds.
 #[test]
-fn a_controller_that_is_only_read_and_hangs_costs_no_cycle() {
+fn a_hanging_read_only_controller_delays_no_cycle() {
     let ways = Ways::to(Control::at(&[(AxisName::X, 30.0)]), Clock::system());
     ways.plant().hangs = Duration::from_secs(2);
     let mut cycle = with_scale(&ways);
-    cycle.attend_standbys().expect("threads");
+    cycle.start_standby_threads().expect("threads");
     let mut longest = Duration::ZERO;
     for n in 0..400 {
         std::thread::sleep(PERIOD);
@@ -568,8 +561,7 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
     (got, index.map(|index| cycle.report().wanted[index]))
 }
 
-/// At standstill the lines begin at zero and ramp to what is wanted, in whatever order they name the axes: nothing goes beyond
-/// the ramp by more than a step.
+/// At standstill lines start at zero; no axis exceeds the ramp by more than a step.
 #[test]
 fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
     let [x, y, z, a, c] = FIVE;

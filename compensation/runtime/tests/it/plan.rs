@@ -23,9 +23,9 @@ fn planned(
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
 
-/// What does not fit, in the units of the user and under the key.
+/// In the units of the user and with the key.
 #[test]
-fn what_does_not_fit_is_named() {
+fn conflicts_are_named() {
     type Change = fn(&mut Description, &mut GuardSettings, &mut PathSettings);
     let cases: [(Change, &str); 9] = [
         (
@@ -91,7 +91,7 @@ fn what_does_not_fit_is_named() {
     }
 }
 
-/// A rotary axis that turns while its position is taken for constant would make a correction of another place.
+/// If it turned, the correction would be that of another position.
 #[test]
 fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
     let plan = |not_driven: &[AxisName], fixed: &[AxisName]| {
@@ -119,7 +119,6 @@ fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
     }
 }
 
-/// A position that an axis cannot take would be believed for as long as the gateway runs.
 #[test]
 fn a_fixed_position_beyond_the_travel_is_refused() {
     let fixed = |at: f64| {
@@ -157,7 +156,7 @@ fn a_cycle_needs_a_path() {
     assert!(matches!(cycle.err(), Some(PlanError::Paths { found: 0 })));
 }
 
-/// Periods that make no sense, and a period that is not that of the plan, are refused; nothing panics.
+/// Invalid periods, and another one than planned, are refused without a panic.
 #[test]
 fn a_cycle_has_the_period_of_its_plan() {
     for period in [
@@ -198,9 +197,8 @@ fn a_cycle_has_the_period_of_its_plan() {
     }
 }
 
-/// Limits that a guard refuses are told to whoever sets them, and the old ones hold on.
 #[test]
-fn limits_that_make_no_sense_are_refused() {
+fn invalid_limits_are_refused() {
     let mut rig = Rig::at([0.0; 5]);
     let good = planned(|_, _, _| {}).expect("fits").limits;
     assert_eq!(rig.cycle.set_limits(0, &good), Ok(()));
@@ -228,9 +226,9 @@ fn limits_that_make_no_sense_are_refused() {
     assert_eq!(missing, Err(OrderRefusal::NoSuchPath { path: 1, paths: 1 }));
 }
 
-/// Limits of two axes were refused and taken all the same by the path: all corrections went to zero.
+/// Limits of two axes used to be refused but applied to the path.
 #[test]
-fn what_is_refused_changes_nothing() {
+fn refused_limits_change_nothing() {
     let mut rig = Rig::at([-100.0, 40.0, 200.0, 50.0, 300.0]);
     rig.run(10);
     rig.step(Some(Request::Arm));
@@ -255,7 +253,6 @@ fn what_is_refused_changes_nothing() {
     );
 }
 
-/// A step that is no length of a linear axis, or negative.
 #[test]
 fn a_position_step_has_the_kind_of_its_axis() {
     for step in [
@@ -277,7 +274,7 @@ fn a_position_step_has_the_kind_of_its_axis() {
     }
 }
 
-/// A machine file that corrects Y as well takes the place of one that leaves it out: without a barrier Y gets 30 µm at most.
+/// Y corrects only with the new machine file: at most 30 µm without a barrier.
 #[test]
 fn an_axis_that_a_new_model_corrects_keeps_to_the_limit_without_a_barrier() {
     let text = "structure = \"w X' Y' b Z t\"
@@ -316,9 +313,9 @@ errors = { EYY = 1000, EXX = 280 }";
     );
 }
 
-/// The same for what a device can be told: the limit of an axis that does not correct is no larger, and no reason to refuse.
+/// Its limit is reduced, which is no reason to refuse.
 #[test]
-fn an_axis_that_does_not_correct_keeps_to_what_the_device_can_be_told() {
+fn an_axis_that_does_not_correct_respects_the_range_of_its_device() {
     let text = "correct = [\"X\"]
 structure = \"w X' Y' b Z t\"
 axes = { X.travel = [0, 100], Y.travel = [0, 500], Z.travel = [0, 400] }

@@ -111,10 +111,9 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     turns
 }
 
-/// A slew that is raised by a reload: what it moves within the delay of the read-back was taken for a reversal, 222 times
-/// in 8 s.
+/// After a reload its motion within the read-back delay used to count as a reversal, 222 times in 8 s.
 #[test]
-fn a_raised_slew_feeds_no_reversal_back() {
+fn a_raised_slew_causes_no_reversal() {
     assert_eq!(turns(2000.0, 2000.0), 0, "planned for that slew");
     assert_eq!(turns(50.0, 50.0), 0, "slow");
     assert_eq!(turns(50.0, 2000.0), 0, "raised");

@@ -96,10 +96,9 @@ impl Moving {
     }
 }
 
-/// The position error of the tool is corrected wherever the rotary axes are, and they are not written: read by the path
-/// itself, or by a controller beside it.
+/// The rotary axes are read by the path itself, or by another controller.
 #[test]
-fn the_tip_is_corrected_where_the_axes_that_are_read_stand_now() {
+fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
     for beside in [false, true] {
         let mut moving = Moving::new(beside, 20.0);
         moving.run(20);
@@ -131,9 +130,8 @@ fn the_tip_is_corrected_where_the_axes_that_are_read_stand_now() {
     }
 }
 
-/// A controller that is only read and falls silent: its positions grow old like all others.
 #[test]
-fn positions_of_a_silent_reader_are_held_then_let_go() {
+fn positions_of_a_silent_reader_expire() {
     let mut moving = Moving::new(true, 600.0);
     moving.run(20);
     moving.step(Some(Request::Arm));

@@ -15,7 +15,7 @@ use volcomp_port::{
     simulated,
 };
 use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings,
+    AxisSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings,
     PlanError, Report, Sensors, WithoutBarrier,
     guard::{Limits, Request},
 };
@@ -277,9 +277,9 @@ pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -
 
 /// One cycle at the present time of the clock.
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
-    let asked = Asked {
+    let asked = CycleInput {
         request,
-        ..Asked::default()
+        ..CycleInput::default()
     };
     cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
     *cycle.report()

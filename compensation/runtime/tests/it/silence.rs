@@ -140,9 +140,9 @@ impl Scene {
     }
 }
 
-/// Positions do not come any more: held after `hold`, ramped out after `zero_after`, and back in with the next ones.
+/// Held after `hold`, ramped out after `zero_after`, and in again with the next positions.
 #[test]
-fn old_positions_are_held_and_ramped_out() {
+fn stale_positions_are_held_and_ramped_out() {
     let mut scene = Scene::new();
     let report = scene.holds(POSITIONS, State::Holding(Hold::Stale));
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
@@ -159,9 +159,9 @@ fn old_positions_are_held_and_ramped_out() {
     scene.comes_back();
 }
 
-/// The state does not come any more: from `hold` on each of its flags counts in the sense that forbids, until it comes again.
+/// From `hold` on each flag forbids, until it is reported again.
 #[test]
-fn an_old_state_forbids() {
+fn stale_flags_forbid() {
     let mut scene = Scene::new();
     let report = scene.holds(STATE, State::Holding(Hold::Interlocked));
     for reason in [
@@ -176,9 +176,9 @@ fn an_old_state_forbids() {
     scene.comes_back();
 }
 
-/// What is applied is not told any more: it is held, and is no fault, since no reading contradicts what was sent.
+/// Held, without a fault, since no reading contradicts the sent correction.
 #[test]
-fn an_old_read_back_confirms_nothing() {
+fn a_stale_read_back_confirms_nothing() {
     let mut scene = Scene::new();
     let report = scene.holds(CORRECTION, State::Holding(Hold::Unconfirmed));
     assert!(report.reasons.contains(Reasons::UNCONFIRMED));
@@ -188,8 +188,6 @@ fn an_old_read_back_confirms_nothing() {
     scene.comes_back();
 }
 
-/// Nothing comes any more: the control counts as one that does not answer, however often its driver repeats the last message,
-/// which is no fault either.
 #[test]
 fn a_control_that_only_repeats_itself_does_not_answer() {
     let mut scene = Scene::new();

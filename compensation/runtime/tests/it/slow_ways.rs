@@ -107,10 +107,9 @@ fn slow_ways(late: usize) -> (Ways<Slow>, Cycle) {
     (ways, cycle)
 }
 
-/// X travels up for 80 cycles and down for 80; the correction follows by less than its slew. The way is handed back meanwhile:
-/// how far the axis then goes against its way, counts, where it does not turn about that time.
+/// X moves up for 80 cycles and down for 80, within the slew; away from the turning points the axis never moves the other way.
 #[test]
-fn a_way_that_is_handed_back_in_motion_leads_no_axis_back() {
+fn a_hand_back_in_motion_reverses_no_axis() {
     let mut looked = 0;
     for late in [0, 2, 4, 6] {
         for offset in [0, 20, 40, 60] {

@@ -8,7 +8,7 @@ use volcomp_port::{
     inject::{Faults, Faulty, HangSwitch, Hanging, Injection, Remote},
 };
 use volcomp_runtime::{
-    Asked, Cycle, Handle, Model, Order, Realtime, Report,
+    Cycle, CycleInput, Handle, Model, Order, Realtime, Report,
     guard::{Reasons, Request},
     start,
 };
@@ -63,9 +63,8 @@ fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Re
     panic!("not {what}: {:?}", handle.report());
 }
 
-/// Before, the exchange with a path that stands by was part of the cycle: while it hung there was no cycle.
 #[test]
-fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
+fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     let TwoWays {
         cycle,
         first,
@@ -107,17 +106,17 @@ fn a_standby_that_hangs_costs_no_cycle_and_takes_over_when_it_answers_again() {
     assert!(!report.reasons.contains(Reasons::FALLBACK));
 }
 
-/// Handing a controller over, hearing what it says, and taking it back are done without allocation.
+/// Including the transfer of the controller and its readings.
 #[test]
 fn taking_over_allocates_nothing() {
     let TwoWays {
         mut cycle, first, ..
     } = two_ways();
-    cycle.attend_standbys().expect("threads");
+    cycle.start_standby_threads().expect("threads");
     let mut run = |cycles: u32, request: Option<Request>| {
-        let mut asked = Asked {
+        let mut asked = CycleInput {
             request,
-            ..Asked::default()
+            ..CycleInput::default()
         };
         for _ in 0..cycles {
             assert_no_alloc(|| {

@@ -103,10 +103,9 @@ fn wanted_after_warming(stands: bool) -> f64 {
     rig.run(4, 24.0)
 }
 
-/// A spindle that gets warmer than in the tests of its thermal term: the cycle says so and fades the term, and takes it
-/// back when the spindle is where it was tested.
+/// Beyond it the thermal term fades; it returns within the range.
 #[test]
-fn a_cycle_says_when_it_is_beyond_what_thermal_terms_have_seen() {
+fn temperatures_beyond_the_tested_range_are_reported() {
     let text = model(0.0, 1.0).text
         + "[[thermal.seen]]\nerror = \"EZZ\"\nsensor = \"spindle\"\ndegc = [19.0, 22.0]\n";
     // The checksum is that of the text before.
@@ -138,16 +137,14 @@ fn a_cycle_says_when_it_is_beyond_what_thermal_terms_have_seen() {
     assert!(!rig.says(Reasons::BEYOND_SEEN));
 }
 
-/// A process that is stopped, a virtual machine that is moved: before, the lags lost the time.
 #[test]
-fn lags_know_of_the_time_for_which_the_program_stood() {
+fn thermal_lags_include_the_time_of_a_paused_program() {
     let (runs, stood) = (wanted_after_warming(false), wanted_after_warming(true));
     assert!(runs < -20.0, "{runs} µm");
     assert!((runs - stood).abs() < 0.5, "{runs} µm, {stood} µm");
 }
 
-/// A machine file whose only change is the lag by a second, or a weight by a thousandth, while the spindle warms up:
-/// before, Z went to its final value in the ramp of the change.
+/// The lag changes by a second, or a weight by a thousandth, while the spindle warms up: Z used to move to its final value in one ramp.
 #[test]
 fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     let z_um = |model: &Model| model.correction(&State::default()).delta[2] * 1e3;
@@ -166,10 +163,9 @@ fn a_reload_that_changes_a_lag_does_not_move_the_axes() {
     }
 }
 
-/// A machine file without the term whose sensor has cooled down, while the lag is still warm: cold and settled nothing
-/// moves, now Z does. Before, only those two were compared.
+/// A term is removed whose sensor has cooled while its lag is still warm: settled nothing moves, now Z does.
 #[test]
-fn a_change_is_judged_with_the_lags_of_now() {
+fn a_change_is_judged_with_the_present_lags() {
     let cold = |_: &str| Some(20.0);
     let mut running = model(3600.0, 1.0);
     running.step(0.0, &[Some(26.0)]);

@@ -39,8 +39,7 @@ pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     assert!(handle.cycles() >= until, "no cycles");
 }
 
-/// While the thread hangs its silence is told, and what was asked for meanwhile is not carried out when it wakes:
-/// before, the correction began whenever the controller answered again.
+/// The silence is reported, and requests from that time are dropped.
 #[test]
 fn a_request_to_arm_expires_while_the_thread_hangs() {
     let (mut handle, _, hangs) = running();
@@ -63,9 +62,9 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     assert!(handle.report().state.is_armed(), "a fresh one is taken");
 }
 
-/// Disarming needs no place in the ring of orders, and no request from before it arms afterwards.
+/// It needs no place in the ring, and no earlier request arms afterwards.
 #[test]
-fn disarming_overtakes_what_waits() {
+fn disarming_overtakes_queued_orders() {
     let (mut handle, _, hangs) = running();
     let switch = handle.disarm_switch();
     let before = switch.count();
@@ -101,7 +100,7 @@ fn disarming_overtakes_what_waits() {
 }
 
 #[test]
-fn ending_waits_only_so_long_for_a_thread_that_hangs() {
+fn stopping_a_hanging_thread_times_out() {
     let (mut handle, _, hangs) = running();
     hangs.set(true);
     std::thread::sleep(PERIOD * 3);

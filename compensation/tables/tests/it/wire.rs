@@ -8,7 +8,7 @@ use volcomp_tables::{
     GRID_AXES, HEADER_WORDS, Loaded, Map, Next, OUTPUTS,
     control::{FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Report, Settings},
     next_write,
-    protocol::{Counts, Seen, Session},
+    protocol::{Counts, ReportStatus, Session},
 };
 
 use crate::world;
@@ -202,7 +202,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 let counter = gateway.map.header().counter + 1;
                 gateway.next_map(world::map(&mut rng, &settings, counter));
             }
-            let Seen::Confirmed { .. } = gateway.session.read(seen.of.head()) else {
+            let ReportStatus::Confirmed { .. } = gateway.session.read(seen.of.head()) else {
                 continue;
             };
             match next_write(&gateway.map, machine, &seen, gateway.loaded) {

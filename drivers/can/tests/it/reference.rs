@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
 use volcomp_guard::{
     barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Report, Settings},
-    protocol::{Counts, Layout, Refusal, Seen, Session},
+    protocol::{Counts, Layout, Refusal, ReportStatus, Session},
 };
 use volcomp_port::{Controller, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -136,7 +136,7 @@ impl Gateway {
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
-        let Seen::Confirmed { landed, .. } = self.session.read(report.head()) else {
+        let ReportStatus::Confirmed { landed, .. } = self.session.read(report.head()) else {
             return None;
         };
         self.landed += u32::from(landed);

@@ -7,7 +7,8 @@ use std::{
 
 use volcomp_digital_io::{Coherence, DigitalAxis, DigitalController, Panel, Wiring};
 use volcomp_guard::{
-    AxisLimits, Guard, Inputs, Limits, Output, ReadBack, Reading, Request, State, Told, Wanted,
+    AxisLimits, CorrectionReport, Guard, Inputs, Limits, Output, ReadBack, Reading, Request,
+    RequestedCorrection, State,
 };
 use volcomp_port::Controller;
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
@@ -70,8 +71,10 @@ impl Rig {
         self.now += PERIOD;
         let now = self.now;
         let snapshot = self.controller.read(Instant::now()).ok()?;
-        let told = snapshot.applied.map_or(Told::Nothing, Told::Values);
-        self.read_back.hear(now, now, &told, &self.limits);
+        let told = snapshot
+            .applied
+            .map_or(CorrectionReport::Missing, CorrectionReport::Values);
+        self.read_back.receive(now, now, &told, &self.limits);
         let wanted = PerChannel::from_fn(|i| if i < self.limits.count { GOAL } else { 0.0 });
         let out = self.guard.cycle(&Inputs {
             now,
@@ -79,8 +82,8 @@ impl Rig {
                 taken: now,
                 positions: snapshot.positions,
             }),
-            known: *self.read_back.known(),
-            wanted: Some(Wanted::linear(wanted)),
+            read_back: *self.read_back.status(),
+            requested: Some(RequestedCorrection::linear(wanted)),
             request,
             ..Inputs::default()
         });

@@ -12,7 +12,7 @@ use volcomp_focas::{
 };
 use volcomp_guard::{
     barrier::{FRAME_WORDS, Program, Report, Settings},
-    protocol::{Counts, Refusal, Seen, Session},
+    protocol::{Counts, Refusal, ReportStatus, Session},
 };
 use volcomp_port::{Controller, Fault, Heartbeat, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -75,7 +75,7 @@ impl Sender {
         }
     }
 
-    pub(crate) fn read(&mut self, controller: &mut FocasController) -> Option<Seen> {
+    pub(crate) fn read(&mut self, controller: &mut FocasController) -> Option<ReportStatus> {
         let snapshot = controller.read(soon()).unwrap();
         assert_eq!(snapshot.applied, None);
         let words = snapshot.report.expect("a barrier reports");

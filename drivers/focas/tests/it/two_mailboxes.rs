@@ -4,7 +4,7 @@ use volcomp_focas::{
     BarrierArea, FocasConfig, FocasController,
     simulator::{BarrierLadder, Ladder, Options, Simulator, World},
 };
-use volcomp_guard::{barrier::Program, protocol::Seen};
+use volcomp_guard::{barrier::Program, protocol::ReportStatus};
 
 use crate::{
     barrier::{AXES, Sender, area, r, settings},
@@ -74,7 +74,10 @@ fn another_gateway_in_the_other_mailbox_is_refused() {
         ours.drive(&mut first, [20, -20, 5]);
         let seen = other.read(&mut second);
         assert!(
-            matches!(seen, None | Some(Seen::Old | Seen::Held { owner: 77 })),
+            matches!(
+                seen,
+                None | Some(ReportStatus::Old | ReportStatus::Held { owner: 77 })
+            ),
             "{seen:?}"
         );
     }

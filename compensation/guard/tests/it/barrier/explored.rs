@@ -12,7 +12,7 @@ use std::collections::{HashSet, VecDeque};
 use volcomp_guard::vocabulary::PerChannel;
 use volcomp_guard::{
     barrier::{Barrier, FRAME_WORDS, Frame, Memory, Report, Settings},
-    protocol::{Counts, Head, Seen, Session},
+    protocol::{Counts, Head, ReportStatus, Session},
 };
 
 use canonical::{canonical, print_of};
@@ -260,13 +260,13 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
                     ..report
                 };
                 match sender.session.read(report.head()) {
-                    Seen::Confirmed { .. } => sender.knows = Some((0, false)),
-                    Seen::Held { owner } => {
+                    ReportStatus::Confirmed { .. } => sender.knows = Some((0, false)),
+                    ReportStatus::Held { owner } => {
                         sender.knows = None;
                         violation =
                             (owner == sender.session.owner).then_some(Violation::OwnForOther);
                     }
-                    Seen::Old => {}
+                    ReportStatus::Old => {}
                 }
             }
             if does != Does::Reads
@@ -427,7 +427,7 @@ const SIZES: [Size; 6] = [
 ];
 
 #[test]
-fn no_world_within_bounds_takes_a_stale_or_foreign_frame() {
+fn no_state_within_bounds_accepts_a_stale_or_foreign_frame() {
     for size @ (hold, time_out, air, ways) in SIZES {
         let bounds = Bounds {
             settings: small(hold, time_out),

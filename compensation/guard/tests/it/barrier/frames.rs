@@ -4,15 +4,15 @@
 use proptest::prelude::*;
 use volcomp_guard::{
     barrier::{Barrier, Frame, REPORT_WORDS, Report},
-    protocol::{Checksum, Counts, Head, Layout, Seen, Session, checksum},
+    protocol::{Checksum, Counts, Head, Layout, ReportStatus, Session, checksum},
     vocabulary::{AxisName, PerChannel},
 };
 
 use super::{at_zero, layout, settings, words};
 
-/// Fletcher's sums as they are defined: the second one weighs each word by its distance from the end.
+/// Fletcher's sums by definition: the second one weighs each word by its distance from the end.
 #[test]
-fn the_checksum_is_the_one_of_its_definition() {
+fn the_checksum_matches_its_definition() {
     let some = [1_u16, 65535, 40000, 0, 7, 65534, 3];
     let n = some.len() as u64;
     // The axes W C V A X B: their number is more than a word holds.
@@ -52,7 +52,7 @@ fn frames() -> impl Strategy<Value = Frame> {
 
 proptest! {
     #[test]
-    fn a_frame_comes_back_as_it_went(axes in 1_usize..=9, frame in frames()) {
+    fn frames_round_trip(axes in 1_usize..=9, frame in frames()) {
         let settings = settings(axes);
         let mut expected = frame;
         expected.values[axes..].fill(0);
@@ -60,7 +60,7 @@ proptest! {
     }
 
     #[test]
-    fn a_report_comes_back_as_it_went(axes in 1_usize..=9, epoch: u16, tick: u16, applied: [i16; 9]) {
+    fn reports_round_trip(axes in 1_usize..=9, epoch: u16, tick: u16, applied: [i16; 9]) {
         let mut barrier = Barrier::start(settings(axes), epoch, tick, &PerChannel(applied)).expect("sensible");
         let report = barrier.scan(&[&[1, 2, 3]], false);
         let mut out = [0; REPORT_WORDS];
@@ -71,12 +71,12 @@ proptest! {
     }
 
     #[test]
-    fn words_of_any_kind_are_read_without_a_panic(axes in 1_usize..=9, some: Vec<u16>) {
+    fn decoding_arbitrary_words_does_not_panic(axes in 1_usize..=9, some: Vec<u16>) {
         let _ = Frame::decode(&settings(axes), &some);
         let _ = Report::decode(4711, layout(axes), &some);
     }
 
-    /// Two frames of which the control sees the first words of one and the last words of the other.
+    /// The control sees the first words of one frame and the last words of another.
     #[test]
     fn a_torn_frame_is_one_of_the_two_or_refused(
         one in frames(),
@@ -139,7 +139,7 @@ fn report(epoch: u16, owner: u16, sequence: u16) -> Report {
 }
 
 #[test]
-fn a_report_of_what_was_not_sent_is_anothers() {
+fn a_report_of_an_unsent_frame_belongs_to_another_sender() {
     // Frames that were sent (epoch and sequence), what is reported, and whether it may be of these.
     type Numbers = (u16, u16);
     let table: [(&[Numbers], Numbers, bool); 17] = [
@@ -177,7 +177,7 @@ fn a_report_of_what_was_not_sent_is_anothers() {
             session.sends(*epoch, *sequence);
         }
         let seen = session.read(report(epoch, OWNER, sequence).head());
-        let held = Seen::Held { owner: OWNER };
+        let held = ReportStatus::Held { owner: OWNER };
         assert_eq!(
             seen != held,
             is_own,
@@ -188,9 +188,9 @@ fn a_report_of_what_was_not_sent_is_anothers() {
         }
         // Free, or another's: the numbers do not matter.
         let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
-        assert!(matches!(free, Seen::Confirmed { .. }), "{free:?}");
+        assert!(matches!(free, ReportStatus::Confirmed { .. }), "{free:?}");
         let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
-        assert_eq!(other, Seen::Held { owner: 3 });
+        assert_eq!(other, ReportStatus::Held { owner: 3 });
     }
 }
 
@@ -218,9 +218,9 @@ fn steps() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
 
-    /// Frames and reports may be lost, late, doubled and overtaken, on two paths, with counters that go round.
+    /// Frames and reports may be lost, late, duplicated and reordered, on two paths, with wrapping counters.
     #[test]
-    fn no_frame_of_its_own_is_taken_for_anothers(
+    fn own_frames_are_never_attributed_to_another_sender(
         epoch in prop_oneof![Just(u16::MAX), any::<u16>()],
         sequence in prop_oneof![65_530..=u16::MAX, any::<u16>()],
         steps in prop::collection::vec(steps(), 1..300),
@@ -245,7 +245,7 @@ proptest! {
                 Step::Read(way, late) => {
                     let report = late.map_or_else(|| barrier.report(), |late| *late.get(&reports));
                     let seen = ways[way].read(report.head());
-                    prop_assert!(!matches!(seen, Seen::Held { .. }), "{:?} {:?}", ways[way], report);
+                    prop_assert!(!matches!(seen, ReportStatus::Held { .. }), "{:?} {:?}", ways[way], report);
                 }
                 Step::Send(way) => {
                     if let Some(frame) = ways[way].frame(&PerChannel::leading([1])) {

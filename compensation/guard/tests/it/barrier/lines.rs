@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     barrier::{Barrier, DigitalLines},
-    protocol::{Counts, Refusal, Seen, Session},
+    protocol::{Counts, Refusal, ReportStatus, Session},
     vocabulary::PerChannel,
 };
 
@@ -55,18 +55,21 @@ impl Rig {
         [applied[0], applied[1]]
     }
 
-    fn sends(&mut self, sender: &mut Session, wanted: Counts) {
+    fn sends(&mut self, sender: &mut Session, requested: Counts) {
         let report = self.barrier.report();
         let seen = sender.read(report.head());
-        assert!(!matches!(seen, Seen::Held { .. }), "lines hold nothing");
-        if let Some(frame) = sender.frame(&wanted) {
+        assert!(
+            !matches!(seen, ReportStatus::Held { .. }),
+            "lines hold nothing"
+        );
+        if let Some(frame) = sender.frame(&requested) {
             self.frame = words(&report.settings, &frame);
         }
     }
 }
 
 #[test]
-fn a_word_is_taken_at_an_edge_only() {
+fn a_word_is_accepted_only_at_an_edge() {
     let mut rig = Rig::new();
     rig.lines.value = 3;
     rig.scans(30);
@@ -85,7 +88,7 @@ fn a_word_is_taken_at_an_edge_only() {
 }
 
 #[test]
-fn a_word_that_changes_faster_than_the_axis_is_not_taken() {
+fn a_word_that_changes_faster_than_the_axis_is_rejected() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
@@ -110,7 +113,7 @@ fn a_word_that_changes_faster_than_the_axis_is_not_taken() {
 }
 
 #[test]
-fn a_sender_of_frames_goes_before() {
+fn a_sender_of_frames_has_priority() {
     let mut rig = Rig::new();
     rig.word(0, 2);
     rig.word(0, 4);
@@ -134,7 +137,7 @@ fn a_sender_of_frames_goes_before() {
 }
 
 #[test]
-fn at_the_start_the_level_of_the_latch_is_no_edge() {
+fn the_initial_latch_level_is_no_edge() {
     for latch in [false, true] {
         let mut barrier = at_zero(settings(2));
         let lines = DigitalLines {
@@ -149,11 +152,10 @@ fn at_the_start_the_level_of_the_latch_is_no_edge() {
     }
 }
 
-/// One gateway uses frames and lines in turn, and both have faults: frames that are lost, late or torn, words on lines with
-/// wrong bits, edges that are missing or too many. An axis never moves by more than the rate, never beyond its limit, and
-/// lines move it only from zero.
+/// One gateway alternates between frames and lines with faults: lost, late and torn frames, wrong bits, missing and additional edges. No axis exceeds
+/// its rate or limit, and lines move it only from zero.
 #[test]
-fn frames_and_lines_in_turn_with_faults() {
+fn alternating_frames_and_lines_with_faults() {
     let (mut by_lines, mut by_frames) = (0, 0);
     for seed in 0..500 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -164,12 +166,12 @@ fn frames_and_lines_in_turn_with_faults() {
         for scan in 0..1500_u32 {
             let memory = rig.barrier.memory();
             let uses_lines = (scan / 300) % 2 == 1;
-            let wanted = [12, -6];
+            let requested = [12, -6];
             if uses_lines && scan % 2 == 0 {
                 // It begins with zero once nothing can be left: a time-out, the age of a frame, and the way.
                 let axis = usize::from(scan % 4 == 0);
                 let waits = scan % 300 < 12 + 5 + 10;
-                output[axis] += (wanted[axis] - output[axis]).signum();
+                output[axis] += (requested[axis] - output[axis]).signum();
                 if waits {
                     output = [0; 2];
                 } else {
@@ -181,7 +183,7 @@ fn frames_and_lines_in_turn_with_faults() {
             } else if uses_lines && !rng.random_bool(0.05) {
                 rig.lines.latch ^= true;
             } else if !uses_lines {
-                rig.sends(&mut sender, PerChannel::leading(wanted));
+                rig.sends(&mut sender, PerChannel::leading(requested));
                 output = [0; 2];
                 if rng.random_bool(0.05) {
                     late.push(std::mem::take(&mut rig.frame));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_guard::{
     barrier::{Program, Protection, Report, SettingsError},
-    protocol::{Counts, Refusal, Seen, Session},
+    protocol::{Counts, Refusal, ReportStatus, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad},
 };
 use volcomp_port::{Axis, ControlProgram};
@@ -26,7 +26,7 @@ fn axes() -> Vec<Axis> {
 }
 
 #[test]
-fn millimetres_and_seconds_become_counts_and_scans() {
+fn physical_units_become_counts_and_scans() {
     let settings = Protection::default().settings(&axes()).expect("sensible");
     assert_eq!(settings.axes.number(), 126);
     // 250 µm, what Y's device can express, 250 µrad at 10 µrad.
@@ -38,7 +38,7 @@ fn millimetres_and_seconds_become_counts_and_scans() {
 }
 
 #[test]
-fn protections_that_make_no_barrier_are_refused() {
+fn invalid_protections_are_refused() {
     let cases: [fn(&mut Protection); 4] = [
         |protection| protection.rate_per_s = Mm(0.0),
         |protection| protection.rate_rotary_per_s = Rad(f64::NAN),
@@ -63,7 +63,7 @@ fn protections_that_make_no_barrier_are_refused() {
     assert!(default.settings(&axes().repeat(4)).is_err());
 }
 
-/// A restart keeps the epoch moving and the axes where they are, so that a frame from before is refused.
+/// A restart increments the epoch and leaves the axes in place, so that an earlier frame is rejected.
 #[test]
 fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     let settings = Protection::default().settings(&axes()).expect("sensible");
@@ -78,7 +78,7 @@ fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     for _ in 0..40 {
         assert!(matches!(
             session.read(report.head()),
-            Seen::Confirmed { .. }
+            ReportStatus::Confirmed { .. }
         ));
         mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
         report = decode(&program.scan(&[&mailbox], false));

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     barrier::{Barrier, Report, Settings},
-    protocol::{Counts, Seen, Session},
+    protocol::{Counts, ReportStatus, Session},
     vocabulary::PerChannel,
 };
 
@@ -21,7 +21,7 @@ const SLEW: i16 = 1;
 struct Sender {
     session: Session,
     output: Option<Counts>,
-    wanted: Counts,
+    requested: Counts,
 }
 
 /// Words on their way, and when they arrive.
@@ -92,18 +92,18 @@ impl World {
         }
     }
 
-    fn wanted(&mut self) -> Counts {
+    fn requested(&mut self) -> Counts {
         let limit = self.settings.limit[0];
         let some: [i16; AXES] = core::array::from_fn(|_| self.rng.random_range(-limit..=limit));
         PerChannel::leading(some)
     }
 
     fn start_sender(&mut self) {
-        let (owner, wanted) = (self.rng.random(), self.wanted());
+        let (owner, requested) = (self.rng.random(), self.requested());
         self.senders.push(Sender {
             session: Session::new(owner),
             output: None,
-            wanted,
+            requested,
         });
     }
 
@@ -143,7 +143,7 @@ impl World {
             }
             _ => {
                 for at in 0..self.senders.len() {
-                    self.senders[at].wanted = self.wanted();
+                    self.senders[at].requested = self.requested();
                 }
             }
         }
@@ -165,8 +165,8 @@ impl World {
         let (report, made) = self.published;
         let sender = &mut self.senders[at];
         let begins = match sender.session.read(report.head()) {
-            Seen::Old => return,
-            Seen::Held { owner } => {
+            ReportStatus::Old => return,
+            ReportStatus::Held { owner } => {
                 assert_ne!(
                     owner, sender.session.owner,
                     "it takes its own frame for that of another"
@@ -174,14 +174,14 @@ impl World {
                 sender.output = None;
                 return;
             }
-            Seen::Confirmed { epoch_began, .. } => epoch_began,
+            ReportStatus::Confirmed { epoch_began, .. } => epoch_began,
         };
         let from = match sender.output {
             Some(output) if !begins => output,
             _ => report.applied,
         };
         let output = PerChannel::from_fn(|axis| {
-            from[axis] + (sender.wanted[axis] - from[axis]).clamp(-SLEW, SLEW)
+            from[axis] + (sender.requested[axis] - from[axis]).clamp(-SLEW, SLEW)
         });
         sender.output = Some(output);
         let Some(frame) = sender.session.frame(&output) else {
@@ -264,7 +264,7 @@ impl World {
 }
 
 #[test]
-fn nothing_that_a_channel_does_makes_an_axis_step_and_what_lives_gets_through() {
+fn no_channel_fault_makes_an_axis_step_and_a_live_sender_succeeds() {
     let (mut taken, mut reached) = (0, 0);
     for seed in 0..2000_usize {
         let mut world = World::new(seed as u64);
@@ -325,7 +325,7 @@ fn nothing_that_a_channel_does_makes_an_axis_step_and_what_lives_gets_through() 
             }
             assert_eq!(
                 world.barrier.report().applied,
-                world.senders[0].wanted,
+                world.senders[0].requested,
                 "seed {seed}"
             );
             reached += 1;

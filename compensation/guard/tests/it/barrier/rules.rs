@@ -5,9 +5,9 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    BarrierLink, Limits, ReadBack, Told,
+    BarrierLink, CorrectionReport, Limits, ReadBack,
     barrier::{Barrier, FRAME_WORDS, Frame, REPORT_WORDS, Report, Settings, SettingsError},
-    protocol::{Counts, Head, Layout, LayoutError, Refusal, Seen, Session},
+    protocol::{Counts, Head, Layout, LayoutError, Refusal, ReportStatus, Session},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -25,7 +25,7 @@ fn held(settings: Settings) -> (Barrier, Session, Report) {
     let report = barrier.scan(&[], false);
     assert_eq!(
         sender.read(report.head()),
-        Seen::Confirmed {
+        ReportStatus::Confirmed {
             landed: false,
             epoch_began: true
         }
@@ -85,7 +85,7 @@ fn add(counter: &mut u16, by: i16) {
 }
 
 #[test]
-fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
+fn a_frame_for_another_machine_or_other_axes_is_rejected() {
     let three = settings(3);
     let (mut barrier, mut sender, _) = held(three);
     let report = barrier.report();
@@ -123,7 +123,7 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
 }
 
 #[test]
-fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
+fn all_axes_move_on_one_line_at_the_rate_of_the_slowest() {
     let settings = settings(3);
     let (mut barrier, mut sender, _) = held(settings);
     sender.read(barrier.scan(&[], false).head());
@@ -145,13 +145,13 @@ fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
 }
 
 #[test]
-fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
+fn without_frames_it_goes_to_zero_and_rejects_earlier_frames() {
     let settings = settings(2);
     let (mut barrier, mut sender, _) = held(settings);
     let mut last = Vec::new();
     for _ in 0..20 {
         let seen = sender.read(barrier.scan(&[&last], false).head());
-        assert!(matches!(seen, Seen::Confirmed { .. }));
+        assert!(matches!(seen, ReportStatus::Confirmed { .. }));
         last = words(
             &settings,
             &sender.frame(&values(&[20, -8])).expect("a report was read"),
@@ -177,7 +177,7 @@ fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
 }
 
 #[test]
-fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
+fn an_interlock_holds_and_does_not_stop_the_time_out() {
     let settings = settings(1);
     let (mut barrier, mut sender, _) = held(settings);
     sender.read(barrier.scan(&[], false).head());
@@ -201,7 +201,7 @@ fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
 }
 
 #[test]
-fn garbage_in_the_words_of_the_axes_at_the_start_is_led_to_zero() {
+fn invalid_axis_words_at_the_start_ramp_to_zero() {
     let mut barrier =
         Barrier::start(settings(2), 3, 0, &values(&[i16::MIN, 5000])).expect("sensible");
     let mut before = barrier.report().applied;
@@ -217,7 +217,7 @@ fn garbage_in_the_words_of_the_axes_at_the_start_is_led_to_zero() {
 }
 
 #[test]
-fn rates_below_one_count_a_scan() {
+fn rates_below_one_count_per_scan() {
     let slow = Settings {
         step_scans: 7,
         rate: PerChannel::from_fn(|_| 1),
@@ -244,27 +244,27 @@ fn rates_below_one_count_a_scan() {
 }
 
 #[test]
-fn a_sender_waits_for_another_and_for_its_own_former_life() {
+fn a_sender_waits_for_another_and_for_its_own_previous_run() {
     let settings = settings(1);
     let (mut barrier, mut first, _) = held(settings);
     let mut second = Session::new(8);
     let report = barrier.scan(&[], false);
-    assert_eq!(second.read(report.head()), Seen::Held { owner: 7 });
+    assert_eq!(second.read(report.head()), ReportStatus::Held { owner: 7 });
     assert_eq!(second.frame(&values(&[1])), None);
     assert_eq!(
         first.read(report.head()),
-        Seen::Confirmed {
+        ReportStatus::Confirmed {
             landed: true,
             epoch_began: false
         }
     );
-    assert_eq!(first.read(report.head()), Seen::Old);
+    assert_eq!(first.read(report.head()), ReportStatus::Old);
     // The first is gone; the second waits for the time-out.
     let mut waited = 0;
     loop {
         let report = barrier.scan(&[], false);
         waited += 1;
-        if let Seen::Confirmed {
+        if let ReportStatus::Confirmed {
             epoch_began,
             landed,
         } = second.read(report.head())
@@ -278,7 +278,7 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
 }
 
 #[test]
-fn settings_without_sense_are_refused() {
+fn invalid_settings_are_refused() {
     type Case = (fn(&mut Settings), SettingsError);
     assert_eq!(Layout::of([]), Err(LayoutError::NoAxes));
     let twice = [AxisName::X, AxisName::Y, AxisName::X];
@@ -307,46 +307,54 @@ fn settings_without_sense_are_refused() {
     }
 }
 
-/// A report that was on its way for longer than the next one, or came twice, counted as one that moved on.
+/// Late and repeated reports used to count as new.
 #[test]
-fn a_report_from_before_the_last_one_says_nothing() {
+fn a_report_older_than_the_last_one_is_ignored() {
     let (_, mut sender, report) = held(settings(1));
     let mut seen = |ticks: u16| {
         let tick = report.tick.wrapping_add(ticks);
         sender.read((Report { tick, ..report }).head())
     };
-    assert_ne!(seen(30_000), Seen::Old);
-    assert_eq!(seen(29_999), Seen::Old);
-    assert_eq!(seen(0), Seen::Old);
+    assert_ne!(seen(30_000), ReportStatus::Old);
+    assert_eq!(seen(29_999), ReportStatus::Old);
+    assert_eq!(seen(0), ReportStatus::Old);
     // The tick goes round.
-    assert_ne!(seen(60_000), Seen::Old);
-    assert_ne!(seen(65_535), Seen::Old);
-    assert_ne!(seen(5), Seen::Old);
-    assert_eq!(seen(65_535), Seen::Old);
+    assert_ne!(seen(60_000), ReportStatus::Old);
+    assert_ne!(seen(65_535), ReportStatus::Old);
+    assert_ne!(seen(5), ReportStatus::Old);
+    assert_eq!(seen(65_535), ReportStatus::Old);
     let next = Report {
         epoch: report.epoch.wrapping_add(1),
         ..report
     };
-    assert_ne!(sender.read(next.head()), Seen::Old, "another epoch");
+    assert_ne!(sender.read(next.head()), ReportStatus::Old, "another epoch");
     sender.forget();
-    assert_ne!(sender.read(next.head()), Seen::Old, "after a long silence");
+    assert_ne!(
+        sender.read(next.head()),
+        ReportStatus::Old,
+        "after a long silence"
+    );
 }
 
-/// The correction of a report that came twice was confirmed with the time of now: the position without it and the residual
-/// were shown wrong. After five seconds of silence the tick may stand anywhere.
+/// A repeated report used to be confirmed with the present time. After 5 s of silence any tick is accepted, since it may have wrapped.
 #[test]
-fn a_report_that_comes_again_confirms_nothing() {
+fn a_repeated_report_confirms_nothing() {
     let settings = settings(1);
     let link = BarrierLink::new(7, settings.machine, settings.axes, SCAN);
     let mut read_back = ReadBack::barrier(link);
-    let (limits, wanted) = (one_axis(), PerChannel::from_fn(|_| 0.015));
+    let (limits, requested) = (one_axis(), PerChannel::from_fn(|_| 0.015));
     let mut hear = |at: Duration, report: &Report| {
         let mut words = [0; REPORT_WORDS];
         let length = report.encode(&mut words);
-        read_back.hear(at, at, &Told::Report(&words[..length]), &limits);
-        let confirmed = read_back.known().confirmed.expect("a report");
+        read_back.receive(
+            at,
+            at,
+            &CorrectionReport::Barrier(&words[..length]),
+            &limits,
+        );
+        let confirmed = read_back.status().confirmed.expect("a report");
         let mut frame = [0; FRAME_WORDS];
-        let length = read_back.frame(&wanted, &limits, &mut frame);
+        let length = read_back.frame(&requested, &limits, &mut frame);
         (confirmed.values[0], frame[..length.unwrap_or(0)].to_vec())
     };
     let mut barrier = at_zero(settings);
@@ -370,15 +378,15 @@ fn one_axis() -> Limits {
 }
 
 /// Reads the report and sends what is wanted, at half the rate of the barrier.
-fn answer(barrier: &Barrier, sender: &mut Session, wanted: i16, output: &mut i16) -> Vec<u16> {
+fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut i16) -> Vec<u16> {
     let report = barrier.report();
-    if let Seen::Confirmed {
+    if let ReportStatus::Confirmed {
         epoch_began: true, ..
     } = sender.read(report.head())
     {
         *output = report.applied[0];
     }
-    *output += (wanted - *output).signum();
+    *output += (requested - *output).signum();
     let frame = sender.frame(&PerChannel::leading([*output]));
     words(
         &report.settings,
@@ -386,10 +394,10 @@ fn answer(barrier: &Barrier, sender: &mut Session, wanted: i16, output: &mut i16
     )
 }
 
-/// One gateway corrects over one way and goes on over another; its last frame stays in the mailbox of the first. Tick and
-/// sequence go round every minute or so, and before, the old frame was taken again then: the axis ran off towards it.
+/// One gateway changes to another path; its last frame stays in the first mailbox. It used to be accepted again once tick and sequence had wrapped,
+/// about every minute: the axis ran away.
 #[test]
-fn an_old_frame_in_a_mailbox_that_nobody_writes_is_never_taken_again() {
+fn an_old_frame_in_an_unused_mailbox_is_never_accepted_again() {
     // How many scans pass between two frames, so that tick and sequence go round at different times.
     for every in [1, 2, 3, 7] {
         let settings = Settings {
@@ -418,8 +426,7 @@ fn an_old_frame_in_a_mailbox_that_nobody_writes_is_never_taken_again() {
     }
 }
 
-/// The gateway goes from one way to the other and back at random, and each of them loses frames, delivers them late and
-/// twice: the axis never moves by more than the rate, and arrives.
+/// The gateway changes paths at random; both lose, delay and duplicate frames. The axis never exceeds its rate, and arrives.
 #[test]
 fn one_gateway_alternates_between_two_mailboxes() {
     for seed in 0..200 {
@@ -429,7 +436,7 @@ fn one_gateway_alternates_between_two_mailboxes() {
         let mut sender = Session::new(7);
         let mut boxes = [Vec::new(), Vec::new()];
         let mut air: Vec<(u32, usize, Vec<u16>)> = Vec::new();
-        let (mut output, mut way, mut wanted) = (0, 0, 20);
+        let (mut output, mut way, mut requested) = (0, 0, 20);
         barrier.scan(&[], false);
         for scan in 0..3000_u32 {
             let calm = scan >= 2500;
@@ -437,9 +444,9 @@ fn one_gateway_alternates_between_two_mailboxes() {
                 way = 1 - way;
             }
             if !calm && rng.random_bool(0.01) {
-                wanted = rng.random_range(-20..=20);
+                requested = rng.random_range(-20..=20);
             }
-            let frame = answer(&barrier, &mut sender, wanted, &mut output);
+            let frame = answer(&barrier, &mut sender, requested, &mut output);
             if calm || rng.random_bool(0.8) {
                 let late = rng.random_bool(if calm { 0.0 } else { 0.1 });
                 let late = if late { rng.random_range(0..400) } else { 0 };
@@ -460,7 +467,7 @@ fn one_gateway_alternates_between_two_mailboxes() {
             assert!((report.applied[0] - before[0]).abs() <= settings.rate[0]);
             assert!(report.owner == 7 || report.owner == 0);
         }
-        assert_eq!(barrier.report().applied[0], wanted, "seed {seed}");
+        assert_eq!(barrier.report().applied[0], requested, "seed {seed}");
         assert_eq!(barrier.report().applied[1..], Counts::default()[1..]);
     }
 }

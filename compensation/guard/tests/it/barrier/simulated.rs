@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     barrier::{FRAME_WORDS, Program, Protection, Report, Settings},
-    protocol::{Counts, Seen, Session},
+    protocol::{Counts, ReportStatus, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel},
 };
 use volcomp_port::{
@@ -56,7 +56,7 @@ struct Sender {
 }
 
 impl Sender {
-    fn cycle(&mut self, controller: &mut impl Controller, goal: &Counts) -> Option<Seen> {
+    fn cycle(&mut self, controller: &mut impl Controller, goal: &Counts) -> Option<ReportStatus> {
         let report = controller.read(soon()).ok()?.report?;
         let report = Report::decode(self.settings.machine, self.settings.axes, report.as_slice())?;
         let seen = self.session.read(report.head());
@@ -72,12 +72,12 @@ impl Sender {
 }
 
 #[test]
-fn the_contract_holds_with_the_reference_barrier() {
+fn the_reference_barrier_fulfils_the_contract() {
     contract::controller(&mut start(Clock::system()).0);
 }
 
 #[test]
-fn the_axes_go_at_the_barriers_rate_stop_with_the_machine_and_go_to_zero_without_a_sender() {
+fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_sender() {
     let clock = Clock::manual();
     let (mut controller, settings, controls) = start(clock.clone());
     let mut sender = Sender {
@@ -112,7 +112,7 @@ fn the_axes_go_at_the_barriers_rate_stop_with_the_machine_and_go_to_zero_without
     };
     clock.advance(period);
     let seen = other.cycle(&mut second, &PerChannel::leading([-150, 40]));
-    assert_eq!(seen, Some(Seen::Held { owner: 77 }));
+    assert_eq!(seen, Some(ReportStatus::Held { owner: 77 }));
     // The gateway dies: within the time-out and the way the axes are at zero, and they never step.
     let plant = controller.plant();
     drop(controller);
@@ -122,9 +122,8 @@ fn the_axes_go_at_the_barriers_rate_stop_with_the_machine_and_go_to_zero_without
     assert!(controls.axes.largest_change()[0] <= rate + 1e-12);
 }
 
-/// All injectors at once, in random order, with two gateways on ways of their own, stops of the machine and restarts of
-/// the control: whatever comes over the wires, the axes never move by more than the barrier's rate, never beyond its limit,
-/// and never in emergency stop.
+/// All injectors in random order, two gateways on separate paths, machine stops and control restarts: the axes never exceed the barrier's rate or
+/// limit, and never move in an emergency stop.
 #[test]
 fn no_fault_of_the_wire_makes_an_axis_step() {
     let period = Duration::from_millis(4);

@@ -10,10 +10,9 @@ use volcomp_guard::{
 
 use crate::world::{PERIOD, SCAN, World, axes, barrier, limits};
 
-/// Scans of 2.45 ms, where 2 ms are configured, are accepted. The barrier was taken for zero at the configured time: with
-/// 140 µm, 10 µm and 46 µm on X.
+/// Scans of 2.45 ms are accepted where 2 ms are configured. Zero used to be assumed at the configured time, with 140 µm, 10 µm and 46 µm still on X.
 #[test]
-fn a_slow_control_is_at_zero_when_it_is_taken_for_it() {
+fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
     let limits = Limits {
         zero_after: Duration::from_secs(3),
         ..limits()
@@ -35,7 +34,7 @@ fn a_slow_control_is_at_zero_when_it_is_taken_for_it() {
         assert!(world.run(Duration::ZERO).write);
         let last = std::mem::replace(&mut world.mailbox, before);
         let sent = world.now;
-        let wait = world.read_back.zero_by_itself(&limits);
+        let wait = world.read_back.zero_after_last_write(&limits);
         while world.now <= sent + wait.expect("a barrier") {
             world.now += PERIOD;
             world.scan();
@@ -51,10 +50,9 @@ fn a_slow_control_is_at_zero_when_it_is_taken_for_it() {
     }
 }
 
-/// The control's program stands, and its interface goes on answering: the same report was taken for a new one every five
-/// seconds, and the machine was armed.
+/// The control's program stopped while its interface kept answering: every 5 s the same report counted as new, and the machine was armed.
 #[test]
-fn a_report_whose_tick_stands_is_never_new() {
+fn a_report_with_a_constant_tick_is_never_new() {
     let mut world = World::guarded(&limits());
     world.scan_time = Duration::from_secs(3600);
     for cycle in 0..5400 {

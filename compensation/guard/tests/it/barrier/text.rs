@@ -172,13 +172,13 @@ fn random_lines(
     let axis = lines.axis.min(8);
     let most = i32::from(settings.rate[axis]) * rng.random_range(0..5);
     let applied = i32::from(barrier.memory().applied[axis]);
-    let wanted = match rng.random_range(0..12) {
+    let requested = match rng.random_range(0..12) {
         0 => rng.random_range(-4100..4100),
         1 => applied - most,
         2 => applied + most,
         _ => applied + rng.random_range(-most..=most),
     };
-    lines.value = i16::try_from(wanted).unwrap_or(0);
+    lines.value = i16::try_from(requested).unwrap_or(0);
     lines.latch ^= !rng.random_bool(0.1);
 }
 
@@ -236,7 +236,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
 }
 
 #[test]
-fn the_text_does_what_the_reference_does() {
+fn the_structured_text_matches_the_reference() {
     let taken = compare(TEXT).expect("the same words");
     assert!(
         taken[0] > 1000 && taken[1] > 200,
@@ -245,7 +245,7 @@ fn the_text_does_what_the_reference_does() {
 }
 
 #[test]
-fn every_small_mistake_in_the_text_is_found() {
+fn every_mutation_of_the_structured_text_is_found() {
     let mistakes = [
         ("sum := (machine + layout / 65535) MOD 65535;", "sum := 0;"),
         ("(machine + layout / 65535) MOD", "machine MOD"),
@@ -300,10 +300,10 @@ fn every_small_mistake_in_the_text_is_found() {
     }
 }
 
-/// The hardware enable of the book: where no mailbox is looked at, the correction goes to zero at the barrier's own rate
-/// after its time-out, although a gateway goes on to send.
+/// The hardware enable of the book: if no mailbox is read, the correction goes to zero at the barrier's rate after its timeout, although a gateway
+/// keeps sending.
 #[test]
-fn without_mailboxes_the_correction_goes_out_at_its_rate() {
+fn without_mailboxes_the_correction_ramps_out() {
     let mut limit = Counts::default();
     let mut rate = Counts::default();
     (limit[0], rate[0]) = (150, 8);

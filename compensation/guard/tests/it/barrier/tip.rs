@@ -3,8 +3,8 @@
 use std::{collections::VecDeque, time::Duration};
 
 use volcomp_guard::{
-    AxisLimits, BarrierLink, Guard, Inputs, Limits, ReadBack, Reading, Reasons, Request, Told,
-    Wanted,
+    AxisLimits, BarrierLink, CorrectionReport, Guard, Inputs, Limits, ReadBack, Reading, Reasons,
+    Request, RequestedCorrection,
     barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
     protocol::{Counts, Layout},
     vocabulary::{AxisKind, AxisName, PerChannel},
@@ -89,13 +89,13 @@ fn off(case: &Case) -> f64 {
     let (mut frames, mut reports) = (VecDeque::new(), VecDeque::new());
     let mut mailbox = [0; FRAME_WORDS];
     let (mut most, mut quiet) = (0.0_f64, 0);
-    let mut wanted = Wanted {
+    let mut requested = RequestedCorrection {
         rotary: of([0.0, 0.0, 0.0, 100e-6, -60e-6]),
-        ..Wanted::default()
+        ..RequestedCorrection::default()
     };
     // Nothing is wanted of Y and Z but to follow A and C.
-    wanted.follow[3] = of([0.0, LEVER_MM]);
-    wanted.follow[4] = of([0.0, 0.0, -0.7 * LEVER_MM]);
+    requested.follow[3] = of([0.0, LEVER_MM]);
+    requested.follow[4] = of([0.0, 0.0, -0.7 * LEVER_MM]);
     for cycle in 0..1200_u32 {
         let now = Duration::from_millis(4) * (cycle + 1);
         if frames.len() > case.delay {
@@ -107,9 +107,14 @@ fn off(case: &Case) -> f64 {
         reports.push_back((words, length, now));
         if reports.len() > case.delay {
             let (words, length, taken) = reports.pop_front().expect("some");
-            way.hear(now, taken, &Told::Report(&words[..length]), &limits);
+            way.receive(
+                now,
+                taken,
+                &CorrectionReport::Barrier(&words[..length]),
+                &limits,
+            );
         } else {
-            way.hear(now, now, &Told::Nothing, &limits);
+            way.receive(now, now, &CorrectionReport::Missing, &limits);
         }
         let out = guard.cycle(&Inputs {
             now,
@@ -117,8 +122,8 @@ fn off(case: &Case) -> f64 {
                 taken: now,
                 positions: PerChannel::ZERO,
             }),
-            known: *way.known(),
-            wanted: Some(wanted),
+            read_back: *way.status(),
+            requested: Some(requested),
             request: (cycle == 450).then_some(Request::Arm),
             ..Inputs::default()
         });
@@ -144,9 +149,9 @@ fn off(case: &Case) -> f64 {
     most
 }
 
-/// A barrier that rounds towards where its line began let a linear axis lag by up to a count more: 1.5 µm, steps of 1 µm.
+/// A barrier that rounds towards the start of its line made a linear axis lag by up to one count more: 1.5 µm with steps of 1 µm.
 #[test]
-fn behind_a_barrier_the_tip_is_off_by_half_a_count_more() {
+fn a_barrier_adds_half_a_count_to_the_tip_error() {
     for delay in [0, 2, 4, 8] {
         for rate in [2.0, 10.0] {
             for (linear_step, rotary_step) in

@@ -13,12 +13,12 @@ impl Machine {
             3 => self.interlock.alarm ^= true,
             4 => self.interlock.unreferenced ^= true,
             5 => self.ways[index].frozen_at = self.ways[index].frozen_at.xor(Some(now)),
-            6..10 => self.wanted = Some(self.any_wanted()),
-            10 => self.wanted = None,
+            6..10 => self.requested = Some(self.any_wanted()),
+            10 => self.requested = None,
             11 => {
-                let mut wanted = self.any_wanted();
-                wanted.position[0] = f64::NAN;
-                self.wanted = Some(wanted);
+                let mut requested = self.any_wanted();
+                requested.position[0] = f64::NAN;
+                self.requested = Some(requested);
             }
             12 => {
                 let is_nan = self.random.random();
@@ -80,7 +80,7 @@ impl Machine {
         self.channel = Channel::default();
         self.forbids = Reasons::NONE;
         self.positions[0] = 0.0;
-        self.wanted = Some(self.any_wanted());
+        self.requested = Some(self.any_wanted());
         for way in &mut self.ways {
             (way.online, way.hides_applied, way.loses, way.fails) = (true, false, false, false);
             (way.frozen_at, way.lie, way.spoils_word) = (None, None, None);

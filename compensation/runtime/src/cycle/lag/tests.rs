@@ -8,15 +8,15 @@ use volcomp_vocabulary::PerChannel;
 
 use super::*;
 
-/// Whatever is needed within the distance, the part that is kept is no further from it than nothing is.
+/// For any required correction within the distance.
 #[test]
-fn what_is_kept_is_never_worse_than_nothing() {
+fn a_reduced_correction_is_never_worse_than_none() {
     let of = |x: f64, y: f64| PerAxis::from_fn(|i| [x, y].get(i).copied().unwrap_or(0.0));
     for distance in [0.0, 0.3, 0.5, 0.6, 0.8, 0.99, 1.0, 1.5] {
         for degree in 0..360 {
             let (sin, cos) = f64::from(degree).to_radians().sin_cos();
             let (does, needed) = (of(1.0, 0.0), of(1.0 + distance * cos, distance * sin));
-            let part = Against::new(&does, &needed, 0.0).part();
+            let part = Comparison::new(&does, &needed, 0.0).part();
             let left = (needed[0] - part).hypot(needed[1]);
             let without = needed[0].hypot(needed[1]);
             assert!(left <= without + 1e-12, "{distance} {degree}: {part}");
@@ -27,7 +27,7 @@ fn what_is_kept_is_never_worse_than_nothing() {
             );
         }
     }
-    let part = |needed, step| Against::new(&of(0.0, 0.0), &of(needed, 0.0), step).part();
+    let part = |needed, step| Comparison::new(&of(0.0, 0.0), &of(needed, 0.0), step).part();
     assert_eq!(part(0.0, 0.0), 1.0);
     assert_eq!(part(0.5, 1.0), 1.0, "within a step");
     assert_eq!(part(2.0, 1.0), 0.0);
@@ -73,7 +73,7 @@ fn random_model(random: &mut ChaCha8Rng) -> Model {
 struct Looks {
     spared: u32,
     taken: u32,
-    let_go: u32,
+    reduced: u32,
     least: f64,
 }
 
@@ -105,19 +105,19 @@ fn look(
         read_back_cycles: 1,
         only_thermal: false,
     };
-    let place = Place {
+    let place = MachinePosition {
         positions: q,
         oldest: Some(now),
-        ..Place::default()
+        ..MachinePosition::default()
     };
-    lag.see(&place, model);
+    lag.update(&place, model);
     let state = State {
         q,
         ..State::default()
     };
     let correctors = model.correctors_among(&model.axes);
     let wanted = model.wanted(&state, &correctors, &PerAxis::ZERO);
-    let asked = Asked {
+    let inputs = PredictionInputs {
         model,
         correctors: &correctors,
         only_thermal: false,
@@ -127,9 +127,9 @@ fn look(
         wanted: &wanted,
         applied: &PerAxis::ZERO,
     };
-    let part = asked.part_ahead(&lag.speed, ahead);
-    looks.let_go += u32::from(part < 1.0);
-    if lag.is_calm(&asked, now, ahead) {
+    let part = inputs.part_ahead(&lag.speed, ahead);
+    looks.reduced += u32::from(part < 1.0);
+    if lag.is_calm(&inputs, now, ahead) {
         looks.spared += 1;
         looks.least = looks.least.min(part);
     } else {
@@ -141,14 +141,13 @@ fn look(
 const NO_LOOKS: Looks = Looks {
     spared: 0,
     taken: 0,
-    let_go: 0,
+    reduced: 0,
     least: 1.0,
 };
 
-/// Where a look ahead is spared it would have let nothing go: on random machines, and on paths with corners and ramps of
-/// speed.
+/// On random machines, and paths with corners and speed ramps.
 #[test]
-fn a_look_ahead_that_is_spared_would_let_nothing_go() {
+fn a_skipped_prediction_would_reduce_nothing() {
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let mut looks = NO_LOOKS;
     for _ in 0..60 {
@@ -183,12 +182,12 @@ fn a_look_ahead_that_is_spared_would_let_nothing_go() {
     }
     println!("{looks:?}");
     assert!(looks.least >= 1.0, "{looks:?}");
-    assert!(looks.spared > 50_000 && looks.let_go > 5_000, "{looks:?}");
+    assert!(looks.spared > 50_000 && looks.reduced > 5_000, "{looks:?}");
 }
 
-/// A curve that is flat up to a node and steep behind it: what changed until now tells nothing of that.
+/// A curve is flat up to a node and steep after it.
 #[test]
-fn a_look_ahead_is_not_spared_before_a_curve_bends() {
+fn no_prediction_is_skipped_before_a_bend() {
     let text = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 400]\nY.travel = [0, 400]\nZ.travel = [0, 400]\n[errors]\nEXX = { table = [[0.0, 10.0], [200.0, 10.0], [204.0, -10.0], [400.0, -10.0]] }\n";
     let machine = Machine::parse(text, "m").expect("valid");
     let model = Model::new(&machine, Fading::default()).expect("compiles");
@@ -207,6 +206,6 @@ fn a_look_ahead_is_not_spared_before_a_curve_bends() {
         );
     }
     println!("{looks:?}");
-    assert!(looks.least >= 1.0 && looks.let_go > 5, "{looks:?}");
+    assert!(looks.least >= 1.0 && looks.reduced > 5, "{looks:?}");
     assert!(looks.spared > 900, "{looks:?}");
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use rand::{RngExt, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{AxisLimits, Limits, Vector, Wanted};
+use volcomp_guard::{AxisLimits, Limits, RequestedCorrection, Vector};
 use volcomp_kinematics::{Correctors, Structure, actual_pose, nalgebra::Vector3};
 use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_runtime::{Model, kinematics::State};
@@ -85,7 +85,7 @@ impl Cell {
     }
 
     /// What the model asks for while this correction is applied.
-    pub(crate) fn wanted(&self, state: &State, applied: &PerChannel<f64>) -> Wanted {
+    pub(crate) fn wanted(&self, state: &State, applied: &PerChannel<f64>) -> RequestedCorrection {
         let applied = self.axes(applied);
         let wanted = self.model.wanted(state, &self.correctors, &applied);
         let follow = PerChannel::from_fn(|i| {
@@ -93,7 +93,7 @@ impl Cell {
                 self.channels(&wanted.follow[*axis])
             })
         });
-        Wanted {
+        RequestedCorrection {
             position: self.channels(&wanted.position),
             rotary: self.channels(&wanted.rotary),
             follow,

@@ -5,7 +5,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::{over_all_types, scene::Scene};
 
-/// At standstill: on the way to zero the tool is between where it was and where it is without correction.
+/// At standstill the tool stays between its initial and its uncorrected position.
 #[test]
 fn ramps_to_zero() {
     over_all_types("zero", 0.01, |cell, rng, seen| {
@@ -39,8 +39,8 @@ fn ramps_to_zero() {
     });
 }
 
-/// Limits, slew and acceleration lowered in motion: no word is further out than before or than the new limit, what is
-/// outside comes in at the old slew or the new one, whichever is lower, and once it is in the bound holds again.
+/// Limits, slew and acceleration: no word moves further out than before or than the new limit, the return takes the lower of both slews, and
+/// afterwards the bound holds again.
 #[test]
 fn limits_lowered_in_motion() {
     over_all_types("lowered", 0.25, |cell, rng, seen| {

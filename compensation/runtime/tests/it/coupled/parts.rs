@@ -7,9 +7,9 @@ use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use super::cell::Cell;
 
-/// The parts make the correction, for every type of machine and any axes that correct.
+/// For every type of machine and any correcting axes.
 #[test]
-fn parts_are_the_correction() {
+fn the_parts_add_up_to_the_correction() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     for structure in all_types() {
         for _ in 0..20 {

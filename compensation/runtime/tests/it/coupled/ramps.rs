@@ -1,7 +1,7 @@
 //! Ramps to what is wanted: at the start, in motion, after a hold, from any correction.
 
 use rand::RngExt;
-use volcomp_guard::Wanted;
+use volcomp_guard::RequestedCorrection;
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use super::{over_all_types, scene::Scene};
@@ -39,7 +39,7 @@ fn restarts_in_mid_correction() {
 }
 
 #[test]
-fn held_and_begun_again() {
+fn held_and_restarted() {
     for moves in [false, true] {
         over_all_types(&format!("hold, moves {moves}"), 0.05, |cell, rng, seen| {
             let mut scene = Scene::new(cell, rng, moves, false);
@@ -58,12 +58,12 @@ fn held_and_begun_again() {
     }
 }
 
-/// Given time and room, the correction is the whole of what is wanted, but for the rounding.
+/// Given time and room, except for rounding.
 #[test]
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
         let mut scene = Scene::new(cell, rng, false, false);
-        let whole = |asked: &Wanted| cell.wanted(&scene.path.from, &asked.full());
+        let whole = |asked: &RequestedCorrection| cell.wanted(&scene.path.from, &asked.full());
         let mut wanted = cell.wanted(&scene.path.from, &PerChannel::ZERO);
         for _ in 0..5 {
             wanted = whole(&wanted);
@@ -95,7 +95,7 @@ fn arrives_at_the_whole_correction() {
             _ => 0.0,
         });
         let there = scene.wanted(&scene.path.at(0.0));
-        let exact = Wanted { rotary, ..there }.full();
+        let exact = RequestedCorrection { rotary, ..there }.full();
         for (i, axis) in scene
             .limits
             .axes

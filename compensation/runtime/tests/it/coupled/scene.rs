@@ -2,7 +2,7 @@
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use volcomp_guard::{Followed, Limits, Vector, Wanted};
+use volcomp_guard::{FollowResult, Limits, RequestedCorrection, Vector};
 use volcomp_runtime::kinematics::State;
 use volcomp_vocabulary::{AxisKind, PerAxis, PerChannel};
 
@@ -70,7 +70,7 @@ pub(crate) struct Scene<'a> {
     pub(crate) asked_at: PerChannel<f64>,
     /// The next cycle begins a ramp.
     pub(crate) ramp_begins: bool,
-    pub(crate) followed: Followed,
+    pub(crate) followed: FollowResult,
     /// The change of the smooth values in a second in the cycle before.
     pub(crate) rate: PerChannel<f64>,
     /// When each word was written.
@@ -98,7 +98,7 @@ impl<'a> Scene<'a> {
             began: 0.0,
             asked_at: applied,
             ramp_begins: true,
-            followed: Followed::default(),
+            followed: FollowResult::default(),
             rate: PerChannel::ZERO,
             trace: vec![(0.0, applied)],
         }
@@ -112,7 +112,7 @@ impl<'a> Scene<'a> {
     }
 
     /// What the model asks for now, with the errors of where the axes are.
-    pub(crate) fn wanted(&mut self, state: &State) -> Wanted {
+    pub(crate) fn wanted(&mut self, state: &State) -> RequestedCorrection {
         self.asked_at = self.vector.output();
         self.cell.wanted(state, &self.asked_at)
     }

@@ -47,8 +47,8 @@ fn trunnion(rng: &mut ChaCha8Rng) -> Cell {
     )
 }
 
-/// Within 1.5° of the singular pose, C is asked for many times the error of the tool axis. Each axis limited and rounded
-/// alone (50 µm, 100 µrad, steps of 17 µrad), 10.8 µm became 51.3 µm on such a machine.
+/// Within 1.5° of the singular pose C is requested for many times the error of the tool axis. With each axis limited and rounded alone (50 µm, 100
+/// µrad, steps of 17 µrad), 10.8 µm became 51.3 µm.
 #[test]
 fn near_the_singular_pose_the_tool_is_no_further_off() {
     let mut rng = ChaCha8Rng::seed_from_u64(14);
@@ -94,10 +94,9 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
     assert!(worst_alone > 0.020, "the case is one: {worst_alone}");
 }
 
-/// One digit of A that flickered at 1.146° threw C by 506 µrad and Y by 126 µm to and fro, on a machine that stood and
-/// needed 10 µrad; and each pass of A did it once.
+/// A flickering digit of A at 1.146° used to move C by 506 µrad and Y by 126 µm on a stationary machine that needed 10 µrad.
 #[test]
-fn a_digit_that_flickers_at_the_edge_of_the_singular_pose_moves_no_axis_by_more_than_a_step() {
+fn a_flickering_digit_at_the_edge_of_the_singular_pose_moves_each_axis_by_one_step() {
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes.X]\ntravel = [0.0, 600.0]\n[axes.Y]\ntravel = [0.0, 500.0]\n[axes.Z]\ntravel = [-400.0, 0.0]\n[axes.A]\ntravel = [-110.0, 30.0]\npoint = [300.0, 250.0, -450.0]\n[axes.C]\ntravel = [-360.0, 360.0]\npoint = [300.0, 250.0, -450.0]\n[errors]\nEBZ = 10.0\n";
     let cell = Cell::of(
         Machine::parse(text, "m.toml").expect("a machine"),
@@ -144,10 +143,9 @@ fn a_digit_that_flickers_at_the_edge_of_the_singular_pose_moves_no_axis_by_more_
     }
 }
 
-/// Half a step of an axis moves the tip by half a step times its lever, nowhere more than is told, and by that much
-/// somewhere.
+/// Half a step moves the tip by half a step times its lever, nowhere more than predicted, and by that much somewhere.
 #[test]
-fn a_rotary_step_leaves_what_is_told() {
+fn the_rotary_step_error_is_exact() {
     let mut rng = ChaCha8Rng::seed_from_u64(15);
     for structure in all_types() {
         let cell = Cell::new(&structure, &mut rng);

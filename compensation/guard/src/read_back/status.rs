@@ -17,13 +17,13 @@ pub struct Confirmed {
 
 /// A control's report of its applied correction in one reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Told<'a> {
+pub enum CorrectionReport<'a> {
     /// It did not answer, or does not report corrections.
-    Nothing,
+    Missing,
     /// Plain values of each axis, mm or rad.
     Values(PerChannel<f64>),
     /// The words of its barrier's report.
-    Report(&'a [u16]),
+    Barrier(&'a [u16]),
 }
 
 /// How the correction of a path is confirmed.
@@ -40,7 +40,7 @@ pub enum Scheme {
 
 /// Knowledge of the correction that a control applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Known {
+pub struct ReadBackStatus {
     /// How the correction is confirmed.
     pub scheme: Scheme,
     /// The last confirmed correction; `None`: none yet.
@@ -56,19 +56,19 @@ pub struct Known {
     pub unlanded_since: Option<Duration>,
     /// Since when a control with a barrier stays in place although it accepted another correction: it holds on its own, for a reason that no path
     /// reports. `None`: it moves, or is at its goal.
-    pub stands_since: Option<Duration>,
+    pub stationary_since: Option<Duration>,
     /// Maximum time until a movement of a control with a barrier is seen after it is released.
-    pub shown_after: Duration,
+    pub motion_delay: Duration,
     /// Timeout of a barrier after the last frame that it accepted: an older confirmation is no longer valid. `None`: no barrier reports it.
-    pub lets_go_after: Option<Duration>,
+    pub barrier_time_out: Option<Duration>,
     /// From when on the control may act on its own, on the clock of the cycle: earlier decisions are not sent after that. `None`: it does not, or
     /// it reports what it does.
-    pub until: Option<Duration>,
+    pub control_acts_at: Option<Duration>,
     /// Why this path may not be armed, and further reasons to report.
     pub reasons: Reasons,
 }
 
-impl Known {
+impl ReadBackStatus {
     /// Whether a nonzero correction is known to be applied.
     #[must_use]
     pub fn holds(&self, limits: &Limits) -> bool {
@@ -79,7 +79,7 @@ impl Known {
 
 /// The conclusion of a reading for the sent corrections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Landed {
+pub(super) enum Arrival {
     /// Nothing, or nothing new.
     Unknown,
     /// All have arrived, or are obsolete.
@@ -89,10 +89,14 @@ pub(super) enum Landed {
 }
 
 /// State: since when a sent correction has not arrived.
+///
+/// Invariants:
+/// - Both times advance while the control does not answer: only time with readings counts against it.
+/// - Nothing is missing once nothing was sent for longer than the path's delay.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Landing {
+pub(super) struct ArrivalMonitor {
     /// When the control was last read, and when something was last sent to it.
-    heard: Option<Duration>,
+    last_received: Option<Duration>,
     sent: Option<Duration>,
     /// Since when a sent correction has not arrived; `None`: all have.
     since: Option<Duration>,
@@ -100,7 +104,7 @@ pub(super) struct Landing {
     failing_since: Option<Duration>,
 }
 
-impl Landing {
+impl ArrivalMonitor {
     /// Records a write; `ok`: without an error. `is_unseen`: a write without an error counts as applied.
     pub(super) fn sent(&mut self, now: Duration, ok: bool, is_unseen: bool) {
         self.sent = Some(now);
@@ -113,12 +117,18 @@ impl Landing {
     }
 
     /// Processes a reading of the control, with its conclusion.
-    pub(super) fn hear(&mut self, now: Duration, answered: bool, landed: Landed, limits: &Limits) {
-        let before = self.heard.replace(now).unwrap_or(now);
+    pub(super) fn receive(
+        &mut self,
+        now: Duration,
+        answered: bool,
+        landed: Arrival,
+        limits: &Limits,
+    ) {
+        let before = self.last_received.replace(now).unwrap_or(now);
         match landed {
-            Landed::Unknown => {}
-            Landed::All => self.since = None,
-            Landed::Before(since) => self.since = Some(since),
+            Arrival::Unknown => {}
+            Arrival::All => self.since = None,
+            Arrival::Before(since) => self.since = Some(since),
         }
         if !answered {
             // Arrival could not be observed in the meantime.

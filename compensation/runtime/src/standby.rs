@@ -15,141 +15,144 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 use volcomp_port::{Controller, Fault, Snapshot};
 
 /// Interval at which a standby path is read.
-pub(crate) const STANDBY_EVERY: Duration = Duration::from_millis(100);
+pub(crate) const STANDBY_INTERVAL: Duration = Duration::from_millis(100);
 /// Capacity of the ring of answers; further ones are lost.
 const ANSWERS: usize = 8;
 
 /// The controller of a path, held by the cycle or by the thread that reads it on standby.
-pub(crate) struct Device {
+///
+/// Invariants:
+/// - The controller is in exactly one place: here, in a ring, or with the thread.
+pub(crate) struct ControllerSlot {
     controller: Option<Box<dyn Controller>>,
-    attendant: Option<Attendant>,
+    thread: Option<StandbyThread>,
 }
 
 /// The answer of a controller on standby.
-pub(crate) struct Heard {
+pub(crate) struct StandbyReading {
     /// When it was requested.
-    pub(crate) asked: Instant,
+    pub(crate) requested: Instant,
     /// When it was received.
-    pub(crate) answered: Instant,
+    pub(crate) received: Instant,
     pub(crate) read: Result<Snapshot, Fault>,
 }
 
 /// A controller on its way to the thread, and the timeout of its exchanges.
-struct Given {
+struct ReadJob {
     controller: Box<dyn Controller>,
-    patience: Duration,
+    time_out: Duration,
 }
 
 /// The cycle's end of the rings to and from the thread.
-struct Attendant {
+struct StandbyThread {
     shared: Arc<Shared>,
-    given: Producer<Given>,
+    jobs: Producer<ReadJob>,
     back: Consumer<Box<dyn Controller>>,
-    heard: Consumer<Heard>,
+    readings: Consumer<StandbyReading>,
     thread: Thread,
 }
 
 #[derive(Default)]
 struct Shared {
     /// The cycle has requested the controller.
-    recalled: AtomicBool,
+    is_recalled: AtomicBool,
     ends: AtomicBool,
 }
 
-impl Device {
+impl ControllerSlot {
     pub(crate) fn new(controller: Box<dyn Controller>) -> Self {
         Self {
             controller: Some(controller),
-            attendant: None,
+            thread: None,
         }
     }
 
     /// Starts the thread, which reads once per `every`. It is idle until [`hand_over`](Self::hand_over).
-    pub(crate) fn attend(&mut self, name: &str, every: Duration) -> io::Result<()> {
-        let (given_in, given) = RingBuffer::new(1);
+    pub(crate) fn start_thread(&mut self, name: &str, every: Duration) -> io::Result<()> {
+        let (jobs_in, jobs) = RingBuffer::new(1);
         let (back_in, back) = RingBuffer::new(1);
-        let (heard_in, heard) = RingBuffer::new(ANSWERS);
+        let (readings_in, readings) = RingBuffer::new(ANSWERS);
         let shared = Arc::new(Shared::default());
-        let asks = Asks {
+        let reader = StandbyReader {
             shared: Arc::clone(&shared),
-            given,
+            jobs,
             back: back_in,
-            heard: heard_in,
+            readings: readings_in,
             every,
         };
         // The operating system truncates thread names to 15 characters.
         let name = name.chars().take(15).collect();
         let thread = thread::Builder::new()
             .name(name)
-            .spawn(move || asks.run())?;
-        self.attendant = Some(Attendant {
+            .spawn(move || reader.run())?;
+        self.thread = Some(StandbyThread {
             shared,
-            given: given_in,
+            jobs: jobs_in,
             back,
-            heard,
+            readings,
             thread: thread.thread().clone(),
         });
         Ok(())
     }
 
     /// Whether there is a thread that reads it on standby.
-    pub(crate) fn is_attended(&self) -> bool {
-        self.attendant.is_some()
+    pub(crate) fn has_thread(&self) -> bool {
+        self.thread.is_some()
     }
 
     /// Whether the cycle holds it.
-    pub(crate) fn is_in_hand(&self) -> bool {
+    pub(crate) fn is_held(&self) -> bool {
         self.controller.is_some()
     }
 
     /// The controller, if the cycle holds it.
-    pub(crate) fn in_hand(&mut self) -> Option<&mut (dyn Controller + 'static)> {
+    pub(crate) fn held_controller(&mut self) -> Option<&mut (dyn Controller + 'static)> {
         self.controller.as_deref_mut()
     }
 
     /// The next answer from the thread. Lock-free.
-    pub(crate) fn heard(&mut self) -> Option<Heard> {
-        self.attendant.as_mut()?.heard.pop().ok()
+    pub(crate) fn next_reading(&mut self) -> Option<StandbyReading> {
+        self.thread.as_mut()?.readings.pop().ok()
     }
 
     /// Requests the controller; [`take_back`](Self::take_back) receives it once the present exchange is over. Lock-free.
     pub(crate) fn recall(&mut self) {
-        if let (None, Some(attendant)) = (&self.controller, &self.attendant)
-            && !attendant.shared.recalled.swap(true, Ordering::AcqRel)
+        if let (None, Some(thread)) = (&self.controller, &self.thread)
+            && !thread.shared.is_recalled.swap(true, Ordering::AcqRel)
         {
-            attendant.thread.unpark();
+            thread.thread.unpark();
         }
     }
 
     /// Receives the controller if the thread has returned it. Lock-free.
     pub(crate) fn take_back(&mut self) {
-        if let (None, Some(attendant)) = (&self.controller, &mut self.attendant) {
-            self.controller = attendant.back.pop().ok();
+        if let (None, Some(thread)) = (&self.controller, &mut self.thread) {
+            self.controller = thread.back.pop().ok();
         }
     }
 
     /// Passes the controller to the thread, or cancels its recall. Lock-free.
-    pub(crate) fn hand_over(&mut self, patience: Duration) {
-        let Some(attendant) = &mut self.attendant else {
+    pub(crate) fn hand_over(&mut self, time_out: Duration) {
+        let Some(thread) = &mut self.thread else {
             return;
         };
-        attendant.shared.recalled.store(false, Ordering::Release);
+        thread.shared.is_recalled.store(false, Ordering::Release);
         let Some(controller) = mem::take(&mut self.controller) else {
             return;
         };
-        let given = Given {
+        let jobs = ReadJob {
             controller,
-            patience,
+            time_out,
         };
-        match attendant.given.push(given) {
-            Ok(()) => attendant.thread.unpark(),
+        match thread.jobs.push(jobs) {
+            Ok(()) => thread.thread.unpark(),
             // There is one controller, so the ring has room; otherwise the next cycle would try again.
-            Err(PushError::Full(given)) => self.controller = Some(given.controller),
+            Err(PushError::Full(jobs)) => self.controller = Some(jobs.controller),
         }
     }
 }
 
-impl Drop for Attendant {
+impl Drop for StandbyThread {
     fn drop(&mut self) {
         self.shared.ends.store(true, Ordering::Release);
         self.thread.unpark();
@@ -157,48 +160,48 @@ impl Drop for Attendant {
 }
 
 /// The thread's end of the rings.
-struct Asks {
+struct StandbyReader {
     shared: Arc<Shared>,
-    given: Consumer<Given>,
+    jobs: Consumer<ReadJob>,
     back: Producer<Box<dyn Controller>>,
-    heard: Producer<Heard>,
+    readings: Producer<StandbyReading>,
     every: Duration,
 }
 
-impl Asks {
+impl StandbyReader {
     fn run(mut self) {
         while !self.shared.ends.load(Ordering::Acquire) {
-            match self.given.pop() {
-                Ok(given) => self.ask(given),
+            match self.jobs.pop() {
+                Ok(jobs) => self.read_until_recalled(jobs),
                 Err(_) => thread::park(),
             }
         }
     }
 
     /// Reads the controller periodically, until it is recalled or the thread is to end.
-    fn ask(&mut self, given: Given) {
-        let Given {
+    fn read_until_recalled(&mut self, jobs: ReadJob) {
+        let ReadJob {
             mut controller,
-            patience,
-        } = given;
+            time_out,
+        } = jobs;
         while !self.is_over() {
-            let asked = Instant::now();
-            let read = controller.read(asked + patience);
+            let requested = Instant::now();
+            let read = controller.read(requested + time_out);
             // If the ring is full the cycle has not read it for long: this answer is lost.
-            let _ = self.heard.push(Heard {
-                asked,
-                answered: Instant::now(),
+            let _ = self.readings.push(StandbyReading {
+                requested,
+                received: Instant::now(),
                 read,
             });
-            self.rest(asked + self.every);
+            self.rest(requested + self.every);
         }
         // There is one controller, so the ring has room.
         let _ = self.back.push(controller);
     }
 
     fn is_over(&self) -> bool {
-        let Shared { recalled, ends } = &*self.shared;
-        recalled.load(Ordering::Acquire) || ends.load(Ordering::Acquire)
+        let Shared { is_recalled, ends } = &*self.shared;
+        is_recalled.load(Ordering::Acquire) || ends.load(Ordering::Acquire)
     }
 
     fn rest(&self, end: Instant) {

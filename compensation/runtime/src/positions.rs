@@ -5,8 +5,11 @@ use std::time::Duration;
 use volcomp_vocabulary::{MAX_AXES, PerAxis, PerChannel};
 
 /// The axes reported by a controller, in channel order, and their last positions.
+///
+/// Invariants:
+/// - `positions` are finite once `taken` is set, and all belong to it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct ReportedPositions {
     /// Machine index of each axis; the axes that the controller writes come first.
     pub(crate) machine_axis: PerChannel<usize>,
     count: usize,
@@ -17,9 +20,9 @@ pub(crate) struct Seen {
     pub(crate) taken: Option<Duration>,
 }
 
-impl Seen {
+impl ReportedPositions {
     /// Axes without a position yet.
-    pub(crate) fn none_of(
+    pub(crate) fn without_positions(
         machine_axis: PerChannel<usize>,
         count: usize,
         reversal: PerChannel<f64>,
@@ -34,7 +37,7 @@ impl Seen {
     }
 
     /// Stores positions that were valid at `taken`. If one is NaN all stay as they were.
-    pub(crate) fn take(&mut self, positions: &PerChannel<f64>, taken: Duration) {
+    pub(crate) fn store(&mut self, positions: &PerChannel<f64>, taken: Duration) {
         if positions.iter().take(self.count).all(|q| q.is_finite()) {
             (self.positions, self.taken) = (*positions, Some(taken));
         }
@@ -57,7 +60,7 @@ impl Seen {
 
 /// The machine position as available to one path.
 #[derive(Default)]
-pub(crate) struct Place {
+pub(crate) struct MachinePosition {
     /// Positions without correction, mm and rad.
     pub(crate) positions: PerAxis<f64>,
     /// When each position was valid; zero for a configured fixed position.
@@ -70,7 +73,7 @@ pub(crate) struct Place {
     pub(crate) oldest_of_others: Option<Duration>,
 }
 
-impl Place {
+impl MachinePosition {
     /// Whether the positions of the first `axes` axes are known.
     pub(crate) fn is_complete(&self, axes: usize) -> bool {
         self.known == u16::MAX >> (16 - axes.min(MAX_AXES))

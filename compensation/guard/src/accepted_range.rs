@@ -9,13 +9,13 @@ use crate::{Limits, step::one_step};
 
 /// How long after a word was sent a reading may still show it. All frames sent while a report is in transit answer the same report, so a barrier
 /// takes one of them per delay of the path: it moves towards one that was sent one delay before the last.
-fn longest_shown(limits: &Limits) -> Duration {
+fn longest_visible(limits: &Limits) -> Duration {
     limits.longest_delay().saturating_mul(2)
 }
 
 /// Words sent within an interval.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sent {
+struct SentRange {
     /// Largest absolute word of each axis, mm or rad.
     largest: PerChannel<f64>,
     /// Highest slew limit of each axis while they were sent, mm/s or rad/s.
@@ -23,18 +23,22 @@ struct Sent {
 }
 
 /// State of the guard. Per cycle call `narrow` or `accept`, then `pass`, then `send`, so that words which expire in a cycle still count in it.
+///
+/// Invariants:
+/// - `largest` is at least the limit of each axis.
+/// - Every word that may still be in transit counts in `recent` or `earlier`.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Allowed {
+pub(crate) struct AcceptedRange {
     /// Largest accepted absolute correction of each axis, mm or rad.
     largest: PerChannel<f64>,
     /// Words sent recently, and in the interval before that.
-    lately: Sent,
-    earlier: Sent,
+    recent: SentRange,
+    earlier: SentRange,
     /// Readings valid at this time or later no longer show the `earlier` words.
     earlier_until: Duration,
 }
 
-impl Allowed {
+impl AcceptedRange {
     /// Accepts corrections up to the limits; nothing was sent yet.
     pub(crate) fn within(limits: &Limits) -> Self {
         Self {
@@ -52,46 +56,46 @@ impl Allowed {
 
     /// Highest slew of an axis among the words that may still arrive, mm/s or rad/s.
     pub(crate) fn slew_per_s(&self, axis: usize) -> f64 {
-        self.lately.slew_per_s[axis].max(self.earlier.slew_per_s[axis])
+        self.recent.slew_per_s[axis].max(self.earlier.slew_per_s[axis])
     }
 
-    /// Largest absolute correction that may be applied, now or by words that are still in transit. `stands` is the absolute value of the output and
+    /// Largest absolute correction that may be applied, now or by words that are still in transit. `present` is the absolute value of the output and
     /// of the control.
-    fn may_be_applied(&self, axis: usize, stands: &PerChannel<f64>) -> f64 {
-        let sent = self.lately.largest[axis].max(self.earlier.largest[axis]);
-        stands[axis].max(sent)
+    fn may_be_applied(&self, axis: usize, present: &PerChannel<f64>) -> f64 {
+        let sent = self.recent.largest[axis].max(self.earlier.largest[axis]);
+        present[axis].max(sent)
     }
 
     /// Sets the accepted correction of each axis to its limit, or to the part of the previous one that may still be applied, if that is larger.
-    /// `stands` bounds the absolute values of output and control.
-    pub(crate) fn narrow(&mut self, stands: &PerChannel<f64>, limits: &Limits) {
+    /// `present` bounds the absolute values of output and control.
+    pub(crate) fn narrow(&mut self, present: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
-            let left = self.largest[i].min(self.may_be_applied(i, stands));
+            let left = self.largest[i].min(self.may_be_applied(i, present));
             self.largest[i] = axis.limit.max(left);
         }
     }
 
     /// Accepts the present corrections after an acknowledgement by the operator.
-    pub(crate) fn accept(&mut self, stands: &PerChannel<f64>, limits: &Limits) {
+    pub(crate) fn accept(&mut self, present: &PerChannel<f64>, limits: &Limits) {
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
-            self.largest[i] = axis.limit.max(self.may_be_applied(i, stands));
+            self.largest[i] = axis.limit.max(self.may_be_applied(i, present));
         }
     }
 
     /// Expires words by the time `confirmed` at which the applied correction was confirmed: those sent long before can no longer arrive.
     pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
         if confirmed >= self.earlier_until {
-            (self.earlier, self.lately) = (self.lately, Sent::default());
-            self.earlier_until = now.saturating_add(longest_shown(limits));
+            (self.earlier, self.recent) = (self.recent, SentRange::default());
+            self.earlier_until = now.saturating_add(longest_visible(limits));
         }
     }
 
     /// Records words (mm, rad) as sent.
     pub(crate) fn send(&mut self, words: &PerChannel<f64>, limits: &Limits) {
-        let Sent {
+        let SentRange {
             largest,
             slew_per_s,
-        } = &mut self.lately;
+        } = &mut self.recent;
         for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
             largest[i] = largest[i].max(words[i].abs());
             slew_per_s[i] = slew_per_s[i].max(axis.slew_per_s);
@@ -99,12 +103,12 @@ impl Allowed {
     }
 
     /// Switches to another path, which writes from `now` on. `places` is the index of each of its axes on the previous path, whose limits were
-    /// `before`; `stood` bounds the absolute values of output and control there.
+    /// `before`; `present_before` bounds the absolute values of output and control there.
     pub(crate) fn take_path(
         &mut self,
         now: Duration,
         places: &PerChannel<Option<usize>>,
-        stood: &PerChannel<f64>,
+        present_before: &PerChannel<f64>,
         before: &Limits,
         limits: &Limits,
     ) {
@@ -115,14 +119,17 @@ impl Allowed {
                 place.map_or(0.0, of)
             })
         };
-        let sent = Sent {
-            largest: carried(&|place| self.largest[place].min(self.may_be_applied(place, stood))),
+        let sent = SentRange {
+            largest: carried(&|place| {
+                self.largest[place].min(self.may_be_applied(place, present_before))
+            }),
             slew_per_s: carried(&|place| self.slew_per_s(place)),
         };
         let most = limits.of_axes(|axis| axis.limit);
         self.largest = PerChannel::from_fn(|i| sent.largest[i].max(most[i]));
         // The last words of the previous path may arrive as late as on that path.
-        (self.lately, self.earlier) = (sent, sent);
-        self.earlier_until = now.saturating_add(longest_shown(before).max(longest_shown(limits)));
+        (self.recent, self.earlier) = (sent, sent);
+        self.earlier_until =
+            now.saturating_add(longest_visible(before).max(longest_visible(limits)));
     }
 }

@@ -14,7 +14,7 @@ const SHARES: u32 = 8;
 /// The correction by a model, in channel order. For any rotary shares δ_r during a motion, the matching linear shares are `position` + Σ
 /// `follow[r]`·δ_r.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct RequestedCorrection {
     /// Linear shares of the position error while no rotary axis moves, mm; zero for rotary axes.
     pub position: PerChannel<f64>,
     /// The shares of the rotary axes, rad; zero for linear axes.
@@ -30,7 +30,7 @@ pub struct Wanted {
     clippy::struct_excessive_bools,
     reason = "four answers that do not exclude one another"
 )]
-pub struct Followed {
+pub struct FollowResult {
     /// Slew or acceleration limits the correction: the ramp, the rotary axes on the way to their goal, or the linear axes (`behind`).
     pub slewing: bool,
     /// A linear axis has not reached the position for the present rotary shares. Only then, and if limits leave no room for it at all, the error of
@@ -42,7 +42,7 @@ pub struct Followed {
     pub warned: bool,
 }
 
-impl Wanted {
+impl RequestedCorrection {
     /// The correction of a machine without corrected rotary axes.
     pub fn linear(position: PerChannel<f64>) -> Self {
         Self {
@@ -58,16 +58,16 @@ impl Wanted {
     }
 
     /// Compares the request with the limits, which allow `part` of the position share.
-    pub(super) fn judged(&self, part: f64, limits: &Limits) -> Followed {
+    pub(super) fn judged(&self, part: f64, limits: &Limits) -> FollowResult {
         let full = self.full();
         let over = |most: fn(&AxisLimits) -> f64| {
             let mut axes = limits.axes.iter().zip(&full).take(limits.count);
             axes.any(|(axis, full)| full.abs() > most(axis) + ROUNDING_STEPS * axis.resolution)
         };
-        Followed {
+        FollowResult {
             limited: part < 1.0 || over(|axis| axis.limit),
             warned: over(|axis| axis.warn),
-            ..Followed::default()
+            ..FollowResult::default()
         }
     }
 
