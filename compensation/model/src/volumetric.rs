@@ -16,11 +16,11 @@ use crate::{Axis, Lengths, Machine, ModelError, RigidMotion, RigidSums};
 /// error that is linear over a travel is aligned exactly.
 const HALF_POSES: u32 = 2048;
 /// Number of poses from which the search for the largest error starts.
-const STARTS: usize = 64;
+const STARTS: usize = 32;
 /// Number of equidistant samples along an axis in the search.
 const SAMPLES: u32 = 33;
 /// For each direction of the error, parts of the poses from whose worst one the search starts: the axes before a rotary axis turn what those after it add.
-const STARTS_A_DIRECTION: usize = 4;
+const STARTS_A_DIRECTION: usize = 2;
 /// Maximum number of rounds over all axes in which they are sampled: where one axis is worst may depend on the others.
 const ROUNDS: usize = 4;
 /// Number of sampled maxima that are refined between the samples.
