@@ -4,7 +4,10 @@ use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::{lagged::{bent, lagged}, record::{ThermalRecord, ThermalRun}};
+use super::{
+    lagged::{bent, lagged},
+    record::{ThermalRecord, ThermalRun},
+};
 
 /// Number of columns of the moments before the features: 1 and the displacement.
 pub(super) const BEFORE: usize = 2;

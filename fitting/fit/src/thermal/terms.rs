@@ -4,8 +4,13 @@ use std::ops::Range;
 
 use volcomp_curve::SmoothedRate;
 
+use super::{
+    choice::ThermalChoice,
+    columns::{Between, Column, ThermalEffect, split},
+    lagged::lagged,
+    record::{ThermalRecord, ThermalRun},
+};
 use crate::fit::rms;
-use super::{choice::ThermalChoice, columns::{Between, Column, ThermalEffect, split}, lagged::lagged, record::{ThermalRecord, ThermalRun}};
 
 /// A drift term: the first-order lag of Σ per_k·(T − start) over the sensors.
 #[derive(Clone, Debug, PartialEq)]

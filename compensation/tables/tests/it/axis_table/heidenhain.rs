@@ -35,7 +35,10 @@ fn the_cma_says_which_axis_is_the_input() {
     let found = read(Format::HeidenhainTnc640, &files, &options()).expect("read");
     let found = of_axes(found.content);
     assert!(found.iter().all(|table| table.input == AxisName::Y));
-    for (line, expected) in [("* OTHER", "does not name this table"), ("- AXIS_X", "ACTIVE")] {
+    for (line, expected) in [
+        ("* OTHER", "does not name this table"),
+        ("- AXIS_X", "ACTIVE"),
+    ] {
         let cma = format!("BEGIN C.CMA MM\nNR ACTIVE X\n0 {line}\n[END]\n");
         let files = [file("CONFIG.CMA", &cma), file("AXIS_X.COM", COM)];
         let message = read(Format::HeidenhainTnc640, &files, &options()).expect_err(line);
