@@ -5,30 +5,21 @@ use std::path::{Component, Path, PathBuf};
 use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_document::{CsvTable, Document, FileKind, InputError, Section, Value, read_text};
 use volcomp_model::Machine;
-
-use crate::{
-    ball_row,
-    checks::input::{
-        MAX_DRIFT_ORDER, MAX_FOLDS, oblique, refuse_units, standard_uncertainty_um, unit_vector,
-    },
-    error::IdentifyError,
-    observations::{Kind, NumberKind, Observation, Observations},
-    rows::{RowKind, read_rows},
-    setup_keys::{ObservationHeader, ReadFile, ReadState, frame, number, point_of, targets},
-    timeline::{OrderedObservation, set_times},
-};
-
-use volcomp_curve::ErrorCurve;
-use volcomp_document::{InputError, Section, Value};
-use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
+    ball_row,
     basis::Basis,
-    checks::input::{MIN_SPLINE_COEFFICIENTS, MAX_COEFFICIENTS, MAX_SECOND_ORDER},
-    observations::{SecondAxis, Unknown},
+    checks::input::{
+        MAX_COEFFICIENTS, MAX_DRIFT_ORDER, MAX_FOLDS, MAX_SECOND_ORDER, MIN_SPLINE_COEFFICIENTS,
+        oblique, refuse_units, standard_uncertainty_um, unit_vector,
+    },
+    error::IdentifyError,
+    observations::{Kind, NumberKind, Observation, Observations, SecondAxis, Unknown},
+    row_file::{RowKind, read_rows},
+    setup_keys::{ObservationHeader, ReadFile, ReadState, frame, number, point_of, targets},
+    timeline::{OrderedObservation, set_times},
 };
-
 
 impl Observations {
     /// Reads a file of observations, its machine file and its row files.
@@ -90,8 +81,8 @@ fn decode(
     let machine = Machine::parse(&read(&machine_file)?, &machine_file.display().to_string())?;
     let mut found = observations(root, machine, folder, read)?;
     found.files.insert(0, machine_file);
-    let mut odd = found.machine.notes();
-    odd.extend(found.unknown.iter().filter_map(|unknown| {
+    let mut machine_notes = found.machine.notes();
+    machine_notes.extend(found.unknown.iter().filter_map(|unknown| {
         let name = unknown.error;
         let is_curve = |curve: &ErrorCurve| {
             !matches!(curve, ErrorCurve::Single(Field::Curve(Curve::Constant(_))))
@@ -101,7 +92,7 @@ fn decode(
             format!("the curve of {name} in the machine file is dropped: {name} is unknown here")
         })
     }));
-    found.notes.splice(0..0, odd);
+    found.notes.splice(0..0, machine_notes);
     Ok(found)
 }
 

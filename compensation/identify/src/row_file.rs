@@ -1,24 +1,19 @@
 //! Row files: columns by name, and the rows that they contain.
 
-use volcomp_document::{Column, CsvTable, InputError, quoted, split_head, unit_named};
-use volcomp_model::axis_of_head;
-use volcomp_vocabulary::AxisName;
-
-use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
+use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted, split_head, unit_named};
 use volcomp_kinematics::{
     State,
     nalgebra::{Matrix3, Vector3},
 };
-use volcomp_model::{Machine, ModelError};
+use volcomp_model::{Machine, ModelError, axis_of_head};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     checks::input::standard_uncertainty_um,
-    observations::{Quantity, Row, RowReading, MachinePose},
+    observations::{MachinePose, Quantity, Row, RowReading},
     setup_keys::ReadState,
     timeline::Approach,
 };
-
 
 /// Columns of a table by exact name: `X` is an axis, `x` a coordinate of a target.
 pub(crate) struct Columns<'t> {
@@ -273,7 +268,8 @@ pub(crate) fn read_rows(
         {
             return Err(row.cell(column).error(format!("found {at} after {last}, expected increasing numbers: rows are listed in the order in which they were measured")));
         }
-        let (pose, reading) = reading_columns.decode(&row, pose, tool_name, &poses, state, judge)?;
+        let (pose, reading) =
+            reading_columns.decode(&row, pose, tool_name, &poses, state, judge)?;
         orders.push(at);
         rows.push(Row {
             line: row.line(),
@@ -305,8 +301,10 @@ pub(crate) fn read_rows(
     if !unused.is_empty() {
         note(format!("columns that are not used: {}", unused.join(", ")));
     }
-    let odd = shared_pose(&rows).into_iter().chain(below_uncertainty(&rows));
-    odd.for_each(note);
+    let anomalies = shared_pose(&rows)
+        .into_iter()
+        .chain(below_uncertainty(&rows));
+    anomalies.for_each(note);
     Ok(ReadRows {
         rows,
         orders,
@@ -366,7 +364,9 @@ fn below_uncertainty(rows: &[Row]) -> Option<String> {
                 let read = offset_mm.iter().flatten();
                 read.fold(0.0_f64, |largest, reading| largest.max(reading.abs()))
             }
-            RowReading::Point { .. } | RowReading::Distance { .. } | RowReading::Pair { .. } => return None,
+            RowReading::Point { .. } | RowReading::Distance { .. } | RowReading::Pair { .. } => {
+                return None;
+            }
         };
         Some((largest_mm, row.uncertainty_mm))
     });
@@ -443,7 +443,10 @@ fn read_pose(
         ("", _) | (_, None) => machine.chain().tool_tip_mm(),
         (name, Some(cell)) => tip_of(name, kind, machine).map_err(|message| cell.error(message))?,
     };
-    Ok(MachinePose { state: axes_state, tip_mm })
+    Ok(MachinePose {
+        state: axes_state,
+        tip_mm,
+    })
 }
 
 /// Tip of a tool of the machine file; a tool that only `target` names has the tip of `[tool]`.
