@@ -118,8 +118,8 @@ fn reversal_makes_two_directions() {
 
 #[test]
 fn invalid_table_options_are_refused() {
-    let machine = example("five-axis.toml");
     type Change = fn(&mut TableOptions);
+    let machine = example("five-axis.toml");
     let cases: [(Change, &str); 4] = [
         (|o| o.step_mm = 0.0, "--step: found 0"),
         (|o| o.step_mm = 0.001, "at most 10000 steps"),
