@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_identify::{
-    Kind, NumberKind, Observation, Observations, Quantity, Row, Seen, Stand, Unknown,
+    Kind, MachinePose, NumberKind, Observation, Observations, Quantity, Row, RowReading, Unknown,
     standard_uncertainty_um,
 };
 use volcomp_kinematics::{State, nalgebra::Vector3};
@@ -458,11 +458,11 @@ fn rows(
         }
         rows.push(Row {
             line: 0,
-            stand: Stand {
+            pose: MachinePose {
                 state,
                 tip_mm: chain.tool_tip_mm(),
             },
-            seen: Seen::Line {
+            reading: RowReading::Line {
                 direction,
                 offset,
                 slope: scale,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use volcomp_identify::{Observations, Row, Seen};
+use volcomp_identify::{Observations, Row, RowReading};
 use volcomp_metrology::{Measurement, MotionKind, Reading};
 use volcomp_vocabulary::{Direction, Urad};
 
@@ -181,25 +181,25 @@ fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() ->
 /// Shifts a reading by its uncertainty.
 fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
     let mut shift = || row.uncertainty_mm * next();
-    match &mut row.seen {
-        Seen::Point { at_mm: seen, .. }
-        | Seen::Sphere {
+    match &mut row.reading {
+        RowReading::Point { at_mm: seen, .. }
+        | RowReading::Sphere {
             offset_mm: seen, ..
         } => {
             for number in seen.iter_mut() {
                 *number += shift();
             }
         }
-        Seen::Distance {
+        RowReading::Distance {
             length_mm: seen, ..
         }
-        | Seen::Pair {
+        | RowReading::Pair {
             length_mm: seen, ..
         }
-        | Seen::Line {
+        | RowReading::Line {
             deviation_mm: seen, ..
         } => *seen += shift(),
-        Seen::Ball { offset_mm, .. } => {
+        RowReading::Ball { offset_mm, .. } => {
             for number in offset_mm.iter_mut().flatten() {
                 *number += shift();
             }

@@ -24,7 +24,7 @@ use crate::{
 pub const BLOB_VERSION: u32 = 4;
 
 /// Oldest format version that can be read.
-const OLDEST_READ: u32 = 2;
+const OLDEST_VERSION: u32 = 2;
 
 const MAGIC: &[u8; 8] = b"VOLCOMPM";
 const HEAD: usize = 8 + 4 + 32;
@@ -93,7 +93,7 @@ impl CompiledMachine {
             return Err(BlobError::NotABlob.into());
         }
         let version = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
-        if !(OLDEST_READ..=BLOB_VERSION).contains(&version) {
+        if !(OLDEST_VERSION..=BLOB_VERSION).contains(&version) {
             return Err(BlobError::Version {
                 found: version,
                 expected: BLOB_VERSION,

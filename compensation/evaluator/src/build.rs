@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Direction, Displacement, PerAxis};
 use crate::{
     EvaluatorError, Tolerance,
     error::no_axis,
-    fit::ToTable,
+    fit::CurveFit,
     fold::{Folded, fold},
     machine::{CompiledAxis, CompiledMachine, Range, Thermal},
     parts::{AxisParts, Branches, MachineParts},
@@ -178,7 +178,7 @@ fn tables(
     let joint = &frame.chain.joints()[index];
     let slope = frame.folded.slide[index] + Vector3::from(parts.slope_mm);
     let table = |approach: &Option<Direction>| {
-        let wanted = ToTable {
+        let curve_fit = CurveFit {
             errors: &|x| (parts.errors)(x, *approach),
             travel: parts.travel.map(Displacement::mm_or_deg),
             breakpoints: &parts.breakpoints,
@@ -187,7 +187,7 @@ fn tables(
             tolerance: frame.tolerance,
             axis: joint.name,
         };
-        let mut pieces = wanted.fit()?;
+        let mut pieces = curve_fit.fit()?;
         for piece in &mut pieces {
             piece.add_slope(&slope);
         }

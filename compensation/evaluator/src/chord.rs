@@ -11,8 +11,8 @@ use crate::{
 };
 
 /// Maximum length of a move per axis in [`CompiledMachine::short_ways`].
-const MOST_MM: f64 = 100.0;
-const MOST_RAD: f64 = 0.1;
+const MAX_MOVE_MM: f64 = 100.0;
+const MAX_TURN_RAD: f64 = 0.1;
 
 /// Slopes of the motions of an axis over an interval of its travel, per mm or deg.
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,8 +65,8 @@ impl CompiledMachine {
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
         // The terms of the bound with products of lengths are linearised with the sum of all lengths.
-        let turned: f64 = self.of_kind(AxisKind::Rotary).map(|_| MOST_RAD).sum();
-        let way: f64 = self.of_kind(AxisKind::Linear).map(|_| MOST_MM).sum();
+        let turned: f64 = self.of_kind(AxisKind::Rotary).map(|_| MAX_TURN_RAD).sum();
+        let way: f64 = self.of_kind(AxisKind::Linear).map(|_| MAX_MOVE_MM).sum();
         let moved = way + turned * reach_mm;
         let (mut sizes, mut tilts) = (0.0, 0.0);
         for (index, axis) in self.axes.iter().enumerate() {
@@ -89,9 +89,9 @@ impl CompiledMachine {
             let most = if is_rotary {
                 per_unit = per_unit.to_degrees();
                 per_unit += 0.125 * (sizes * turned + tilts * (2.0 * way + turned * reach_mm));
-                MOST_RAD
+                MAX_TURN_RAD
             } else {
-                MOST_MM
+                MAX_MOVE_MM
             };
             if per_unit > 0.0 {
                 most.min(tolerance_mm / per_unit)

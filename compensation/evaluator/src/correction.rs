@@ -16,9 +16,9 @@ use crate::{
 };
 
 /// Rotations of the rotary axes, and the levers from their points to the tip.
-struct Passed([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
+struct RotaryLevers([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
 
-impl Turns for Passed {
+impl Turns for RotaryLevers {
     #[inline(always)]
     fn turned(&mut self, index: usize, turn: Turn, lever_mm: Vector3<f64>) {
         self.0[index] = Some((turn, lever_mm));
@@ -139,9 +139,9 @@ impl CompiledMachine {
                 near_singular: false,
             };
         }
-        let mut passed = Passed([None; MAX_AXES]);
-        let error = self.walk::<PATCHED>(state, registers, &mut passed);
-        let directions = self.directions(&passed, registers);
+        let mut levers = RotaryLevers([None; MAX_AXES]);
+        let error = self.walk::<PATCHED>(state, registers, &mut levers);
+        let directions = self.directions(&levers, registers);
         let [tool_axis_partial, near_singular] =
             correct_axis(correctors, &error, &directions, &mut delta);
         let mut position = Vector3::from(error.position_mm);
@@ -190,9 +190,9 @@ impl CompiledMachine {
             );
             return parts;
         }
-        let mut passed = Passed([None; MAX_AXES]);
-        parts.error = self.walk::<PATCHED>(state, registers, &mut passed);
-        let directions = self.directions(&passed, registers);
+        let mut levers = RotaryLevers([None; MAX_AXES]);
+        parts.error = self.walk::<PATCHED>(state, registers, &mut levers);
+        let directions = self.directions(&levers, registers);
         [parts.tool_axis_partial, parts.near_singular] =
             correct_axis(correctors, &parts.error, &directions, &mut parts.rotary);
         let columns = linear_columns(correctors, |index| directions.axes[index]);
@@ -210,12 +210,12 @@ impl CompiledMachine {
 
     /// Directions and levers in workpiece axes, from the workpiece to the tool.
     #[inline(always)]
-    fn directions(&self, passed: &Passed, registers: impl Registers) -> Directions {
+    fn directions(&self, levers: &RotaryLevers, registers: impl Registers) -> Directions {
         let mut axes = [Vector3::zeros(); MAX_AXES];
         let mut arms_mm = axes;
         // The unit vectors of the current body.
         let mut frame = Matrix3::identity();
-        let joints = self.axes.iter().map(|axis| &axis.joint).zip(&passed.0);
+        let joints = self.axes.iter().map(|axis| &axis.joint).zip(&levers.0);
         for (index, (joint, turned)) in joints.enumerate() {
             axes[index] = frame * joint.direction;
             if let Some((turn, lever_mm)) = turned {

@@ -15,7 +15,7 @@ const NODES: usize = 12;
 
 /// Why no table can be fitted to a function.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Unfit {
+enum FitFailure {
     TooManyPieces,
     /// The function is not finite at or near this coordinate.
     NotFinite(f64),
@@ -26,13 +26,13 @@ fn fit(
     function: &dyn Fn(f64) -> [f64; LANES],
     mut points: Vec<f64>,
     tolerance: Tolerance,
-) -> Result<Vec<Piece>, Unfit> {
+) -> Result<Vec<Piece>, FitFailure> {
     points.sort_unstable_by(f64::total_cmp);
     points.dedup();
     let ends = [points.first(), points.last()].map(|end| end.copied().unwrap_or(0.0));
     for &point in &points {
         if !function(point).iter().all(|value| value.is_finite()) {
-            return Err(Unfit::NotFinite(point));
+            return Err(FitFailure::NotFinite(point));
         }
     }
     let mut pieces = vec![Piece::held(ends[0], function(ends[0]))];
@@ -42,17 +42,17 @@ fn fit(
             let middle = 0.5 * (from + to);
             let piece = Sampled::over(function, from, to);
             if !piece.is_finite() {
-                return Err(Unfit::NotFinite(middle));
+                return Err(FitFailure::NotFinite(middle));
             }
             // An interval of one rounding unit cannot be halved further and is accepted.
             if piece.keeps(tolerance) || middle <= from || middle >= to {
                 if pieces.len() + 1 >= MAX_PIECES {
-                    return Err(Unfit::TooManyPieces);
+                    return Err(FitFailure::TooManyPieces);
                 }
                 pieces.push(Piece::new(from, to, piece.powers()));
             } else {
                 if pending.len() + pieces.len() + 1 >= MAX_PIECES {
-                    return Err(Unfit::TooManyPieces);
+                    return Err(FitFailure::TooManyPieces);
                 }
                 pending.push((middle, to));
                 pending.push((from, middle));
@@ -64,7 +64,7 @@ fn fit(
 }
 
 /// The errors of an axis, prepared for its tables.
-pub(crate) struct ToTable<'a> {
+pub(crate) struct CurveFit<'a> {
     pub(crate) errors: &'a dyn Fn(f64) -> ErrorMotion,
     /// Range of the table, mm or deg, extended by breakpoints outside of it.
     pub(crate) travel: [f64; 2],
@@ -76,15 +76,15 @@ pub(crate) struct ToTable<'a> {
     pub(crate) axis: AxisName,
 }
 
-impl ToTable<'_> {
+impl CurveFit<'_> {
     /// The fitted table; the error names the curve that exceeds the limit.
     pub(crate) fn fit(&self) -> Result<Vec<Piece>, EvaluatorError> {
         self.pieces(None, self.tolerance)
-            .map_err(|unfit| self.refused(unfit))
+            .map_err(|failure| self.refused(failure))
     }
 
     /// The pieces of all components, or of a single one; displacements at the tool tip.
-    fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Result<Vec<Piece>, Unfit> {
+    fn pieces(&self, alone: Option<usize>, tolerance: Tolerance) -> Result<Vec<Piece>, FitFailure> {
         let function = |x: f64| {
             let mut error = (self.errors)(x);
             if let Some(alone) = alone {
@@ -108,13 +108,13 @@ impl ToTable<'_> {
     }
 
     /// The error for the first curve that cannot be compiled alone, else for all curves of the axis.
-    fn refused(&self, unfit: Unfit) -> EvaluatorError {
+    fn refused(&self, failure: FitFailure) -> EvaluatorError {
         let alone = (0..LANES).find(|lane| self.pieces(Some(*lane), self.tolerance).is_err());
         let curve = match alone.and_then(|lane| Component::ALL.get(lane)) {
             Some(&component) => ErrorName::motion(component, self.axis).to_string(),
             None => format!("all of axis {}", self.axis),
         };
-        if let Unfit::NotFinite(at) = unfit {
+        if let FitFailure::NotFinite(at) = failure {
             return EvaluatorError::NotFinite { curve, at };
         }
         let tolerance_nm = self.tolerance.linear_mm * 1e6;

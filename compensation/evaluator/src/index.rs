@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_is_that_of_a_count() {
+    fn interval_index_equals_linear_search() {
         let even: Vec<f64> = (0..21).map(|i| f64::from(i) * 400.0 + 0.1).collect();
         let uneven: Vec<f64> = (0..40).map(|i| f64::from(i * i) * 0.37 - 5.0).collect();
         let crowded = [0.0, 1e-9, 2e-9, 3e-9, 1.0, 1000.0, 1000.0 + 1e-9];

@@ -57,12 +57,12 @@ impl Slides {
         state: &State,
         registers: impl Registers,
     ) -> PerAxis<f64> {
-        let mut there = *state;
+        let mut corrected = *state;
         let first = self.delta(&machine.evaluate_with(state, registers));
-        for (q, delta) in there.q.iter_mut().zip(&first) {
+        for (q, delta) in corrected.q.iter_mut().zip(&first) {
             *q += delta;
         }
-        let second = self.delta(&machine.evaluate_with(&there, registers));
+        let second = self.delta(&machine.evaluate_with(&corrected, registers));
         // With errors that grow as fast as their coordinate, the second step swings back to almost nothing.
         let size =
             |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));

@@ -12,9 +12,9 @@ use crate::{
         limit_mm,
     },
     error::IdentifyError,
-    observations::{NumberKind, Quantity, Row, Seen, SetUp},
-    rows::RowKind,
-    setup_keys::{Ball, Balls, Head, ReadFile, Reading, point, stated_vector},
+    observations::{NumberKind, Quantity, Row, RowReading, SetUp},
+    row_file::RowKind,
+    setup_keys::{Ball, BallRow, ObservationHeader, ReadFile, ReadState, point, stated_vector},
 };
 
 /// Keys of a ball row, in addition to those of every observation.
@@ -25,7 +25,7 @@ const MISPLACED_MM: f64 = 2.0;
 /// Minimum direction cosine along one axis for which sides have a default; a more oblique row must state `side1`.
 const ALONG_AN_AXIS: f64 = 0.9;
 
-/// Stated position of the bar.
+/// KeyValue position of the bar.
 pub(crate) struct Placement<'a> {
     origin: usize,
     /// Value in the file, and the origin that it states, mm.
@@ -36,22 +36,22 @@ pub(crate) struct Placement<'a> {
 
 /// Decodes the keys of a ball row: the parts of the set-up that its rows refer to, and the position of the bar.
 pub(crate) fn decode<'a>(
-    of: &Head<'a>,
+    of: &ObservationHeader<'a>,
     (folder, read): (&Path, &ReadFile<'_>),
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<(RowKind, Placement<'a>, PathBuf), IdentifyError> {
     let section = of.section;
     let row_value = section.require("row")?;
     let row = row_value.text()?;
     let path = folder.join(row);
-    let known = reading.rows_of_balls.iter().position(|b| b.file == row);
+    let known = state.rows_of_balls.iter().position(|b| b.file == row);
     let balls = if let Some(place) = known {
         place
     } else {
         let text = read(&path).map_err(|error| row_value.error(error.to_string()))?;
         let table = CsvTable::parse(&path.display().to_string(), &text)?;
-        reading.rows_of_balls.push(read_balls(row, &table)?);
-        reading.rows_of_balls.len() - 1
+        state.rows_of_balls.push(read_balls(row, &table)?);
+        state.rows_of_balls.len() - 1
     };
     let is_stated = |key| matches!(section.get(key), Some(value) if value.text().is_err());
     if let (true, Some(key)) = (
@@ -62,11 +62,11 @@ pub(crate) fn decode<'a>(
     ) {
         return Err(section
             .error(format!(
-                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: where the bar lies is found from its own readings, and those of a judged row find nothing"
+                "found `judge = true` without a known {key}, expected `origin` and `direction` as numbers: the position of the bar is identified from its readings, and judged readings identify nothing"
             ))
             .into());
     }
-    let origin = point(of, "origin", of.drift, reading)?;
+    let origin = point(of, "origin", of.drift, state)?;
     let direction = match stated_vector(section, "direction")? {
         None => None,
         Some((value, _)) => Some(unit_vector(&value)?),
@@ -79,7 +79,7 @@ pub(crate) fn decode<'a>(
                 && along.cross(&side).norm() < 1e-3
             {
                 return Err(value
-                    .error("found the direction of the row itself, expected one across it")
+                    .error("found the direction of the row itself, expected a direction across it")
                     .into());
             }
             Some(side)
@@ -90,7 +90,7 @@ pub(crate) fn decode<'a>(
             unknown: direction.is_none(),
             ..Quantity::new(format!("{}:{key}", of.file), Some(0.0), 0)
         };
-        reading.setup.add_number(NumberKind::Tilt, tilt)
+        state.setup.add_number(NumberKind::Tilt, tilt)
     });
     let kind = RowKind::Ball {
         balls,
@@ -106,7 +106,7 @@ pub(crate) fn decode<'a>(
     Ok((kind, placement, path))
 }
 
-fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
+fn read_balls(file: &str, table: &CsvTable) -> Result<BallRow, InputError> {
     let name = table.require("ball")?;
     let distance = table.require("distance_mm")?;
     let uncertainty = table.column("uncertainty_um")?;
@@ -117,7 +117,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
             return Err(cell.error("found an empty name, expected the name of a ball"));
         }
         if balls.iter().any(|ball| ball.name == cell.text()) {
-            return Err(cell.error(format!("ball {} stands twice", quoted(cell.text()))));
+            return Err(cell.error(format!("ball {} is listed twice", quoted(cell.text()))));
         }
         let uncertainty_um = match uncertainty.map(|column| row.cell(column)) {
             Some(cell) if !cell.text().is_empty() => {
@@ -133,7 +133,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
         let distance_mm = row.cell(distance).number()?;
         if let Some(same) = balls.iter().find(|ball| ball.distance_mm == distance_mm) {
             return Err(row.cell(distance).error(format!(
-                "found {distance_mm} mm, where ball {} is already",
+                "found {distance_mm} mm, the position of ball {}",
                 quoted(&same.name)
             )));
         }
@@ -150,7 +150,7 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
             balls.len()
         )));
     }
-    Ok(Balls {
+    Ok(BallRow {
         file: file.to_owned(),
         balls,
     })
@@ -177,15 +177,15 @@ pub(crate) fn place_bar(
     let chain = machine.chain();
     let mut places = Vec::new();
     for row in rows.iter() {
-        if let Seen::Ball {
+        if let RowReading::Ball {
             distance,
             offset_mm,
             ..
-        } = row.seen
+        } = row.reading
         {
             places.push(Place {
                 line: row.line,
-                nominal_mm: row.stand.ideal_tip_mm(chain),
+                nominal_mm: row.pose.ideal_tip_mm(chain),
                 distance_mm: setup.numbers[distance].value.unwrap_or_default(),
                 offset_mm,
             });
@@ -204,7 +204,7 @@ pub(crate) fn place_bar(
             .map(|p| (p.nominal_mm - from) * (p.distance_mm - from_s))
             .sum();
         sum.try_normalize(1e-9).ok_or_else(|| {
-            table.header_error("found readings at one place of the row only, expected two balls or more, or `direction` as numbers")
+            table.header_error("found readings at a single position of the row, expected at least two balls, or `direction` as numbers")
         })?
     };
     let axes = across(&along, placement, &places, table)?;
@@ -217,7 +217,7 @@ pub(crate) fn place_bar(
     let worst = places.iter().max_by(|a, b| apart(a).total_cmp(&apart(b)));
     if let Some(worst) = worst.filter(|p| apart(p) > misplaced_mm) {
         let message = format!(
-            "found a ball {:.1} mm from where its distance puts it on a straight bar, expected less than {misplaced_mm} mm: is it another ball, another unit, or does the bar lie otherwise?",
+            "found a ball {:.1} mm from its nominal position on a straight bar, expected less than {misplaced_mm} mm: is it another ball or another unit, or is the bar placed differently?",
             apart(worst)
         );
         return Err(table.error_at(worst.line, message));
@@ -227,7 +227,7 @@ pub(crate) fn place_bar(
         let off = found - stated;
         if off.norm() > misplaced_mm {
             return Err(value.error(format!(
-                "found an origin {:.1} mm from where the readings of the balls put it, {:.1} mm of it along the row, expected less than {misplaced_mm} mm: it is the place in workpiece axes where the distance along the row is 0, or \"unknown\"",
+                "found an origin {:.1} mm from the position that the ball readings give, {:.1} mm of it along the row, expected less than {misplaced_mm} mm: it is the position in workpiece axes at which the distance along the row is 0, or \"unknown\"",
                 off.norm(),
                 off.dot(&along).abs()
             )));
@@ -238,7 +238,7 @@ pub(crate) fn place_bar(
         origin.value = Some(found.into());
     }
     for row in rows {
-        if let Seen::Ball { axes: own, .. } = &mut row.seen {
+        if let RowReading::Ball { axes: own, .. } = &mut row.reading {
             *own = axes;
         }
     }
@@ -262,7 +262,7 @@ fn across(
     let side = match placement.side1 {
         Some(side) => side,
         None if reads_sides && along[largest].abs() < ALONG_AN_AXIS => {
-            return Err(table.header_error("found readings to the side of a row that lies along no axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
+            return Err(table.header_error("found side readings of a row that is not parallel to an axis, expected `side1 = [x, y, z]`, the direction of side 1 in workpiece axes"));
         }
         // Default sides of a row along X: Y and Z; along Y: Z and X; along Z: X and Y.
         None => Vector3::ith((largest + 1) % 3, 1.0),

@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn legendre_polynomials_are_those_of_the_book() {
+    fn legendre_polynomials_match_the_closed_form() {
         let t: f64 = 0.3;
         let expected = [1.0, t, 1.5 * t * t - 0.5, 2.5 * t.powi(3) - 1.5 * t];
         for (found, expected) in legendre(t, 3).iter().zip(expected) {

@@ -201,9 +201,9 @@ fn without_reversal(curve: Option<&ErrorCurve>) -> ErrorCurve {
 }
 
 /// Minimum number of parts into which a range is divided for the grid.
-const LEAST_PARTS: usize = 8;
+const MIN_PARTS: usize = 8;
 /// Maximum number of parts into which a range is divided for the grid.
-const MOST_PARTS: usize = 128;
+const MAX_PARTS: usize = 128;
 /// Maximum interpolation error of the grid half-way between its nodes, µm or µrad.
 const MISSES: f64 = 0.01;
 
@@ -283,7 +283,7 @@ impl Products {
     }
 
     /// Grid of the error with these coefficients of its curve's modes and of the products, µm or µrad. It is refined
-    /// until the interpolation error half-way between its nodes is within [`MISSES`], or to [`MOST_PARTS`] along an
+    /// until the interpolation error half-way between its nodes is within [`MISSES`], or to [`MAX_PARTS`] along an
     /// axis. `own_axis` is the index of the error's axis; `go_round` states whether that axis and the second one have a
     /// modulo.
     pub(crate) fn grid(
@@ -301,7 +301,7 @@ impl Products {
         let both = [own, &self.modes];
         let nodes = [0, 1].map(|along| {
             let other = 1 - along;
-            let across: Vec<Vec<f64>> = nodes(both[other], 2 * LEAST_PARTS)
+            let across: Vec<Vec<f64>> = nodes(both[other], 2 * MIN_PARTS)
                 .iter()
                 .map(|&at| both[other].values(at))
                 .collect();
@@ -318,8 +318,8 @@ impl Products {
                     })
                 })
             };
-            let mut parts = LEAST_PARTS;
-            while parts < MOST_PARTS && !is_fine(&nodes(both[along], parts)) {
+            let mut parts = MIN_PARTS;
+            while parts < MAX_PARTS && !is_fine(&nodes(both[along], parts)) {
                 parts *= 2;
             }
             nodes(both[along], parts)

@@ -9,10 +9,10 @@ use crate::{
     basis::legendre,
     coefficients::Unknowns,
     derivatives::{Errors, Tip, component_of, tip},
-    observations::{Part, Seen},
+    observations::{Part, RowReading},
     params::{Params, Values},
     sides::Sides,
-    system::{PreparedRow, PreparedStand, Rows, System},
+    system::{PreparedPose, PreparedRow, Rows, System},
 };
 
 /// Writes the equations of one row of a file: one for each direction that it measures.
@@ -38,8 +38,8 @@ struct Writer<'e> {
 
 impl Writer<'_> {
     /// Adds the derivatives by the coefficients of errors, projected on these directions.
-    fn coefficients(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
-        for &(axis, component, coefficient, value) in &stand.terms {
+    fn coefficients(&mut self, pose: &PreparedPose, tip: &Tip, directions: &[Vector3<f64>]) {
+        for &(axis, component, coefficient, value) in &pose.terms {
             let moved = tip.by_motion[axis][component] * value;
             self.add(self.params.setup() + coefficient, &moved, directions);
         }
@@ -51,13 +51,13 @@ impl Writer<'_> {
             let moved = tip.by_location[axis][component] * rate;
             self.add(self.params.setup() + coefficient, &moved, directions);
         }
-        self.sides(stand, tip, directions);
+        self.sides(pose, tip, directions);
     }
 
     /// Adds the effect of an approach in the positive direction for axes whose approach direction is unknown.
-    fn sides(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
+    fn sides(&mut self, pose: &PreparedPose, tip: &Tip, directions: &[Vector3<f64>]) {
         let Some(run) = self.run else { return };
-        for side in &stand.sides {
+        for side in &pose.sides {
             let by_motion = &tip.by_motion[side.axis];
             let known = (side.known != ErrorMotion::ZERO).then(|| {
                 let mut moved = Vector3::zeros();
@@ -142,7 +142,7 @@ impl System {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
         for row in rows.iter() {
-            let of_row = row.seen.count();
+            let of_row = row.reading.count();
             places.push((count, of_row));
             count += of_row;
         }
@@ -237,15 +237,15 @@ impl System {
     /// Actual tip in workpiece axes and its derivatives by the errors; with `design`, those of the ideal machine.
     fn tip_at(
         &self,
-        stand: &PreparedStand,
+        pose: &PreparedPose,
         values: &Values,
         offset: &Vector3<f64>,
         design: bool,
     ) -> Tip {
         let mut errors = Errors::default();
         if !design {
-            errors = stand.known;
-            for &(axis, component, coefficient, value) in &stand.terms {
+            errors = pose.known;
+            for &(axis, component, coefficient, value) in &pose.terms {
                 *component_of(&mut errors.motion[axis], component) +=
                     value * values.coefficients[coefficient];
             }
@@ -259,8 +259,8 @@ impl System {
             }
         }
         let chain = self.machine.chain();
-        let at_mm = stand.stand.tip_mm + offset;
-        let mut tip = tip(chain, &errors, &stand.stand.state, &at_mm);
+        let at_mm = pose.pose.tip_mm + offset;
+        let mut tip = tip(chain, &errors, &pose.pose.state, &at_mm);
         tip.position_mm -= chain.workpiece_origin_mm();
         tip
     }
@@ -268,12 +268,12 @@ impl System {
     /// Displacement of the ideal machine's tip at a pose per unit of each coefficient.
     pub(crate) fn moved_by(
         &self,
-        stand: &PreparedStand,
+        pose: &PreparedPose,
         values: &Values,
     ) -> Vec<(usize, Vector3<f64>)> {
-        let tip = self.tip_at(stand, values, &Vector3::zeros(), true);
+        let tip = self.tip_at(pose, values, &Vector3::zeros(), true);
         let mut moved = vec![Vector3::zeros(); self.unknowns.coefficients.len()];
-        for &(axis, component, coefficient, value) in &stand.terms {
+        for &(axis, component, coefficient, value) in &pose.terms {
             moved[coefficient] += tip.by_motion[axis][component] * value;
         }
         for &(axis, component, coefficient) in &self.unknowns.locations {
@@ -314,18 +314,18 @@ impl System {
             Vector3::ith(1, 1.0),
             Vector3::ith(2, 1.0),
         ];
-        let target = match &row.row.seen {
-            Seen::Point { target, .. } => *target,
+        let target = match &row.row.reading {
+            RowReading::Point { target, .. } => *target,
             _ => None,
         };
         let offset = target.map_or_else(Vector3::zeros, |target| {
             values.point_at(target, polynomials)
         });
-        let tip = self.tip_at(&row.stand, values, &offset, design);
-        match &row.row.seen {
-            Seen::Point { frame, at_mm, .. } => {
+        let tip = self.tip_at(&row.pose, values, &offset, design);
+        match &row.row.reading {
+            RowReading::Point { frame, at_mm, .. } => {
                 let of = &values.frames[*frame];
-                let still = of.pose.transform_point(at_mm);
+                let undrifted = of.pose.transform_point(at_mm);
                 // Drift rotates the points that it displaces; the ideal machine has no drift.
                 let [shift, turn] = if design {
                     [Vector3::zeros(); 2]
@@ -335,13 +335,13 @@ impl System {
                 let seen = if design {
                     tip.position_mm
                 } else {
-                    still + shift + turn.cross(&(still - of.middle_mm))
+                    undrifted + shift + turn.cross(&(undrifted - of.middle_mm))
                 };
-                let lever = if design { seen } else { still } - of.middle_mm;
+                let lever = if design { seen } else { undrifted } - of.middle_mm;
                 for k in 0..3 {
                     out.residual(k, tip.position_mm[k] - seen[k]);
                 }
-                out.coefficients(&row.stand, &tip, &axes);
+                out.coefficients(&row.pose, &tip, &axes);
                 out.part(Part::Frame(*frame), &axes, |place, order| {
                     let moved = frame_motion(place, &lever);
                     match order {
@@ -356,17 +356,17 @@ impl System {
                     });
                 }
             }
-            Seen::Sphere { centre, offset_mm } => {
+            RowReading::Sphere { centre, offset_mm } => {
                 let residual = tip.position_mm - values.point_at(*centre, polynomials) - offset_mm;
                 for k in 0..3 {
                     out.residual(k, residual[k]);
                 }
-                out.coefficients(&row.stand, &tip, &axes);
+                out.coefficients(&row.pose, &tip, &axes);
                 out.part(Part::Point(*centre), &axes, |place, _| {
                     -Vector3::ith(place, 1.0)
                 });
             }
-            Seen::Distance {
+            RowReading::Distance {
                 point,
                 dead,
                 length_mm,
@@ -377,13 +377,13 @@ impl System {
                     0,
                     reach.norm() - values.number_at(*dead, polynomials) - length_mm,
                 );
-                out.coefficients(&row.stand, &tip, &along);
+                out.coefficients(&row.pose, &tip, &along);
                 out.part(Part::Point(*point), &along, |place, _| {
                     -Vector3::ith(place, 1.0)
                 });
                 out.number(*dead, -1.0);
             }
-            Seen::Pair {
+            RowReading::Pair {
                 dead, length_mm, ..
             } => {
                 let Some(from) = &row.from else { return };
@@ -394,11 +394,11 @@ impl System {
                     0,
                     reach.norm() - values.number_at(*dead, polynomials) - length_mm,
                 );
-                out.coefficients(&row.stand, &tip, &[along]);
+                out.coefficients(&row.pose, &tip, &[along]);
                 out.coefficients(from, &other, &[-along]);
                 out.number(*dead, -1.0);
             }
-            Seen::Line {
+            RowReading::Line {
                 direction,
                 offset,
                 slope,
@@ -410,11 +410,11 @@ impl System {
                     + values.number_at(*slope, polynomials) * place;
                 // Every reading contains the line (offset and slope) of the set-up.
                 out.residual(0, displacement + line - deviation_mm);
-                out.coefficients(&row.stand, &tip, &[*direction]);
+                out.coefficients(&row.pose, &tip, &[*direction]);
                 out.number(*offset, 1.0);
                 out.number(*slope, place);
             }
-            Seen::Ball {
+            RowReading::Ball {
                 origin,
                 tilts,
                 distance,
@@ -425,7 +425,7 @@ impl System {
                 let distance_mm = values.number_at(*distance, polynomials);
                 let ball = values.point_at(*origin, polynomials) + bar.along * distance_mm;
                 let read = out.offsets(axes, offset_mm, &(tip.position_mm - ball));
-                out.coefficients(&row.stand, &tip, &read);
+                out.coefficients(&row.pose, &tip, &read);
                 out.part(Part::Point(*origin), &read, |place, _| {
                     -Vector3::ith(place, 1.0)
                 });

@@ -39,7 +39,7 @@ pub enum IdentifyError {
     #[error("{place}: {why}")]
     Unusable { place: String, why: String },
     /// A value is given for a name that is not an unknown.
-    #[error("found a value of `{found}`, which is none of the unknowns, expected one of {known}")]
+    #[error("found a value of `{found}`, which is not an unknown, expected one of {known}")]
     NoSuchUnknown { found: String, known: String },
     /// The machine with the known errors has another structure.
     #[error(
@@ -48,7 +48,7 @@ pub enum IdentifyError {
     OtherStructure { found: String, expected: String },
     /// Fewer readings than unknowns.
     #[error(
-        "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine {rank} at the most: expected more poses, or fewer unknowns"
+        "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine at most {rank}: expected more poses, or fewer unknowns"
     )]
     TooFew {
         poses: usize,
@@ -58,17 +58,17 @@ pub enum IdentifyError {
     },
     /// The lever arm of a target at which tilts act is not determined.
     #[error(
-        "{target} cannot be told apart from {with}, and what tilts do at the tip depends on it: measure with a ruler where the target is from the tip and state it, `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
+        "{target} cannot be distinguished from {with}, and the effect of tilts at the tip depends on it: measure the offset of the target from the tip with a ruler and state it as `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
     )]
     Target { target: String, with: String },
     /// All rows have the same pose.
     #[error(
-        "found {rows} rows that all stand at the same pose, expected poses that differ: one pose says nothing of the errors of an axis"
+        "found {rows} rows that all have the same pose, expected different poses: a single pose contains no information about the errors of an axis"
     )]
     AllAlike { rows: usize },
     /// The identification belongs to other observations.
     #[error(
-        "what was found has other unknowns than the observations, expected what `identify` found of these observations"
+        "the identification has other unknowns than the observations, expected the result of `identify` for these observations"
     )]
     OtherObservations,
     /// Errors of the machine cannot follow this unknown.
@@ -87,7 +87,7 @@ pub enum IdentifyError {
     FarRows { files: Vec<FarFile> },
     /// After the fit, the residuals of a file are larger than real machines deviate.
     #[error(
-        "{}: after the fit {typical_mm:.2} mm is left of the rows of this file, most at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
+        "{}: after the fit the residual of the rows of this file is {typical_mm:.2} mm, largest at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
         at(file, *line)
     )]
     Unexplained {
@@ -98,7 +98,7 @@ pub enum IdentifyError {
     },
     /// The frame of a tracker is not determined.
     #[error(
-        "{frame}: the frame cannot be found, {direction} is not determined by {rows} rows: expected at least three targets that are not on one line"
+        "{frame}: the frame cannot be determined, {direction} is not fixed by {rows} rows: expected at least three targets that are not on one line"
     )]
     Frame {
         frame: String,
@@ -107,7 +107,7 @@ pub enum IdentifyError {
     },
     /// The search did not converge.
     #[error(
-        "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, else observations that the unknowns can explain"
+        "the search did not converge in {steps} steps; the last step was {last:.1} standard uncertainties. There are {numbers} numbers for {unknowns} unknowns, of which they determine {rank}: expected more poses if these are few, otherwise observations that the unknowns can explain"
     )]
     NotConverged {
         steps: usize,
@@ -121,7 +121,7 @@ pub enum IdentifyError {
 /// A file with rows further from the nominal machine than real machines deviate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{}: this row is {largest_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",
+    "{}: this row is {largest_mm:.1} mm from the nominal machine, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",
     at(file, *line)
 )]
 #[expect(missing_docs, reason = "the message says what the fields are")]
@@ -147,10 +147,14 @@ pub(crate) fn at(file: &str, line: usize) -> String {
 
 /// Lists the files for a message, up to a limit.
 fn far_files(files: &[FarFile]) -> String {
-    const SHOWN: usize = 5;
-    let mut words: Vec<String> = files.iter().take(SHOWN).map(ToString::to_string).collect();
-    if files.len() > SHOWN {
-        words.push(format!("and {} more files", files.len() - SHOWN));
+    const MAX_LISTED: usize = 5;
+    let mut words: Vec<String> = files
+        .iter()
+        .take(MAX_LISTED)
+        .map(ToString::to_string)
+        .collect();
+    if files.len() > MAX_LISTED {
+        words.push(format!("and {} more files", files.len() - MAX_LISTED));
     }
     words.join("\n")
 }

@@ -12,7 +12,7 @@ use volcomp_kinematics::{
 use crate::{
     equation::{Equations, bar},
     error::IdentifyError,
-    observations::{Observations, Row, Seen, Stand},
+    observations::{MachinePose, Observations, Row, RowReading},
     params::{Param, Values},
     rank::{LEAST_SHARE, Rank, independent, independent_without, of_unit_length},
     solve::{Exactness, Solution, solve},
@@ -43,8 +43,8 @@ pub(crate) fn distinguishable(system: &System, design: &Equations, without: &[us
             .or_else(|| after.and_then(|after| reversals.get(after)))
             .copied()
     };
-    let beside = independent(&DMatrix::from_columns(&columns));
-    let mixed = beside.null.iter().filter_map(|null| {
+    let with_sides = independent(&DMatrix::from_columns(&columns));
+    let mixed = with_sides.null.iter().filter_map(|null| {
         let listed = null.iter();
         let mut own: Vec<(usize, f64)> = listed
             .filter_map(|&(place, weight)| place_of(place).map(|column| (column, weight)))
@@ -151,9 +151,9 @@ pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations
 /// A row on a sphere or a ball, with the linear axes where the ideal machine would have been.
 fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
     let mut ideal = row.clone();
-    let centre = match &row.seen {
-        Seen::Sphere { centre, .. } => values.points[*centre][0],
-        Seen::Ball {
+    let centre = match &row.reading {
+        RowReading::Sphere { centre, .. } => values.points[*centre][0],
+        RowReading::Ball {
             origin,
             tilts,
             distance,
@@ -167,22 +167,22 @@ fn ideal_row(system: &System, row: &Row, values: &Values) -> Row {
         _ => return ideal,
     };
     // As close as the linear axes can get: a machine with fewer than three of them does not reach the point.
-    let _ = bring(system, &mut ideal.stand, centre);
+    let _ = bring(system, &mut ideal.pose, centre);
     ideal
 }
 
 /// Moves the linear axes until the tip of the ideal machine is at a point, mm in workpiece axes. Returns whether they reached it.
-pub(crate) fn bring(system: &System, stand: &mut Stand, to: Vector3<f64>) -> bool {
+pub(crate) fn bring(system: &System, pose: &mut MachinePose, to: Vector3<f64>) -> bool {
     let chain = system.machine.chain();
-    let tip_mm = stand.tip_mm;
+    let tip_mm = pose.tip_mm;
     let tip = |state: &State| {
-        let stand = Stand {
+        let pose = MachinePose {
             state: *state,
             tip_mm,
         };
-        stand.ideal_tip_mm(chain)
+        pose.ideal_tip_mm(chain)
     };
-    chain.bring(&mut stand.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
+    chain.bring(&mut pose.state, |_| true, &to, tip) <= REACHED_WITHIN_MM
 }
 
 /// Maximum size of a machine error, mm and mrad. If noise alone gives an unknown a larger standard uncertainty, the
@@ -234,7 +234,7 @@ impl Uncertain {
             _ => ("µm", "mm"),
         };
         format!(
-            "{} is not determined: with the stated noise its standard uncertainty would be {:.0} {symbol}, more than {LARGEST} {largest}, which no error of a machine is larger than: it is left at zero",
+            "{} is not determined: with the stated noise its standard uncertainty would be {:.0} {symbol}, more than {LARGEST} {largest}, the largest error of a real machine: it is left at zero",
             system.name(self.param),
             self.uncertainty
         )

@@ -14,7 +14,7 @@ use crate::{
         median,
         result::{
             contradiction, few, inverted, large, outliers, refuse_far, refuse_rows, refuse_target,
-            refuse_unexplained, small_moves, times_by_file,
+            refuse_unexplained, small_travel, times_by_file,
         },
     },
     error::{IdentifyError, at},
@@ -22,87 +22,89 @@ use crate::{
     found_machine::machine_of,
     next::{Next, next},
     observations::Observations,
-    parameters::{LeftOpen, covariance_in_units, left_at_zero, left_open, parameters, redundant},
+    parameters::{
+        UndeterminedError, covariance_in_units, left_at_zero, parameters, redundant, undetermined,
+    },
     params::{Parameter, Values},
     response::Response,
     start::start,
     system::{Follower, Rows, System},
 };
 
-/// What was found, and how far it can be trusted.
+/// Result of an identification, with its uncertainties and warnings.
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identification {
-    /// The machine with the errors that were found.
+    /// The machine with the identified errors.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub machine: Machine,
     /// Every unknown: set-ups first, then the errors.
     pub parameters: Vec<Parameter>,
     /// The covariance of the determined parameters in their order, in the products of their units. It follows from the stated
-    /// uncertainties alone: where the unknowns do not describe the machine, `variance` is above 1 and a warning says so. With
-    /// penalties and with robust weights it follows from what is left.
+    /// uncertainties alone: if the unknowns do not describe the machine, `variance` is above 1 and a warning is added. With
+    /// penalties and with robust weights it follows from the residuals.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub covariance: DMatrix<f64>,
-    /// How many combinations of the unknowns the observations determine.
+    /// Number of combinations of the unknowns that the observations determine.
     pub rank: usize,
-    /// σ_min/σ_max of the columns scaled to unit length; 0 where the rank is not full.
+    /// σ_min/σ_max of the columns scaled to unit length; 0 if the rank is not full.
     pub score: f64,
-    /// The same of the unknowns that are determined alone.
+    /// The same for the determined unknowns only.
     pub score_of_determined: f64,
-    /// Unknowns that are left at zero though nothing is missing: the constants that curves bring, and the slopes of
-    /// straightnesses, as far as location errors, other constants or the set-up move the tool alike. They are conventions.
+    /// Unknowns left at zero by convention: constants of curves and slopes of straightnesses that are equivalent to location
+    /// errors, other constants or the set-up.
     pub redundant: Vec<String>,
-    /// Every combination that moves nothing: names and weights, the one that was left at zero first.
+    /// Every combination without effect: names and weights, the unknown left at zero first.
     #[cfg_attr(feature = "serde", serde(serialize_with = "as_maps"))]
     #[cfg_attr(
         feature = "schema",
         schemars(with = "Vec<std::collections::BTreeMap<String, f64>>")
     )]
     pub null: Vec<Vec<(String, f64)>>,
-    /// The errors that the observations leave open though they are no convention.
+    /// Undetermined errors that are not conventions.
     #[cfg_attr(feature = "serde", serde(skip))]
-    pub left_open: Vec<LeftOpen>,
-    /// What is left of the fitted rows.
+    pub undetermined: Vec<UndeterminedError>,
+    /// Residuals of the fitted rows.
     #[cfg_attr(feature = "serde", serde(rename = "residual_um"))]
     pub residual: Figures,
-    /// What is left of rows that were left out of the fit; `None`: not judged.
+    /// Residuals of rows omitted from the fit (cross-validation); `None`: not computed.
     #[cfg_attr(feature = "serde", serde(rename = "left_out_um"))]
     pub left_out: Option<LeftOut>,
-    /// What is left of the rows of observations with `judge = true`; `None` where there are none.
+    /// Residuals of observations with `judge = true`; `None` without such observations.
     #[cfg_attr(
         feature = "serde",
         serde(rename = "judged_um", skip_serializing_if = "Option::is_none")
     )]
     pub judged: Option<Figures>,
-    /// The variance of the residuals in units of the stated one.
+    /// Variance of the residuals in units of the stated one.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub variance: f64,
-    /// How many times larger the uncertainties are than the covariance says, by what is left of the rows; 1 where chance explains that, or where
-    /// the covariance counts it already.
+    /// Factor on the standard uncertainties from the covariance, by the residuals; 1 if chance explains these, or if the covariance
+    /// includes them.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub excess: f64,
-    /// Whether a file, or the rows that were only predicted, contradict what was found.
+    /// Whether a file, or rows that were only predicted, contradict the result.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub is_contradicted: bool,
-    /// The effective number of unknowns; with penalties smaller than the rank.
+    /// Effective number of unknowns; smaller than the rank with penalties.
     #[cfg_attr(feature = "serde", serde(rename = "effective"))]
     pub degrees: f64,
-    /// The pose that would help most; `None` where nothing is uncertain.
+    /// The most useful next pose; `None` if nothing is uncertain.
     pub next: Option<Next>,
-    /// What could mislead, and what was assumed or not used.
+    /// Warnings, and what was assumed or not used.
     pub warnings: Vec<Note>,
 }
 
 /// Maximum ratio of residuals to stated uncertainty at which the unknowns still describe the machine.
-const NOT_DESCRIBED: f64 = 3.0;
+const MAX_RESIDUAL_RATIO: f64 = 3.0;
 
 impl Identification {
     /// Errors that the observations do not support: those left undetermined, and those whose value holds only if one of
     /// these is zero. It is all of them if the residuals of the observations, or of one file, exceed three times the
     /// stated uncertainty, or if rows that were only predicted are far off.
     pub fn undecided(&self) -> BTreeSet<ErrorName> {
-        let is_described = self.variance <= NOT_DESCRIBED.powi(2) && !self.is_contradicted;
+        let is_described = self.variance <= MAX_RESIDUAL_RATIO.powi(2) && !self.is_contradicted;
         let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
         let errors = self.parameters.iter().filter(|of| of.error.is_some());
         let open: Vec<&str> = (errors.clone().filter(|of| is_open(of)))
@@ -201,7 +203,7 @@ fn followed(
     let is_contradicted = !of_judged.files.is_empty()
         || !fitted.solution.counts_residuals
             && (times_by_file(observations, &rows, &residuals).iter())
-                .any(|(times, _)| *times > NOT_DESCRIBED);
+                .any(|(times, _)| *times > MAX_RESIDUAL_RATIO);
     warnings.extend(of_judged.files);
     warnings.extend(of_judged.rows);
     warnings.extend(large(&system, &fitted));
@@ -212,8 +214,8 @@ fn followed(
             .iter()
             .map(|text| Note::info("", text.as_str())),
     );
-    warnings.extend(observations.guessed_turns().iter().map(warning));
-    warnings.extend(small_moves(&system.machine, &rows));
+    warnings.extend(observations.fourier_gap_notes().iter().map(warning));
+    warnings.extend(small_travel(&system.machine, &rows));
     warnings.extend(why_not);
     warnings.extend(left_at_zero(&system, &fitted, &null).iter().map(warning));
     let mut found = Identification {
@@ -222,7 +224,7 @@ fn followed(
         score: fitted.rank.score(),
         score_of_determined: fitted.rank.score_of_kept(),
         redundant: redundant(&system, &fitted.rank),
-        left_open: left_open(&system, &fitted.rank),
+        undetermined: undetermined(&system, &fitted.rank),
         residual: figures(&residuals),
         judged,
         left_out,
@@ -241,7 +243,7 @@ fn followed(
     Ok((found, response))
 }
 
-/// The size of what is left of rows: distances in three directions for `points` and `sphere`, else the number itself.
+/// Size of residuals: distances in three directions for `points` and `sphere`, otherwise the number itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -249,7 +251,7 @@ pub struct Figures {
     /// Root mean square, µm.
     #[cfg_attr(feature = "serde", serde(rename = "rms"))]
     pub rms_um: f64,
-    /// The largest, µm.
+    /// Maximum, µm.
     #[cfg_attr(feature = "serde", serde(rename = "max"))]
     pub max_um: f64,
     /// Number of rows.
@@ -290,15 +292,15 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     Some(pose_of.into_iter().map(|pose| part[pose]).collect())
 }
 
-/// What is left of rows that were left out of the fit.
+/// Residuals of rows omitted from the fit (cross-validation).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LeftOut {
-    /// The size of what is left.
+    /// Size of the residuals.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub figures: Figures,
-    /// Number of parts in which the poses were left out.
+    /// Number of parts in which the poses were omitted.
     pub folds: usize,
 }
 
@@ -318,12 +320,12 @@ pub(crate) fn left_out(
     let none = |why: String| {
         Ok((
             None,
-            Some(Note::info("", format!("no rows were left out: {why}"))),
+            Some(Note::info("", format!("no cross-validation: {why}"))),
         ))
     };
     let Some(parts) = parts(rows, folds) else {
         return none(format!(
-            "{} poses make no {folds} parts (`folds`)",
+            "{} poses cannot be split into {folds} parts (`folds`)",
             rows.poses().1
         ));
     };
@@ -335,7 +337,8 @@ pub(crate) fn left_out(
             Ok(fitted) => fitted,
             Err(IdentifyError::TooFew { .. } | IdentifyError::NotConverged { .. }) => {
                 return none(
-                    "without some of the poses the others do not determine the unknowns".to_owned(),
+                    "without some of the poses, the others do not determine the unknowns"
+                        .to_owned(),
                 );
             }
             Err(error) => return Err(error),
@@ -349,7 +352,7 @@ pub(crate) fn left_out(
 
 /// Warnings about rows that are only predicted.
 #[derive(Default)]
-pub(crate) struct OfJudged {
+pub(crate) struct JudgedNotes {
     /// Files that are far off as a whole.
     pub(crate) files: Vec<Note>,
     /// Single rows that are far off compared with the others.
@@ -363,12 +366,12 @@ pub(crate) fn judged(
     observations: &Observations,
     values: &Values,
     fitted: Figures,
-) -> (Option<Figures>, OfJudged) {
-    const SHOWN: usize = 5;
+) -> (Option<Figures>, JudgedNotes) {
+    const MAX_LISTED: usize = 5;
     /// The limit for fitted rows relative to their uncertainty.
     const TIMES_FITTED: f64 = 3.0;
     const TIMES_USUAL: f64 = 10.0;
-    let mut notes = OfJudged::default();
+    let mut notes = JudgedNotes::default();
     let mut all = Vec::new();
     for observation in observations.observations.iter().filter(|o| o.judge) {
         let rows = system.prepare(observation.rows.iter());
@@ -379,7 +382,7 @@ pub(crate) fn judged(
         let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
         if usual > TIMES_FITTED * expected {
             let what = format!(
-                "its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
+                "its judged rows are {:.1} µm (median) from the identified machine, the fitted ones {:.1} µm RMS: are they from the same machine and set-up?",
                 1e3 * usual,
                 fitted.rms_um
             );
@@ -389,9 +392,9 @@ pub(crate) fn judged(
         }
         let rows = observation.rows.iter().zip(&sizes);
         let far = rows.filter(|(row, size)| **size > TIMES_USUAL * usual.max(row.uncertainty_mm));
-        notes.rows.extend(far.take(SHOWN).map(|(row, size)| {
+        notes.rows.extend(far.take(MAX_LISTED).map(|(row, size)| {
             let what = format!(
-                "this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
+                "this judged row is {:.1} µm from the identified machine, the others {:.1} µm (median): is it an outlier?",
                 1e3 * size,
                 1e3 * usual
             );

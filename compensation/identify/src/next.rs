@@ -14,7 +14,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 use crate::{
     equation::Equations,
     fit::{Fitted, bring},
-    observations::{Kind, Observation, Observations, Row, Seen, Stand},
+    observations::{Kind, MachinePose, Observation, Observations, Row, RowReading},
     params::Values,
     system::{Rows, System},
 };
@@ -24,23 +24,22 @@ use crate::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Next {
-    /// The coordinates of every axis, mm or deg.
+    /// Coordinates of every axis, mm or deg.
     pub pose: BTreeMap<AxisName, f64>,
-    /// The file whose set-up is to be used.
+    /// File whose set-up is to be used.
     pub file: String,
-    /// What is to be observed.
+    /// Kind of observation.
     pub kind: Kind,
-    /// The sphere, the ball or the target there; `None` where there is nothing to choose.
+    /// Sphere, ball or target at this pose; `None` if there is no choice.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub target: Option<String>,
-    /// The tool in the spindle; `None` where it is that of `[tool]`.
+    /// Tool in the spindle; `None` for that of `[tool]`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub tool: Option<String>,
-    /// The error coefficient that is least certain in its largest effect on the tip in the workspace; of those that are not determined,
-    /// where a pose tells of any, the one that it tells most of.
+    /// Error coefficient with the largest uncertainty of its effect on the tip in the workspace; if the pose informs about undetermined
+    /// ones, the one that it informs about most.
     pub parameter: String,
-    /// How many times smaller its standard uncertainty is after the pose than now: 1 or more. `None` where it is not
-    /// determined yet.
+    /// Factor by which the pose reduces its standard uncertainty, 1 or more; `None` if it is not determined yet.
     pub improvement: Option<f64>,
 }
 
@@ -65,13 +64,13 @@ pub(crate) fn next(
     let of_missing = || most_informative(system, &now, &ahead, &missing);
     let (place, parameter, improvement) = match of_missing() {
         Some((place, parameter)) => (place, parameter, None),
-        None => surest(&largest_effects(system, values), fitted, &ahead)?,
+        None => most_reducing(&largest_effects(system, values), fitted, &ahead)?,
     };
     let Candidate { row, file, kind } = &candidates[place];
-    let target = match row.seen {
-        Seen::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
-        Seen::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
-        Seen::Point {
+    let target = match row.reading {
+        RowReading::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
+        RowReading::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
+        RowReading::Point {
             target: Some(target),
             ..
         } => Some(&system.setup.points[target].name),
@@ -79,14 +78,11 @@ pub(crate) fn next(
     };
     let machine = &system.machine;
     let mut tools = machine.tools().keys();
-    let is_in_spindle = |name: &&String| {
-        machine
-            .tip_of(name)
-            .is_ok_and(|tip| tip == row.stand.tip_mm)
-    };
-    let is_of_tool = row.stand.tip_mm == machine.chain().tool_tip_mm();
+    let is_in_spindle =
+        |name: &&String| machine.tip_of(name).is_ok_and(|tip| tip == row.pose.tip_mm);
+    let is_of_tool = row.pose.tip_mm == machine.chain().tool_tip_mm();
     let tool = tools.find(is_in_spindle).filter(|_| !is_of_tool);
-    let axes = system.machine.axes().iter().zip(&row.stand.state.q);
+    let axes = system.machine.axes().iter().zip(&row.pose.state.q);
     Some(Next {
         pose: axes
             .map(|(axis, &q)| {
@@ -105,7 +101,7 @@ pub(crate) fn next(
 }
 
 /// The candidate that minimises the largest uncertainty, the least certain parameter now, and the factor by which its uncertainty decreases.
-fn surest(
+fn most_reducing(
     effects: &DVector<f64>,
     fitted: &Fitted,
     ahead: &Equations,
@@ -175,7 +171,7 @@ fn most_informative(
     const ANYWHERE: f64 = 1e3;
     /// Minimum reduction factor of the assumed uncertainty for a pose to inform about an unknown. The factor is near 1
     /// for an unknown that has no effect at the pose, or whose effect is that of others as uncertain.
-    const TOLD: f64 = 2.0;
+    const MIN_REDUCTION: f64 = 2.0;
     let sizes = DVector::from_fn(system.params.len(), |column, _| {
         if column < system.params.setup() {
             ANYWHERE
@@ -207,7 +203,7 @@ fn most_informative(
         let Some(&(times, most)) = gains.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
             continue;
         };
-        if times > TOLD * TOLD && best.is_none_or(|(largest, ..)| sum > largest) {
+        if times > MIN_REDUCTION * MIN_REDUCTION && best.is_none_or(|(largest, ..)| sum > largest) {
             best = Some((sum, place, most));
         }
     }
@@ -252,7 +248,7 @@ pub(crate) fn candidates(
     candidates
 }
 
-/// Draws a row like one of a file, at another pose.
+/// MachineSampler a row like one of a file, at another pose.
 ///
 /// A target is visible to its tracker wherever the machine is within its travel. A sphere and a ball stay in place: the
 /// tip is at the same point of the workpiece, with other coordinates of the rotary axes. The tip at the end of a
@@ -274,32 +270,32 @@ fn drawn(
     // In tenths, so that coordinates can be typed by hand.
     let share = f64::from(random.random_range(0..=10_u8)) / 10.0;
     let chain = system.machine.chain();
-    let tip = row.stand.ideal_tip_mm(chain);
-    match row.seen {
-        Seen::Pair { .. } => return None,
-        Seen::Line { .. } => {
-            let there = other.stand.state.q;
-            for (q, to) in row.stand.state.q.iter_mut().zip(there) {
+    let tip = row.pose.ideal_tip_mm(chain);
+    match row.reading {
+        RowReading::Pair { .. } => return None,
+        RowReading::Line { .. } => {
+            let other_q = other.pose.state.q;
+            for (q, to) in row.pose.state.q.iter_mut().zip(other_q) {
                 *q += share * (to - *q);
             }
         }
-        Seen::Point { .. } => move_axes(system, &mut row, |_| true, random),
-        Seen::Sphere { .. } | Seen::Ball { .. } => {
+        RowReading::Point { .. } => move_axes(system, &mut row, |_| true, random),
+        RowReading::Sphere { .. } | RowReading::Ball { .. } => {
             move_axes(system, &mut row, |kind| kind == AxisKind::Rotary, random);
-            if !bring(system, &mut row.stand, tip) {
+            if !bring(system, &mut row.pose, tip) {
                 return None;
             }
         }
-        Seen::Distance { point, .. } => {
+        RowReading::Distance { point, .. } => {
             let point = values.points[point][0];
-            let to = between(tip - point, other.stand.ideal_tip_mm(chain) - point, share)?;
+            let to = between(tip - point, other.pose.ideal_tip_mm(chain) - point, share)?;
             move_axes(system, &mut row, |kind| kind == AxisKind::Rotary, random);
-            if !bring(system, &mut row.stand, point + to) {
+            if !bring(system, &mut row.pose, point + to) {
                 return None;
             }
         }
     }
-    for (axis, q) in system.machine.axes().iter().zip(&mut row.stand.state.q) {
+    for (axis, q) in system.machine.axes().iter().zip(&mut row.pose.state.q) {
         if axis.name.kind() == AxisKind::Linear {
             *q = (*q / STEP_MM).round() * STEP_MM;
         }
@@ -309,7 +305,7 @@ fn drawn(
         }
     }
     let is_new = |known: &Row| {
-        let places = known.stand.state.q.iter().zip(&row.stand.state.q);
+        let places = known.pose.state.q.iter().zip(&row.pose.state.q);
         let moved = system
             .machine
             .axes()
@@ -321,7 +317,7 @@ fn drawn(
                 let turns = turn.map_or(0.0, |turn| turn * ((a - b) / turn).round());
                 (a - b - turns).abs() > SAME_BELOW
             });
-        moved || known.stand.tip_mm != row.stand.tip_mm
+        moved || known.pose.tip_mm != row.pose.tip_mm
     };
     rows.iter().all(is_new).then_some(row)
 }
@@ -333,7 +329,7 @@ fn move_axes(
     moves: impl Fn(AxisKind) -> bool,
     random: &mut impl Rng,
 ) {
-    for (axis, q) in system.machine.axes().iter().zip(&mut row.stand.state.q) {
+    for (axis, q) in system.machine.axes().iter().zip(&mut row.pose.state.q) {
         let kind = axis.name.kind();
         if moves(kind) {
             let [low, high] = axis.travel;
@@ -392,9 +388,9 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
     let rows: Vec<Row> = poses
         .map(|(state, tip_mm)| Row {
             line: 0,
-            stand: Stand { state, tip_mm },
+            pose: MachinePose { state, tip_mm },
             // The reading is not used.
-            seen: Seen::Line {
+            reading: RowReading::Line {
                 direction: Vector3::x(),
                 offset: 0,
                 slope: 0,
@@ -407,7 +403,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
         .collect();
     let mut largest = DVector::zeros(system.params.len());
     for row in &system.prepare(rows.iter()).0 {
-        for (coefficient, moved) in system.moved_by(&row.stand, values) {
+        for (coefficient, moved) in system.moved_by(&row.pose, values) {
             let size: &mut f64 = &mut largest[system.params.setup() + coefficient];
             *size = size.max(moved.norm());
         }

@@ -204,14 +204,14 @@ impl Kind {
 
 /// A pose of the machine, with its functional point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stand {
+pub struct MachinePose {
     /// Coordinates (mm, rad) and approach directions.
     pub state: State,
     /// Functional point, mm in MCS at machine zero, without the offset of a target.
     pub tip_mm: Vector3<f64>,
 }
 
-impl Stand {
+impl MachinePose {
     /// Functional point of the ideal machine, mm in workpiece axes.
     pub(crate) fn ideal_tip_mm(&self, chain: &Chain) -> Vector3<f64> {
         let pose = chain.ideal_pose(&self.state);
@@ -225,9 +225,9 @@ pub struct Row {
     /// Line in its file, from 1; 0 if it is from no file.
     pub line: usize,
     /// Pose of the machine.
-    pub stand: Stand,
+    pub pose: MachinePose,
     /// The reading.
-    pub seen: Seen,
+    pub reading: RowReading,
     /// Run that the row belongs to. Within a run every axis comes from its place in the row before, and to the first
     /// rows from an unknown side. `None`: an axis without a direction has the mean of both, as in means of
     /// bidirectional readings.
@@ -240,18 +240,18 @@ pub struct Row {
 
 impl Row {
     /// Poses of the row: two for a length between poses.
-    pub(crate) fn stands(&self) -> impl Iterator<Item = &Stand> {
-        let from = match &self.seen {
-            Seen::Pair { from, .. } => Some(from),
+    pub(crate) fn poses(&self) -> impl Iterator<Item = &MachinePose> {
+        let from = match &self.reading {
+            RowReading::Pair { from, .. } => Some(from),
             _ => None,
         };
-        core::iter::once(&self.stand).chain(from)
+        core::iter::once(&self.pose).chain(from)
     }
 }
 
-/// Reading at a pose. `frame`, `target` and similar fields are indices in [`SetUp`].
+/// ReadState at a pose. `frame`, `target` and similar fields are indices in [`SetUp`].
 #[derive(Clone, Debug, PartialEq)]
-pub enum Seen {
+pub enum RowReading {
     /// Position of the target on the tool, mm in the frame of the tracker.
     Point {
         /// Index of the frame.
@@ -280,7 +280,7 @@ pub enum Seen {
     /// Distance between the tips at two poses.
     Pair {
         /// The other pose.
-        from: Stand,
+        from: MachinePose,
         /// Index of the dead length, which is added to the reading.
         dead: usize,
         /// Measured length, mm.
@@ -312,7 +312,7 @@ pub enum Seen {
     },
 }
 
-impl Seen {
+impl RowReading {
     /// Number of measured components.
     pub(crate) fn count(&self) -> usize {
         match self {
@@ -348,7 +348,7 @@ impl Seen {
     }
 
     /// Reverses the sign of a reading whose direction depends on the instrument; positions and lengths are unchanged.
-    pub(crate) fn turn(&mut self) {
+    pub(crate) fn invert(&mut self) {
         match self {
             Self::Sphere { offset_mm, .. } => *offset_mm = -*offset_mm,
             Self::Line { deviation_mm, .. } => *deviation_mm = -*deviation_mm,
@@ -397,8 +397,8 @@ impl Observations {
 
     /// Coordinates of an axis at all fitted poses, mm or deg.
     fn coordinates(&self, axis: usize) -> impl Iterator<Item = f64> {
-        let poses = self.fitted_rows().flat_map(Row::stands);
-        poses.map(move |stand| self.machine.curve_coordinates(&stand.state)[axis])
+        let poses = self.fitted_rows().flat_map(Row::poses);
+        poses.map(move |pose| self.machine.curve_coordinates(&pose.state)[axis])
     }
 
     /// Widest part of a turn, deg, without a position of a rotary axis in the fitted rows.
@@ -414,7 +414,7 @@ impl Observations {
     }
 
     /// Messages about Fourier series over a part of a turn.
-    pub(crate) fn guessed_turns(&self) -> Vec<String> {
+    pub(crate) fn fourier_gap_notes(&self) -> Vec<String> {
         let series = (self.unknown.iter())
             .filter(|unknown| matches!(unknown.basis, Some(Basis::Fourier { .. })));
         let gaps = series.filter_map(|unknown| {
@@ -424,12 +424,12 @@ impl Observations {
                 let goes_round = self.machine.axes()[axis].modulo.is_some();
                 // An axis with a `modulo` needs a curve that closes.
                 let what_to_do = if goes_round {
-                    "observe it all the way round, or take fewer harmonics"
+                    "observe it over the full turn, or use fewer harmonics"
                 } else {
-                    "legendre suits a part of a turn"
+                    "use `legendre` for a part of a turn"
                 };
                 format!(
-                    "{}: {} was observed nowhere over {gap:.0} deg of a turn: the Fourier series is only guessed there, and its coefficients may be large; {what_to_do}",
+                    "{}: {} was not observed over {gap:.0} deg of a turn: the Fourier series is undetermined there, and its coefficients may be large; {what_to_do}",
                     unknown.error, unknown.error.axis
                 )
             })
@@ -456,7 +456,12 @@ impl Observations {
         // A range below a millionth of the travel is an axis that did not move.
         if range[1] - range[0] > 1e-6 * (travel[1] - travel[0]) {
             // The ideal machine would be slightly away from where the real one located the sphere or the ball.
-            let is_probed = |row: &Row| matches!(row.seen, Seen::Sphere { .. } | Seen::Ball { .. });
+            let is_probed = |row: &Row| {
+                matches!(
+                    row.reading,
+                    RowReading::Sphere { .. } | RowReading::Ball { .. }
+                )
+            };
             let margin = if self.fitted_rows().any(is_probed) {
                 SPHERE_MARGIN
             } else {

@@ -108,7 +108,7 @@ pub(crate) fn parameters(system: &System, fitted: &Fitted) -> Vec<Parameter> {
 /// An error coefficient that the observations do not determine although it is no convention. It is fixed at zero; the
 /// readings are the same for any value.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LeftOpen {
+pub struct UndeterminedError {
     /// Name of the coefficient among the unknowns.
     pub name: String,
     /// Its unit, `um` or `urad`.
@@ -119,7 +119,7 @@ pub struct LeftOpen {
 }
 
 /// Undetermined error coefficients that are not conventions.
-pub(crate) fn left_open(system: &System, rank: &Rank) -> Vec<LeftOpen> {
+pub(crate) fn undetermined(system: &System, rank: &Rank) -> Vec<UndeterminedError> {
     let is_error = |null: &&Vec<(usize, f64)>| system.is_convention(null[0].0) == Some(false);
     let open = rank.null.iter().filter(is_error).map(|null| {
         let left = null[0].0;
@@ -133,7 +133,7 @@ pub(crate) fn left_open(system: &System, rank: &Rank) -> Vec<LeftOpen> {
         let whole = change(&null[0]);
         let errors = (null.iter())
             .filter(|(param, _)| matches!(system.params.at(*param), Param::Coefficient(_)));
-        LeftOpen {
+        UndeterminedError {
             name: system.name(left),
             unit,
             moves: errors
@@ -182,7 +182,7 @@ pub(crate) fn left_at_zero(
                 .map(|place| null[*place][0].0.as_str())
                 .collect();
             notes.push(format!(
-                "left at zero by convention, since they move the tool like location errors, other constants or the set-up: {}",
+                "left at zero by convention, because they are equivalent to location errors, other constants or the set-up: {}",
                 names.join(", ")
             ));
         }
@@ -192,22 +192,22 @@ pub(crate) fn left_at_zero(
 
 /// Describes a combination that has no effect on the readings.
 fn null_in_words(null: &[(String, f64)], is_setup: bool) -> String {
-    const SHOWN: usize = 4;
+    const MAX_LISTED: usize = 4;
     let (left, others) = (&null[0].0, &null[1..]);
     let where_left = if is_setup {
-        "as it was at the start"
+        "at its start value"
     } else {
         "at zero"
     };
     if others.is_empty() {
-        return format!("{left} moves nothing in these observations: it is left {where_left}");
+        return format!("{left} has no effect in these observations: it is left {where_left}");
     }
     let mut names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
-    let more = names.len().saturating_sub(SHOWN);
-    names.truncate(SHOWN);
+    let more = names.len().saturating_sub(MAX_LISTED);
+    names.truncate(MAX_LISTED);
     let mut with = names.join(", ");
     if more > 0 {
         with = format!("{with} and {more} more");
     }
-    format!("{left} cannot be told apart from {with}: it is left {where_left}")
+    format!("{left} cannot be distinguished from {with}: it is left {where_left}")
 }

@@ -294,25 +294,25 @@ pub(crate) fn six_of(pose: &Pose) -> [f64; 6] {
     [t.x, t.y, t.z, a, b, c]
 }
 
-/// What was found of one unknown.
+/// Result for one unknown.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Parameter {
-    /// The name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
+    /// Name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
     pub name: String,
-    /// The error that it belongs to; `None` for a number of a set-up.
+    /// Error that it belongs to; `None` for a number of a set-up.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub error: Option<ErrorName>,
-    /// The value in `unit`; 0 where it is not determined.
+    /// Value in `unit`; 0 if it is not determined.
     pub value: f64,
     /// `um`, `urad`, `mm`, `deg` or `um_per_m`.
     pub unit: &'static str,
-    /// The standard uncertainty (k = 1) in `unit`; `None` where it is not determined.
+    /// Standard uncertainty (k = 1) in `unit`; `None` if it is not determined.
     pub uncertainty: Option<f64>,
     /// Whether the observations determine it.
     pub determined: bool,
-    /// The unknowns left at zero with which it is mixed up: its value holds if these are zero.
+    /// Indistinguishable unknowns left at zero: the value holds if these are zero.
     pub given_zero: Vec<String>,
 }
 

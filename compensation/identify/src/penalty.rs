@@ -7,18 +7,18 @@ use crate::system::System;
 
 /// Convergence limit on the change of any group's effective number of coefficients.
 const CONVERGED: f64 = 0.01;
-const MOST_STEPS: usize = 100;
+const MAX_STEPS: usize = 100;
 /// Number of coefficients up to which a group keeps one of them out of the estimate of its size. A group this small
 /// does not show the typical size of its coefficients, and an estimate that happens to be zero would shrink all of them
 /// to zero. A larger group keeps out a fraction of one: this number divided by that of its coefficients.
-const OWN: f64 = 2.0;
+const SMALL_GROUP: f64 = 2.0;
 /// For the uncertainties, coefficients may exceed the identified size by this many variances, that is by twice the
 /// standard uncertainty. If the observations hardly determine a size, the penalty then has no effect, and the
 /// uncertainty is that without a penalty.
 const SIZE_WITHIN: f64 = 4.0;
 /// Convergence limit on the change of the logarithm of the weights used for the uncertainties.
 const FOUND: f64 = 0.05;
-const MOST_WEAKER: usize = 30;
+const MAX_WEAKER_STEPS: usize = 30;
 
 /// The penalties of the kept parameters.
 #[derive(Clone, Debug)]
@@ -150,7 +150,7 @@ impl Penalised<'_> {
         let starts = self.balanced().into_iter().zip(log_lambda);
         let mut weaker: Vec<f64> = starts.map(|(start, found)| start.min(*found)).collect();
         let mut covariance = &chosen.inverse * chosen.variance;
-        for _ in 0..MOST_WEAKER {
+        for _ in 0..MAX_WEAKER_STEPS {
             let Some(there) = self.at(&weaker) else { break };
             covariance = there.inverse * chosen.variance;
             let mut change = 0.0_f64;
@@ -160,10 +160,10 @@ impl Penalised<'_> {
                 }
                 let size =
                     chosen.sizes[group] + SIZE_WITHIN * chosen.variance * there.scatter[group];
-                let wanted = chosen.variance * there.used[group].max(1e-12) / size.max(1e-300);
-                let wanted = wanted.ln().min(log_lambda[group]).max(-60.0);
-                change = change.max((wanted - weaker[group]).abs());
-                weaker[group] = wanted;
+                let target = chosen.variance * there.used[group].max(1e-12) / size.max(1e-300);
+                let target = target.ln().min(log_lambda[group]).max(-60.0);
+                change = change.max((target - weaker[group]).abs());
+                weaker[group] = target;
             }
             if change < FOUND {
                 break;
@@ -206,12 +206,12 @@ pub(crate) fn choose(
         .clone()
         .unwrap_or_else(|| equations.balanced());
     let mut before = vec![f64::INFINITY; penalty.groups];
-    let most = if penalty.held { 1 } else { MOST_STEPS };
-    for attempt in 0..most {
+    let max_steps = if penalty.held { 1 } else { MAX_STEPS };
+    for attempt in 0..max_steps {
         let of = equations.at(&log_lambda)?;
         let change = of.used.iter().zip(&before).map(|(a, b)| (a - b).abs());
         let change = change.fold(0.0, f64::max);
-        if change < CONVERGED || attempt + 1 == most {
+        if change < CONVERGED || attempt + 1 == max_steps {
             tracing::debug!(
                 "penalties chosen in {attempt} steps, {:.1} of {} coefficients, variance {:.3}",
                 of.degrees,
@@ -237,10 +237,10 @@ pub(crate) fn choose(
                 continue;
             }
             let now = log_lambda[group].exp();
-            let used = of.used[group] - (OWN / rank).min(1.0);
-            let wanted = of.variance * used.max(1e-12) / of.sizes[group].max(1e-300);
+            let used = of.used[group] - (SMALL_GROUP / rank).min(1.0);
+            let target = of.variance * used.max(1e-12) / of.sizes[group].max(1e-300);
             // The fixed point converges slowly where a curve tends to a straight line, so the step in the logarithm is lengthened.
-            let ratio = (1.6 * (wanted / now).ln()).clamp(-6.0, 6.0);
+            let ratio = (1.6 * (target / now).ln()).clamp(-6.0, 6.0);
             log_lambda[group] = (log_lambda[group] + ratio).clamp(-60.0, 60.0);
         }
     }

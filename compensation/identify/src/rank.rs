@@ -7,7 +7,7 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 /// determined by so short a combination would have ten thousand times the uncertainty of one with full effect.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column shorter than this share of the longest is rounding.
-const NOTHING_BELOW: f64 = 1e-12;
+const ZERO_BELOW: f64 = 1e-12;
 /// Minimum share, relative to the largest one, of a column that may be fixed at zero for a combination without effect.
 /// What is fixed at zero moves the others by its share, so with a small share they would grow without bound.
 pub(crate) const LEAST_SHARE: f64 = 0.05;
@@ -64,7 +64,7 @@ pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> R
     let mut lengths = Vec::with_capacity(matrix.ncols());
     for mut column in scaled.column_iter_mut() {
         let length = column.norm();
-        if length > NOTHING_BELOW * longest && length.is_finite() {
+        if length > ZERO_BELOW * longest && length.is_finite() {
             column /= length;
             lengths.push(length);
         } else {
@@ -216,7 +216,7 @@ mod tests {
 
     /// Of three columns of which the last has nearly nothing in the combination that moves nothing, another is left out.
     #[test]
-    fn a_column_that_is_seen_by_itself_stays() {
+    fn a_column_with_an_effect_of_its_own_is_kept() {
         for slant in [1e-3, 1e-5, 1e-8] {
             // c = (a − b)/slant to the digit: a, b and slant·c move nothing together.
             let a = DVector::from_vec(vec![1.0, 0.0, 0.0, slant]);

@@ -30,7 +30,7 @@ pub struct Response {
 
 /// Share of a change that the observations support.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
+pub struct SupportedShare {
     /// 1 for the whole change, 0 for none.
     pub share: f64,
     /// Standard uncertainty of the share.
@@ -80,11 +80,14 @@ impl Response {
     ///
     /// # Errors
     /// As [`Response::to`].
-    pub fn wanted(&self, machines: &[Machine]) -> Result<Vec<Option<Wanted>>, IdentifyError> {
+    pub fn supported_shares(
+        &self,
+        machines: &[Machine],
+    ) -> Result<Vec<Option<SupportedShare>>, IdentifyError> {
         /// Maximum remaining share of a change that counts as compensated by the unknowns.
-        const UNDONE: f64 = 1e-3;
+        const MAX_COMPENSATED_SHARE: f64 = 1e-3;
         /// Prior standard uncertainty of a share. It bounds shares that only several changes together determine.
-        const MOST: f64 = 10.0;
+        const PRIOR_SHARE: f64 = 10.0;
         let within = self.jacobian.clone().qr().q();
         let beyond = |of: &DVector<f64>| of - &within * (within.transpose() * of);
         let left = beyond(&self.residuals);
@@ -93,8 +96,8 @@ impl Response {
         for machine in machines {
             let change = self.changed(machine)?;
             let own = beyond(&change);
-            is_seen.push(own.norm() > UNDONE * change.norm());
-            if own.norm() > UNDONE * change.norm() {
+            is_seen.push(own.norm() > MAX_COMPENSATED_SHARE * change.norm());
+            if own.norm() > MAX_COMPENSATED_SHARE * change.norm() {
                 seen.push(own);
             }
         }
@@ -110,7 +113,8 @@ impl Response {
         let mut variance = 1.0;
         let mut estimate = (DVector::zeros(count), DMatrix::zeros(count, count));
         for _ in 0..2 {
-            let information = &square / variance + DMatrix::identity(count, count) / (MOST * MOST);
+            let information =
+                &square / variance + DMatrix::identity(count, count) / (PRIOR_SHARE * PRIOR_SHARE);
             let Some(covariance) = information.try_inverse() else {
                 return Ok(vec![None; machines.len()]);
             };
@@ -118,16 +122,16 @@ impl Response {
             variance = ((&left + &seen * &shares).norm_squared() / freedom).max(1.0);
             estimate = (shares, covariance);
         }
-        let (shares, covariance) = estimate;
+        let (values, covariance) = estimate;
         let mut places = 0..count;
-        let wanted = is_seen.into_iter().map(|is_seen| {
+        let shares = is_seen.into_iter().map(|is_seen| {
             let place = if is_seen { places.next() } else { None };
-            place.map(|place| Wanted {
-                share: shares[place],
+            place.map(|place| SupportedShare {
+                share: values[place],
                 uncertainty: covariance[(place, place)].max(0.0).sqrt(),
             })
         });
-        Ok(wanted.collect())
+        Ok(shares.collect())
     }
 
     /// Change of the residuals if the known errors are those of this machine.
@@ -144,7 +148,7 @@ impl Response {
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;
         let rows = system.prepare(observations.fitted_rows());
-        let there = system.equations(&rows, &self.values).residuals;
-        Ok(there - &self.residuals)
+        let changed_residuals = system.equations(&rows, &self.values).residuals;
+        Ok(changed_residuals - &self.residuals)
     }
 }

@@ -8,21 +8,21 @@ use volcomp_kinematics::nalgebra::Vector3;
 use crate::observations::{Kind, NumberKind, Quantity, SetUp};
 
 /// Maximum uncertainty of a known target, mm.
-const MOST_WITHIN_MM: f64 = 1000.0;
+const MAX_TARGET_UNCERTAINTY_MM: f64 = 1000.0;
 
 /// Returns the text of a file.
 pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
 
 /// State of the set-up while observations are read.
 #[derive(Default)]
-pub(crate) struct Reading {
+pub(crate) struct ReadState {
     pub(crate) setup: SetUp,
     /// Named parts of fitted observations: kind, key, name, index of the part.
     named: Vec<(Kind, &'static str, String, usize)>,
     /// Names of tools and spheres, with the index of their point.
     targets: Vec<(String, usize)>,
     pub(crate) spheres: Vec<(String, usize)>,
-    pub(crate) rows_of_balls: Vec<Balls>,
+    pub(crate) rows_of_balls: Vec<BallRow>,
     pub(crate) notes: Vec<String>,
     /// Files without a column `tool`.
     pub(crate) without_tool: Vec<String>,
@@ -42,12 +42,12 @@ pub(crate) struct Ball {
 
 /// The balls of one row file; several observations may use it.
 #[derive(Clone, Debug)]
-pub(crate) struct Balls {
+pub(crate) struct BallRow {
     pub(crate) file: String,
     pub(crate) balls: Vec<Ball>,
 }
 
-impl Balls {
+impl BallRow {
     /// Index of a ball's distance among the numbers of the set-up; it is added at first use.
     pub(crate) fn distance_of(&mut self, name: &str, setup: &mut SetUp) -> Result<usize, String> {
         let file = self.file.as_str();
@@ -77,20 +77,20 @@ impl Balls {
 }
 
 /// Data that all keys of one observation share.
-pub(crate) struct Head<'a> {
+pub(crate) struct ObservationHeader<'a> {
     pub(crate) section: &'a Section<'a>,
     pub(crate) kind: Kind,
     pub(crate) file: &'a str,
-    /// Stated order of drift.
+    /// KeyValue order of drift.
     pub(crate) drift: usize,
     /// Whether its rows are only predicted; a name then refers to the part of a fitted observation.
     pub(crate) judge: bool,
 }
 
-impl Head<'_> {
+impl ObservationHeader<'_> {
     /// Indices of the parts that earlier observations define under a key and a name.
-    fn places(&self, key: &str, name: &str, reading: &Reading) -> Vec<usize> {
-        let own = reading
+    fn places(&self, key: &str, name: &str, state: &ReadState) -> Vec<usize> {
+        let own = state
             .named
             .iter()
             .filter(|(kind, of, known, _)| *kind == self.kind && *of == key && known == name);
@@ -98,8 +98,8 @@ impl Head<'_> {
     }
 
     /// The one part of a fitted observation that a judged one refers to by its name.
-    fn fitted(&self, key: &str, name: &str, reading: &Reading) -> Result<usize, InputError> {
-        self.only(key, name, self.places(key, name, reading))
+    fn fitted(&self, key: &str, name: &str, state: &ReadState) -> Result<usize, InputError> {
+        self.only(key, name, self.places(key, name, state))
     }
 
     fn only(&self, key: &str, name: &str, mut places: Vec<usize>) -> Result<usize, InputError> {
@@ -110,7 +110,7 @@ impl Head<'_> {
                 "found `judge = true` with {key} \"{name}\", expected a fitted observation of this kind with the same {key}"
             ))),
             _ => Err(self.section.error(format!(
-                "found `judge = true` with {key} \"{name}\", which {} fitted observations have: expected a name that only one has, the same in both",
+                "found `judge = true` with {key} \"{name}\", which {} fitted observations have: expected a name that only one of them has",
                 places.len()
             ))),
         }
@@ -124,12 +124,12 @@ impl Head<'_> {
 
 /// A key of a set-up: a value, or a name under which it is identified.
 #[derive(Clone, Debug, PartialEq)]
-enum Stated<T> {
+enum KeyValue<T> {
     Known(T),
     Unknown(String),
 }
 
-impl<T> Stated<T> {
+impl<T> KeyValue<T> {
     /// Decodes a value, or the name of an unknown; "known" means the default.
     fn decode<'v>(
         value: Option<Value<'v>>,
@@ -157,61 +157,64 @@ impl<T> Stated<T> {
     }
 }
 
-pub(crate) fn frame(of: &Head<'_>, reading: &mut Reading) -> Result<usize, InputError> {
+pub(crate) fn frame(
+    of: &ObservationHeader<'_>,
+    state: &mut ReadState,
+) -> Result<usize, InputError> {
     let stated = match of.section.get("frame") {
-        None => Stated::Unknown("unknown".to_owned()),
-        value => Stated::decode(value, [0.0; 6], Value::vector::<6>)?,
+        None => KeyValue::Unknown("unknown".to_owned()),
+        value => KeyValue::decode(value, [0.0; 6], Value::vector::<6>)?,
     };
-    let place = reading.setup.frames.len();
+    let place = state.setup.frames.len();
     let mut own_name = format!("{}:frame", of.file);
-    if let Stated::Unknown(name) = &stated {
+    if let KeyValue::Unknown(name) = &stated {
         if of.judge {
-            return of.fitted("frame", name, reading);
+            return of.fitted("frame", name, state);
         }
         if name != "unknown" {
             // Trackers with the same name share a frame.
-            if let Some(&place) = of.places("frame", name, reading).first() {
+            if let Some(&place) = of.places("frame", name, state).first() {
                 return Ok(place);
             }
             own_name = format!("frame {name}");
         }
         let named = (of.kind, "frame", name.clone(), place);
-        reading.named.push(named);
+        state.named.push(named);
     }
     let drift = of.fitted_drift(of.drift);
     let frame = Quantity::new(own_name, stated.known(), drift);
-    reading.setup.frames.push(frame);
+    state.setup.frames.push(frame);
     Ok(place)
 }
 
 /// Targets by tool; the empty name applies to every tool.
 pub(crate) fn targets(
-    of: &Head<'_>,
-    reading: &mut Reading,
+    of: &ObservationHeader<'_>,
+    state: &mut ReadState,
 ) -> Result<Vec<(String, Option<usize>)>, InputError> {
     let within = of.section.optional("target_within_mm", |value| {
         let found = value.positive()?;
-        if found <= MOST_WITHIN_MM {
+        if found <= MAX_TARGET_UNCERTAINTY_MM {
             return Ok(found);
         }
         Err(value.error(format!(
-            "found {found} mm, expected at most {MOST_WITHIN_MM} mm"
+            "found {found} mm, expected at most {MAX_TARGET_UNCERTAINTY_MM} mm"
         )))
     })?;
     let Some(value) = of.section.get("target") else {
         return match of.section.get("target_within_mm") {
             Some(value) => Err(value.error(
-                "found the uncertainty of a target without `target`, expected its offset from the tip beside it",
+                "found the uncertainty of a target without `target`, expected its offset from the tip as well",
             )),
             None => Ok(Vec::new()),
         };
     };
     let Ok(by_tool) = value.section() else {
-        let place = target(of, "", &value, within, reading)?;
+        let place = target(of, "", &value, within, state)?;
         return Ok(vec![(String::new(), Some(place))]);
     };
     let targets = by_tool.values().map(|(tool, value)| {
-        let place = target(of, tool, &value, within, reading)?;
+        let place = target(of, tool, &value, within, state)?;
         Ok((tool.to_owned(), Some(place)))
     });
     targets.collect()
@@ -219,17 +222,17 @@ pub(crate) fn targets(
 
 /// The point of the target of one tool.
 fn target(
-    of: &Head<'_>,
+    of: &ObservationHeader<'_>,
     tool: &str,
     value: &Value<'_>,
     within: Option<f64>,
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<usize, InputError> {
-    let stated = Stated::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
+    let stated = KeyValue::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
     let known = stated.known();
     if known.is_none() && within.is_some() {
         return Err(value.error(
-            "found a target that is to be found beside `target_within_mm`, expected the offset that is known within that",
+            "found an unknown target with `target_within_mm`, expected the offset that is known to within this uncertainty",
         ));
     }
     // A value with an uncertainty is identified as well.
@@ -244,9 +247,9 @@ fn target(
         // the same kind, if there is only one.
         let is_same = |(name, place): &&(String, usize)| {
             let is_named = *name == key || (of.judge && tool.is_empty() && name.ends_with(':'));
-            is_named && reading.setup.points[*place].value == known
+            is_named && state.setup.points[*place].value == known
         };
-        let same = reading.targets.iter().filter(is_same);
+        let same = state.targets.iter().filter(is_same);
         let same: Vec<usize> = same.map(|(_, place)| *place).collect();
         if of.judge && known.is_none() {
             return of.only("target", tool, same);
@@ -256,7 +259,7 @@ fn target(
         }
     }
     let is_found = unknown && !of.judge;
-    let place = reading.setup.add_point(Quantity {
+    let place = state.setup.add_point(Quantity {
         name: if tool.is_empty() {
             format!("{}:target", of.file)
         } else {
@@ -269,34 +272,37 @@ fn target(
         known_within: within.filter(|_| !of.judge),
     });
     if is_found {
-        reading.targets.push((key, place));
+        state.targets.push((key, place));
     }
     Ok(place)
 }
 
-pub(crate) fn point_of(of: &Head<'_>, reading: &mut Reading) -> Result<usize, InputError> {
+pub(crate) fn point_of(
+    of: &ObservationHeader<'_>,
+    state: &mut ReadState,
+) -> Result<usize, InputError> {
     let value = of.section.require("point")?;
-    let stated = Stated::decode(Some(value), [0.0; 3], Value::vector::<3>)?;
-    if let (Stated::Unknown(name), true) = (&stated, of.judge) {
-        return of.fitted("point", name, reading);
+    let stated = KeyValue::decode(Some(value), [0.0; 3], Value::vector::<3>)?;
+    if let (KeyValue::Unknown(name), true) = (&stated, of.judge) {
+        return of.fitted("point", name, state);
     }
-    let place = point(of, "point", of.fitted_drift(of.drift), reading)?;
-    if let Stated::Unknown(name) = stated {
-        reading.named.push((of.kind, "point", name, place));
+    let place = point(of, "point", of.fitted_drift(of.drift), state)?;
+    if let KeyValue::Unknown(name) = stated {
+        state.named.push((of.kind, "point", name, place));
     }
     Ok(place)
 }
 
 /// A point of the set-up under a key; unknown if it is not stated.
 pub(crate) fn point(
-    of: &Head<'_>,
+    of: &ObservationHeader<'_>,
     key: &str,
     drift: usize,
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<usize, InputError> {
     let known = stated_vector(of.section, key)?.map(|(_, known)| known.into());
     let point = Quantity::new(format!("{}:{key}", of.file), known, drift);
-    Ok(reading.setup.add_point(point))
+    Ok(state.setup.add_point(point))
 }
 
 /// Three numbers under a key; `None` if the key is missing or marks them as unknown.
@@ -307,26 +313,26 @@ pub(crate) fn stated_vector<'a>(
     let Some(value) = section.get(key) else {
         return Ok(None);
     };
-    let stated = Stated::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
+    let stated = KeyValue::decode(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
     Ok(stated.known().map(|known| (value, Vector3::from(known))))
 }
 
 pub(crate) fn number(
-    of: &Head<'_>,
+    of: &ObservationHeader<'_>,
     key: &'static str,
     kind: NumberKind,
     drift: usize,
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<usize, InputError> {
-    let stated = Stated::decode(of.section.get(key), 0.0, Value::number)?;
-    let place = reading.setup.numbers.len();
-    if let Stated::Unknown(name) = &stated {
+    let stated = KeyValue::decode(of.section.get(key), 0.0, Value::number)?;
+    let place = state.setup.numbers.len();
+    if let KeyValue::Unknown(name) = &stated {
         if of.judge {
-            return of.fitted(key, name, reading);
+            return of.fitted(key, name, state);
         }
-        reading.named.push((of.kind, key, name.clone(), place));
+        state.named.push((of.kind, key, name.clone(), place));
     }
     let known = stated.known().map(|number| number / kind.unit().1);
     let number = Quantity::new(format!("{}:{key}", of.file), known, of.fitted_drift(drift));
-    Ok(reading.setup.add_number(kind, number))
+    Ok(state.setup.add_number(kind, number))
 }

@@ -48,11 +48,11 @@ impl Sides {
 
     /// Columns of all numbers, or only of those of unknown reversal values, with `equations` rows.
     pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
-        let wanted = self
+        let selected = self
             .0
             .iter()
             .filter(|(key, _)| !of_unknown || key.2.is_some());
-        let columns: Vec<DVector<f64>> = wanted
+        let columns: Vec<DVector<f64>> = selected
             .map(|(_, column)| {
                 let mut dense = DVector::zeros(equations);
                 for (&equation, &by) in column {
@@ -148,7 +148,7 @@ mod tests {
     /// Two runs, one of two numbers: the weighted squares are those by the inverse of the covariance 1 + G·Gᵀ, and so are those
     /// that are left with the values that are estimated.
     #[test]
-    fn what_is_eliminated_has_the_covariance_of_the_numbers() {
+    fn elimination_equals_the_full_covariance() {
         let mut sides = Sides::default();
         for (key, equation, by) in [
             ((0, 0, None), 0, 3.0),

@@ -32,11 +32,11 @@ const PENALTY_STEPS: usize = 3;
 /// Number of steps in which the reversal values of axes with unknown approach direction are sized.
 const SIDE_STEPS: usize = 4;
 /// Assumed maximum reversal value, µm or µrad, while it is not identified.
-const LARGEST_REVERSAL: f64 = 1e3;
-const MOST_STEPS: usize = 60;
-const MOST_STEPS_ROBUST: usize = 400;
+const MAX_REVERSAL: f64 = 1e3;
+const MAX_STEPS: usize = 60;
+const MAX_STEPS_ROBUST: usize = 400;
 /// Maximum multiple of a step in a search with robust weights.
-const LONGEST: f64 = 64.0;
+const MAX_STEP_FACTOR: f64 = 64.0;
 /// Maximum last step, in standard uncertainties, at which a robust search has converged after its last permitted step.
 const SMALL_ROBUST: f64 = 1e-3;
 
@@ -100,19 +100,19 @@ impl Solution {
     /// by √(2/n) about 1. The uncertainties are too small by at least this ratio (R. T. Birge, Physical Review 40,
     /// 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
-        let by_chance = squares_by_chance(self.freedom) / self.freedom;
+        let by_chance = max_squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
 
     /// The same ratio for the covariance, as a factor: 1 if the covariance already includes the residuals.
     pub(crate) fn excess_of_covariance(&self) -> f64 {
-        let of_statements = self.excess().filter(|_| !self.counts_residuals);
-        of_statements.unwrap_or(1.0)
+        let ratio = self.excess().filter(|_| !self.counts_residuals);
+        ratio.unwrap_or(1.0)
     }
 }
 
 /// Upper limit by chance of the sum of the squares of `freedom` numbers of variance 1.
-pub(crate) fn squares_by_chance(freedom: f64) -> f64 {
+pub(crate) fn max_squares_by_chance(freedom: f64) -> f64 {
     const CHANCE: f64 = 4.0;
     freedom + CHANCE * (2.0 * freedom).sqrt()
 }
@@ -127,10 +127,10 @@ pub(crate) fn solve(
     penalised: bool,
     exactness: Exactness,
 ) -> Result<Solution, IdentifyError> {
-    let (wanted, most) = match exactness {
-        Exactness::Rough => (CONVERGED_ROUGH, MOST_STEPS),
-        Exactness::Full if robust => (CONVERGED_ROBUST, MOST_STEPS_ROBUST),
-        Exactness::Full => (CONVERGED, MOST_STEPS),
+    let (tolerance, max_steps) = match exactness {
+        Exactness::Rough => (CONVERGED_ROUGH, MAX_STEPS),
+        Exactness::Full if robust => (CONVERGED_ROBUST, MAX_STEPS_ROBUST),
+        Exactness::Full => (CONVERGED, MAX_STEPS),
     };
     let search = Search {
         system,
@@ -154,13 +154,13 @@ pub(crate) fn solve(
     }
     let mut equations = at(&values);
     let mut sides = DVector::zeros(equations.sides.len());
-    for count in 0..most {
+    for count in 0..max_steps {
         // The equations are nearly linear: after a few steps the weights are frozen, so that the search can converge.
         penalty.held = count >= PENALTY_STEPS;
         let step = search.step(&equations, &sides, &values, &mut penalty)?;
         last = step.largest();
         let is_open = count < SIDE_STEPS && equations.sides.has_unknown();
-        if last < wanted && !is_open {
+        if last < tolerance && !is_open {
             penalty.ends = true;
             let step = if penalised {
                 search.step(&equations, &sides, &values, &mut penalty)?
@@ -174,10 +174,10 @@ pub(crate) fn solve(
         let to = |share: f64| {
             let step_by = spread(&step.by, kept, system.params.len(), share);
             let tried = values.moved(&system.params, &step_by);
-            let there = at(&tried);
+            let trial = at(&tried);
             let on_sides = &sides + (&step.sides - &sides) * share;
-            let cost = cost(&there, &on_sides, robust);
-            (cost, (tried, there, on_sides))
+            let cost = cost(&trial, &on_sides, robust);
+            (cost, (tried, trial, on_sides))
         };
         let mut share = 1.0;
         let (mut least, mut reached) = to(share);
@@ -187,7 +187,7 @@ pub(crate) fn solve(
             (least, reached) = to(share);
         }
         // Robust weights follow the residuals slowly if many are larger than usual: then the step is extended.
-        while robust && !penalised && (1.0..LONGEST).contains(&share) {
+        while robust && !penalised && (1.0..MAX_STEP_FACTOR).contains(&share) {
             let (cost, further) = to(2.0 * share);
             if cost >= least {
                 break;
@@ -210,7 +210,7 @@ pub(crate) fn solve(
         return Ok(Solution::at(values, &equations, &sides, step, search));
     }
     Err(IdentifyError::NotConverged {
-        steps: most,
+        steps: max_steps,
         last,
         numbers: equations.residuals.len(),
         unknowns: system.params.len(),
@@ -295,7 +295,7 @@ impl Search<'_> {
             if coefficient.role != Role::Reversal {
                 return 0.0;
             }
-            let largest = LARGEST_REVERSAL / micro(coefficient.error.component);
+            let largest = MAX_REVERSAL / micro(coefficient.error.component);
             let is_of = |&column: &usize| system.params.at(column) == Param::Coefficient(place);
             let variance = kept.iter().position(is_of).zip(covariance);
             variance.map_or(largest, |(at, covariance)| {
@@ -324,19 +324,19 @@ impl Search<'_> {
         let mut jacobian = equations.jacobian.select_columns(kept);
         let mut residuals = equations.residuals.clone();
         let square = cost(equations, sides, robust);
-        let mut of_sides = equations.sides.clone();
+        let mut weighted_sides = equations.sides.clone();
         if robust {
             let roots = left(equations, sides).map(|residual| weight(residual).sqrt());
             for (row, residual) in residuals.iter_mut().enumerate() {
                 *residual *= roots[row];
                 jacobian.row_mut(row).scale_mut(roots[row]);
             }
-            of_sides.scale(|row| roots[row]);
+            weighted_sides.scale(|row| roots[row]);
         }
-        let with_sides = (of_sides.len() > 0).then(|| {
+        let with_sides = (weighted_sides.len() > 0).then(|| {
             let plain = (jacobian.clone(), residuals.clone());
-            of_sides.eliminate(&mut jacobian);
-            of_sides.eliminate_from(&mut residuals);
+            weighted_sides.eliminate(&mut jacobian);
+            weighted_sides.eliminate_from(&mut residuals);
             plain
         });
         let mut scale = DVector::from_element(kept.len(), 1.0);
@@ -384,7 +384,7 @@ impl Search<'_> {
         let by = step.component_mul(&scale);
         let sides = with_sides.map_or_else(
             || DVector::zeros(0),
-            |(jacobian, residuals)| of_sides.estimate(&(residuals + jacobian * &by)),
+            |(jacobian, residuals)| weighted_sides.estimate(&(residuals + jacobian * &by)),
         );
         Ok(Step {
             by,
@@ -427,7 +427,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_or_a_variance_that_is_no_number_is_no_end() {
+    fn steps_and_variances_that_are_not_finite_do_not_converge() {
         let largest = |by: [f64; 2], variances: [f64; 2]| {
             let step = Step {
                 by: DVector::from_row_slice(&by),

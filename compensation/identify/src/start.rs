@@ -8,7 +8,7 @@ use volcomp_kinematics::{
 use crate::{
     error::IdentifyError,
     fit::design,
-    observations::{Observations, Part, Row, Seen},
+    observations::{Observations, Part, Row, RowReading},
     params::{Param, Values},
     rank::independent,
     solve::{Exactness, solve},
@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Minimum number of rows that determine targets and a general matrix for the frame.
-const LEAST_FOR_MATRIX: usize = 6;
+const MIN_ROWS_FOR_MATRIX: usize = 6;
 
 /// Set-ups as the nominal machine sees them, and the set-up parameters that the rows determine.
 pub(crate) fn start(
@@ -69,8 +69,7 @@ fn setup_only(
         } = system.params.at(column)
         {
             let quantity = &observations.setup.frames[frame];
-            let sees =
-                |row: &&Row| matches!(row.seen, Seen::Point { frame: of, .. } if of == frame);
+            let sees = |row: &&Row| matches!(row.reading, RowReading::Point { frame: of, .. } if of == frame);
             return Err(IdentifyError::Frame {
                 frame: quantity.name.clone(),
                 direction: system.name(column),
@@ -95,8 +94,8 @@ fn setup_only(
 /// Nominal tip of a row in workpiece axes, without the offset of a target, and its rotation.
 fn nominal(system: &System, row: &Row) -> (Vector3<f64>, Matrix3<f64>) {
     let chain = system.machine.chain();
-    let rotation = chain.ideal_pose(&row.stand.state).rotation;
-    (row.stand.ideal_tip_mm(chain), rotation)
+    let rotation = chain.ideal_pose(&row.pose.state).rotation;
+    (row.pose.ideal_tip_mm(chain), rotation)
 }
 
 /// Sets the frames without a start value: from the best-fit rigid transform (Kabsch), or with the targets' offsets from
@@ -112,8 +111,8 @@ fn frames(
     for (place, quantity) in observations.setup.frames.iter().enumerate() {
         let seen: Vec<(&Row, Vector3<f64>, Option<usize>)> = rows
             .iter()
-            .filter_map(|row| match &row.seen {
-                Seen::Point {
+            .filter_map(|row| match &row.reading {
+                RowReading::Point {
                     frame,
                     at_mm,
                     target,
@@ -159,7 +158,7 @@ fn targets_by_matrix(
         let quantity = &observations.setup.points[target];
         quantity.unknown && quantity.value.is_none()
     });
-    if targets.is_empty() || seen.len() < LEAST_FOR_MATRIX + targets.len() {
+    if targets.is_empty() || seen.len() < MIN_ROWS_FOR_MATRIX + targets.len() {
         return false;
     }
     let mut matrix = DMatrix::zeros(3 * seen.len(), 12 + 3 * targets.len());
@@ -245,11 +244,11 @@ fn points_of_spheres_and_bars(
         let mut reaches = Vec::new();
         let mut dead_of = None;
         for row in rows.iter() {
-            match &row.seen {
-                Seen::Sphere { centre, offset_mm } if *centre == place => {
+            match &row.reading {
+                RowReading::Sphere { centre, offset_mm } if *centre == place => {
                     centres.push(nominal(system, row).0 - offset_mm);
                 }
-                Seen::Distance {
+                RowReading::Distance {
                     point,
                     dead,
                     length_mm,
@@ -322,7 +321,7 @@ mod tests {
 
     /// A column that is the sum of two others but for rounding, in mm and in units a million times as small or as large.
     #[test]
-    fn what_equations_do_not_see_is_of_least_norm_in_any_unit() {
+    fn rank_deficient_least_squares_has_minimum_norm_in_any_unit() {
         for scale in [1e-9, 1.0, 1e9] {
             let matrix = DMatrix::from_fn(9, 3, |row, column| {
                 let a = (1.3 * row as f64).sin() * scale;

@@ -14,7 +14,7 @@ use crate::{
     coefficients::{Coefficient, Role, Unknowns, micro},
     derivatives::{Errors, component_of},
     error::IdentifyError,
-    observations::{Observations, Part, Row, Seen, SetUp, Stand},
+    observations::{MachinePose, Observations, Part, Row, RowReading, SetUp},
     params::{self, Param, Parameter, Params, Values},
 };
 
@@ -125,8 +125,8 @@ const SAME_POSE: f64 = 1e-6;
 
 /// A pose, with everything that does not depend on the parameters.
 #[derive(Clone, Debug)]
-pub(crate) struct PreparedStand {
-    pub(crate) stand: Stand,
+pub(crate) struct PreparedPose {
+    pub(crate) pose: MachinePose,
     /// Coordinates, mm or deg; those of an axis with a `modulo` within one turn from 0.
     within_turn: [f64; MAX_AXES],
     /// Known errors, with unknown location errors as zero.
@@ -180,8 +180,8 @@ fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedRow {
     pub(crate) row: Row,
-    pub(crate) stand: PreparedStand,
-    pub(crate) from: Option<PreparedStand>,
+    pub(crate) pose: PreparedPose,
+    pub(crate) from: Option<PreparedPose>,
     pub(crate) ideal_mm: Vector3<f64>,
 }
 
@@ -209,7 +209,7 @@ impl Rows {
         let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();
         let mut pose_of = Vec::with_capacity(self.len());
         for row in &self.0 {
-            let at = &row.stand.within_turn;
+            let at = &row.pose.within_turn;
             let is_same = |place: &usize| {
                 let mut both = poses[*place].iter().zip(at);
                 both.all(|(a, b)| (a - b).abs() < SAME_POSE)
@@ -241,28 +241,28 @@ impl System {
     pub(crate) fn prepare<'r>(&self, rows: impl Iterator<Item = &'r Row>) -> Rows {
         let prepared = rows.map(|row| PreparedRow {
             row: row.clone(),
-            stand: self.prepare_stand(&row.stand),
-            from: match &row.seen {
-                Seen::Pair { from, .. } => Some(self.prepare_stand(from)),
+            pose: self.prepare_pose(&row.pose),
+            from: match &row.reading {
+                RowReading::Pair { from, .. } => Some(self.prepare_pose(from)),
                 _ => None,
             },
-            ideal_mm: row.stand.ideal_tip_mm(self.machine.chain()),
+            ideal_mm: row.pose.ideal_tip_mm(self.machine.chain()),
         });
         Rows(prepared.collect())
     }
 
-    fn prepare_stand(&self, stand: &Stand) -> PreparedStand {
+    fn prepare_pose(&self, pose: &MachinePose) -> PreparedPose {
         let source = self.machine.source(&Temperatures::default());
         let mut known = Errors::default();
         for axis in 0..self.machine.axes().len() {
-            known.motion[axis] = source.error_motion(axis, &stand.state);
+            known.motion[axis] = source.error_motion(axis, &pose.state);
             known.location[axis] = source.location(axis);
             known.assembly[axis] = source.assembly(axis);
         }
         for &(axis, component, _) in &self.unknowns.locations {
             *component_of(&mut known.location[axis], component) = 0.0;
         }
-        let at = self.machine.curve_coordinates(&stand.state);
+        let at = self.machine.curve_coordinates(&pose.state);
         let modes: Vec<Vec<f64>> = self
             .unknowns
             .curves
@@ -291,14 +291,14 @@ impl System {
                 Role::Location => continue,
                 Role::Mode(mode) => modes[coefficient.curve][mode],
                 Role::Product(place) => products[coefficient.curve][place],
-                Role::Reversal => 0.5 * stand.state.approach[axis].map_or(0.0, Direction::sign),
+                Role::Reversal => 0.5 * pose.state.approach[axis].map_or(0.0, Direction::sign),
             };
             if value != 0.0 {
                 terms.push((axis, coefficient.error.component.index(), place, value));
             }
         }
         let mut within_turn = [0.0; MAX_AXES];
-        let axes = self.machine.axes().iter().zip(&stand.state.q);
+        let axes = self.machine.axes().iter().zip(&pose.state.q);
         for ((axis, &q), place) in axes.zip(&mut within_turn) {
             let at = Displacement::new(axis.name.kind(), q).mm_or_deg();
             let turns = axis
@@ -306,26 +306,26 @@ impl System {
                 .map_or(0.0, |turn| turn * ((at + SAME_POSE) / turn).floor());
             *place = at - turns;
         }
-        let mut prepared = PreparedStand {
-            stand: *stand,
+        let mut prepared = PreparedPose {
+            pose: *pose,
             within_turn,
             known,
             terms,
-            sides: self.unknown_sides(stand),
+            sides: self.unknown_sides(pose),
         };
         self.follow(&mut prepared);
         prepared
     }
 
     /// Axes of a pose whose approach direction is unknown.
-    fn unknown_sides(&self, stand: &Stand) -> Vec<UnknownSide> {
+    fn unknown_sides(&self, pose: &MachinePose) -> Vec<UnknownSide> {
         let source = self.machine.source(&Temperatures::default());
         let axes = 0..self.machine.axes().len();
-        axes.filter(|axis| stand.state.approach[*axis].is_none())
+        axes.filter(|axis| pose.state.approach[*axis].is_none())
             .map(|axis| {
-                let mut forward = stand.state;
+                let mut forward = pose.state;
                 forward.approach[axis] = Some(Direction::Positive);
-                let [from, to] = [&stand.state, &forward].map(|at| source.error_motion(axis, at));
+                let [from, to] = [&pose.state, &forward].map(|at| source.error_motion(axis, at));
                 let listed = self.unknowns.coefficients.iter().enumerate();
                 let own = listed.filter(|(_, coefficient)| {
                     coefficient.role == Role::Reversal
@@ -428,7 +428,7 @@ impl System {
             let Some(coefficient) = unknowns.position(|c| c.name == follower.parameter) else {
                 return Err(IdentifyError::NotFollowing {
                     parameter: follower.parameter.clone(),
-                    why: "it is none of the unknowns of the observations",
+                    why: "it is not an unknown of the observations",
                 });
             };
             if follower.machines[0].chain().structure() != self.machine.chain().structure() {
@@ -458,18 +458,18 @@ impl System {
     }
 
     /// Removes the contribution of the followed unknowns from the known errors of a prepared pose, and adds a term for each.
-    pub(crate) fn follow(&self, stand: &mut PreparedStand) {
+    pub(crate) fn follow(&self, pose: &mut PreparedPose) {
         let none = Temperatures::default();
-        let state: State = stand.stand.state;
+        let state: State = pose.pose.state;
         for (coefficient, follower) in &self.followers {
             for axis in 0..self.machine.axes().len() {
                 let motion = |machine: &Machine| machine.source(&none).error_motion(axis, &state);
                 for (component, rate) in follower.rate(motion).into_iter().enumerate() {
                     if rate != 0.0 && !self.is_unknown(axis, component, false) {
-                        let known = component_of(&mut stand.known.motion[axis], component);
+                        let known = component_of(&mut pose.known.motion[axis], component);
                         *known -= rate * follower.value;
                         let term = (axis, component, *coefficient, rate);
-                        stand.terms.push(term);
+                        pose.terms.push(term);
                     }
                 }
             }
@@ -478,7 +478,7 @@ impl System {
             let mut followers = self.followers.iter();
             let own = followers.find(|(of, _)| *of == coefficient);
             let value = own.map_or(0.0, |(_, follower)| follower.value);
-            *component_of(&mut stand.known.location[axis], component) -= rate * value;
+            *component_of(&mut pose.known.location[axis], component) -= rate * value;
         }
     }
 

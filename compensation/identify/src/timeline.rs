@@ -4,10 +4,10 @@ use volcomp_kinematics::State;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, Direction, MAX_AXES, TURNED_AFTER, TURNED_AFTER_ROTARY};
 
-use crate::observations::{Observation, Row, Seen};
+use crate::observations::{Observation, Row, RowReading};
 
 /// An observation with the order of its rows.
-pub(crate) struct Timed {
+pub(crate) struct OrderedObservation {
     pub(crate) observation: Observation,
     pub(crate) orders: Vec<f64>,
     pub(crate) has_order: bool,
@@ -16,8 +16,8 @@ pub(crate) struct Timed {
 
 /// Frame in which all rows of an observation are measured.
 fn frame_of(observation: &Observation) -> Option<usize> {
-    observation.rows.first().and_then(|row| match row.seen {
-        Seen::Point { frame, .. } => Some(frame),
+    observation.rows.first().and_then(|row| match row.reading {
+        RowReading::Point { frame, .. } => Some(frame),
         _ => None,
     })
 }
@@ -25,17 +25,17 @@ fn frame_of(observation: &Observation) -> Option<usize> {
 /// Sets time and approach direction of every row. Files with the column `order` and the same frame form one run; each
 /// of the others is a separate run. The rows of a judged file use the time scale of the fitted ones.
 pub(crate) fn set_times(
-    mut timed: Vec<Timed>,
+    mut timed: Vec<OrderedObservation>,
     machine: &Machine,
     notes: &mut Vec<String>,
 ) -> Vec<Observation> {
     for place in 0..timed.len() {
         let frame = frame_of(&timed[place].observation);
         let has_order = timed[place].has_order;
-        let together = |other: &Timed| {
+        let together = |other: &OrderedObservation| {
             frame.is_some() && frame_of(&other.observation) == frame && other.has_order == has_order
         };
-        let range_of = |timed: &[Timed], fitted: bool| {
+        let range_of = |timed: &[OrderedObservation], fitted: bool| {
             let runs = timed.iter().enumerate();
             let runs = runs.filter(|(index, run)| {
                 (*index == place || together(run)) && !(fitted && run.observation.judge)
@@ -65,7 +65,7 @@ pub(crate) fn set_times(
             && timed.iter().any(|t| t.has_drift && !t.observation.judge)
         {
             notes.push(format!(
-                "{}: without a column `order` its rows have the drift of the same row numbers of the fitted file",
+                "{}: without a column `order`, its rows get the drift of the same row numbers of the fitted file",
                 timed[place].observation.file
             ));
         }
@@ -95,17 +95,17 @@ pub(crate) fn set_times(
             let row: &mut Row = &mut timed[index].observation.rows[row];
             row.run = Some(first);
             // Its poses get their directions from the rows that name them.
-            if let Seen::Pair { .. } = row.seen {
+            if let RowReading::Pair { .. } = row.reading {
                 continue;
             }
-            approach.to(&mut row.stand.state, machine);
+            approach.to(&mut row.pose.state, machine);
         }
     }
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
 /// Travel of an axis; a periodic axis passes its end if that is shorter.
-fn by_the_short_way(travelled: f64, period: Option<f64>) -> f64 {
+fn shortest_travel(travelled: f64, period: Option<f64>) -> f64 {
     match period {
         // Exactly half a period is taken as stated.
         Some(period) if travelled.abs() > 0.5 * period * (1.0 + 1e-9) => {
@@ -144,7 +144,7 @@ impl Approach {
                 AxisKind::Rotary => TURNED_AFTER_ROTARY.to_rad().0,
             };
             let travelled =
-                by_the_short_way(q - extreme[axis], described.modulo.map(f64::to_radians));
+                shortest_travel(q - extreme[axis], described.modulo.map(f64::to_radians));
             let now = Direction::of(travelled);
             if travelled.abs() > threshold {
                 self.direction[axis] = now;
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_that_counts_anew_goes_on() {
+    fn an_axis_with_modulo_takes_the_shorter_way() {
         let machine = |modulo: &str| {
             let text = format!(
                 "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 1]\nY.travel = [0, 1]\nZ.travel = [0, 1]\nC = {{ travel = [0, 360]{modulo} }}\n"

@@ -33,7 +33,7 @@ pub struct Effect {
 }
 
 /// Maximum number of poses.
-const MOST_POSES: usize = 1 << 28;
+const MAX_POSES: usize = 1 << 28;
 
 /// The number of poses, if within the limit and if the chain has the axes of all errors.
 pub(crate) fn checked(
@@ -46,10 +46,10 @@ pub(crate) fn checked(
     }
     let found = poses.count();
     let count = found
-        .filter(|count| (1..=MOST_POSES).contains(count))
+        .filter(|count| (1..=MAX_POSES).contains(count))
         .ok_or(SensitivityError::Poses {
             found,
-            most: MOST_POSES,
+            most: MAX_POSES,
         })?;
     for &term in terms {
         let axis = term.axis();

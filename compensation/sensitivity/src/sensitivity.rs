@@ -31,14 +31,14 @@ pub struct DistinctMotion {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Sensitivity {
-    /// How many poses were looked at.
+    /// Number of poses.
     #[cfg_attr(feature = "schema", serde(rename = "positions"))]
     pub poses: usize,
     /// Each error in the order in which it was given.
     pub errors: Vec<Effect>,
     /// The distinct motions; an error that moves nothing is in none.
     pub motions: Vec<DistinctMotion>,
-    /// How many combinations of the errors position and orientation of the tool can tell apart.
+    /// Number of combinations of errors that position and orientation of the tool can distinguish.
     pub rank: usize,
     /// Combinations of the errors, in µm and µrad, that move the tool at no pose, each of unit length.
     #[cfg_attr(

@@ -6,8 +6,8 @@ use volcomp_model::{ModelError, halton};
 use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::map::{
-    FURTHEST, GRID_AXES, HEADER_WORDS, Header, Lines, MOST_WORDS, Map, NoMap, OUTPUTS, Position,
-    SCALES,
+    GRID_AXES, HEADER_WORDS, Header, Lines, MAX_POSITION_STEPS, MAX_WORDS, Map, MapError, OUTPUTS,
+    Position, SCALES,
 };
 
 /// A correction over the work space. It depends on the coordinates of the grid axes (mm or deg) and the direction of approach of each
@@ -96,55 +96,41 @@ impl Request {
 /// Reason why a map cannot be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum TablesError {
     /// The model cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// Lines and values do not form a valid map.
     #[error(transparent)]
-    Map(#[from] NoMap),
+    Map(#[from] MapError),
     /// A corrected axis is rotary.
     #[error("axis {axis} is rotary: a map corrects linear axes only")]
-    Rotary {
-        /// The axis.
-        axis: AxisName,
-    },
+    Rotary { axis: AxisName },
     /// An axis of the grid rolls over.
     #[error(
         "axis {axis} has a modulo: outside its travel of {lower} to {upper} a map holds the value of its end, where the machine \
          has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
-         the control tells positions within the travel only"
+         the control reports positions within the travel only"
     )]
     RollsOver {
-        /// The axis.
         axis: AxisName,
-        /// Lower end of its travel, mm or deg.
         lower: f64,
-        /// Upper end of its travel, mm or deg.
         upper: f64,
     },
     /// A step or bound is not a positive number, or not a multiple of one millionth.
     #[error("{what} is {found}, expected {expected}")]
     Number {
-        /// Name of the number, with the axis if there is one.
         what: String,
-        /// The given value.
         found: f64,
-        /// The valid values, as text.
         expected: &'static str,
     },
     /// A correction exceeds the limit of its axis.
-    #[error(
-        "the correction of {axis} is {found_um:.1} µm {at}, expected {limit_um} µm at the most"
-    )]
+    #[error("the correction of {axis} is {found_um:.1} µm {at}, expected at most {limit_um} µm")]
     BeyondLimit {
-        /// The corrected axis.
         axis: AxisName,
-        /// The correction, µm.
         found_um: f64,
-        /// The limit, µm.
         limit_um: f64,
-        /// Location, as text.
         at: String,
     },
     /// The bound is tighter than any grid can achieve.
@@ -153,29 +139,23 @@ pub enum TablesError {
          everywhere {reversal_um:.3} µm"
     )]
     Unreachable {
-        /// The requested bound, µm.
         within_um: f64,
-        /// Maximum rounding error of the values, µm.
         rounding_um: f64,
-        /// Non-constant part of the reversals, µm.
         reversal_um: f64,
     },
     /// The bound needs more memory than available.
     #[error(
-        "{within_um} µm need {} ({lines}), expected at most the {words} that there are{}",
+        "{within_um} µm need {} ({lines}), expected at most {words}, the available memory{}",
         needed.map_or_else(|| "more words than a map can have, 32767".to_owned(), |needed| format!("{needed} words for a map")),
-        reached_um.map_or_else(String::new, |um| format!(": with these the error is {um:.3} µm"))
+        reached_um.map_or_else(String::new, |um| format!(": with this many the error is {um:.3} µm"))
     )]
     Memory {
-        /// The requested bound, µm.
         within_um: f64,
-        /// Words needed for one map; `None`: more than 32767.
+        /// `None`: more than 32767.
         needed: Option<usize>,
-        /// Lines needed, as text.
         lines: String,
-        /// Words available for one map.
         words: usize,
-        /// Error of the best map that fits, µm; `None` if none fits.
+        /// Error of the best map that fits; `None` if none fits.
         reached_um: Option<f64>,
     },
 }
@@ -221,7 +201,7 @@ pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
 }
 
 /// A request in whole steps.
-struct Wanted {
+struct ScaledRequest {
     grid: Layout,
     outputs: Layout,
     /// First position, number of steps of the travel, step size in millionths.
@@ -253,23 +233,23 @@ fn millionths(what: String, found: f64) -> Result<u32, TablesError> {
 
 /// The nearest whole number; NaN is 0.
 #[expect(clippy::cast_possible_truncation, reason = "it saturates")]
-fn whole(number: f64) -> i32 {
+fn nearest_i32(number: f64) -> i32 {
     number.round() as i32
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "it saturates")]
-fn value(number: f64) -> i16 {
+fn nearest_i16(number: f64) -> i16 {
     number.round() as i16
 }
 
-impl Wanted {
+impl ScaledRequest {
     /// Converts the request to whole steps.
-    fn of(request: &Request) -> Result<Self, TablesError> {
+    fn new(request: &Request) -> Result<Self, TablesError> {
         let layout = |names: Vec<AxisName>, most: usize| {
             if names.len() > most {
-                return Err(NoMap::Axes);
+                return Err(MapError::Axes);
             }
-            Layout::of(names).map_err(|_| NoMap::Axes)
+            Layout::of(names).map_err(|_| MapError::Axes)
         };
         let grid = layout(
             request.axes.iter().map(|axis| axis.name).collect(),
@@ -305,7 +285,7 @@ impl Wanted {
         for axis in &request.axes {
             let step = millionths(format!("step of the position of {}", axis.name), axis.step)?;
             let [low, high] = axis.travel.map(|end| end / axis.step);
-            let most = f64::from(FURTHEST) / 2.0;
+            let most = f64::from(MAX_POSITION_STEPS) / 2.0;
             // Also rejects NaN.
             if !(low < high && low >= -most && high <= most) {
                 return Err(TablesError::Number {
@@ -314,8 +294,8 @@ impl Wanted {
                     expected: "a low end below a high one, both within 500 million steps",
                 });
             }
-            let first = whole(low.floor());
-            travels.push((first, (whole(high.ceil()) - first).max(1), step));
+            let first = nearest_i32(low.floor());
+            travels.push((first, (nearest_i32(high.ceil()) - first).max(1), step));
         }
         Ok(Self {
             grid,
@@ -349,14 +329,14 @@ impl Wanted {
             let at = self.place(&shares);
             for directions in directions_of(field, self.travels.len()) {
                 let found = field.correction_mm(&at, &directions);
-                for (output, asked) in request.outputs.iter().enumerate() {
+                for (output, requested) in request.outputs.iter().enumerate() {
                     if self.is_beyond(output, found[output]) {
                         let axes = request.axes.iter().zip(&at);
                         let at: Vec<String> = axes
                             .map(|(axis, at)| format!("{}={at}", axis.name))
                             .collect();
                         return Err(TablesError::BeyondLimit {
-                            axis: asked.name,
+                            axis: requested.name,
                             found_um: found[output] * 1e3,
                             limit_um: self.limits[output] * 1e3,
                             at: format!("at {}", at.join(",")),
@@ -396,7 +376,7 @@ impl Wanted {
     }
 
     /// Stores the constant part of the reversals; returns the sum of the remainders of all axes, mm.
-    fn take_reversals(&mut self, field: &impl Field) -> f64 {
+    fn store_reversals(&mut self, field: &impl Field) -> f64 {
         if !field.is_bidirectional() {
             return 0.0;
         }
@@ -417,14 +397,14 @@ impl Wanted {
                     *high = high.max(half);
                 }
             }
-            let mut beside = [0.0; OUTPUTS];
+            let mut varying = [0.0; OUTPUTS];
             for output in 0..self.outputs.count() {
                 let [low, high] = range[output];
                 let parts = 0.5 * (low + high) / self.step_mm(output) * f64::from(self.scale);
-                self.reversal[axis][output] = value(parts);
-                beside[output] = 0.5 * (high - low);
+                self.reversal[axis][output] = nearest_i16(parts);
+                varying[output] = 0.5 * (high - low);
             }
-            left += norm(&beside);
+            left += norm(&varying);
         }
         left
     }
@@ -495,16 +475,16 @@ impl Wanted {
                 rest /= count;
             }
             let found = field.correction_mm(&at, &[None; GRID_AXES]);
-            for (output, asked) in request.outputs.iter().enumerate() {
+            for (output, requested) in request.outputs.iter().enumerate() {
                 if self.is_beyond(output, found[output]) {
                     return Err(TablesError::BeyondLimit {
-                        axis: asked.name,
+                        axis: requested.name,
                         found_um: found[output] * 1e3,
                         limit_um: self.limits[output] * 1e3,
                         at: "on a line of the grid".to_owned(),
                     });
                 }
-                values.push(value(
+                values.push(nearest_i16(
                     found[output] / self.step_mm(output) * f64::from(self.scale),
                 ));
             }
@@ -521,11 +501,11 @@ impl Wanted {
 /// # Errors
 /// Invalid numbers, a correction beyond its limit, a bound that no grid keeps or that needs more words than available.
 pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError> {
-    let mut wanted = Wanted::of(request)?;
-    let largest = wanted.survey(request, field)?;
-    wanted.choose_scale(largest);
-    let rounding_mm = wanted.rounding_mm();
-    let reversal_mm = wanted.take_reversals(field);
+    let mut scaled = ScaledRequest::new(request)?;
+    let largest = scaled.survey(request, field)?;
+    scaled.choose_scale(largest);
+    let rounding_mm = scaled.rounding_mm();
+    let reversal_mm = scaled.store_reversals(field);
     let rest_mm = request.within_mm - rounding_mm - reversal_mm;
     if rest_mm <= 0.0 {
         return Err(TablesError::Unreachable {
@@ -534,20 +514,20 @@ pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError
             reversal_um: reversal_mm * 1e3,
         });
     }
-    let ladders: Vec<Vec<Rung>> = (0..request.axes.len())
-        .map(|axis| wanted.ladder(axis, field, rest_mm))
+    let refinements: Vec<Vec<Refinement>> = (0..request.axes.len())
+        .map(|axis| scaled.refinements(axis, field, rest_mm))
         .collect();
-    let found = wanted.smallest(request, &ladders, field)?;
+    let found = scaled.smallest(request, &refinements, field)?;
     let best = match found {
         Some(table) if table.map.words().len() <= request.words => return Ok(table),
-        _ => wanted.best_within(request, &ladders, field)?,
+        _ => scaled.best_within(request, &refinements, field)?,
     };
     match best {
         Some(table) if table.misfit.max_mm <= request.within_mm => Ok(table),
         best => Err(TablesError::Memory {
             within_um: request.within_mm * 1e3,
             needed: found.as_ref().map(|table| table.map.words().len()),
-            lines: said(request, found.as_ref()),
+            lines: lines_text(request, found.as_ref()),
             words: request.words,
             reached_um: best.map(|table| table.misfit.max_mm * 1e3),
         }),
@@ -555,7 +535,7 @@ pub fn build(request: &Request, field: &impl Field) -> Result<Table, TablesError
 }
 
 /// Formats the number of lines: `lines along X 21, Y 11`.
-fn said(request: &Request, table: Option<&Table>) -> String {
+fn lines_text(request: &Request, table: Option<&Table>) -> String {
     let Some(table) = table else {
         return "more lines than a grid has".to_owned();
     };
@@ -571,48 +551,56 @@ fn said(request: &Request, table: Option<&Table>) -> String {
 
 /// A number of lines along an axis, and the error that results from this axis alone, mm.
 #[derive(Clone, Copy, Debug)]
-struct Rung {
+struct Refinement {
     count: u16,
     error_mm: f64,
 }
 
 /// The smallest grid whose combined error keeps the target: lines are added to the axis with the largest gain per word.
-fn lines_for(ladders: &[Vec<Rung>], target_mm: f64) -> Option<Vec<u16>> {
-    let mut at = vec![0; ladders.len()];
+fn lines_for(refinements: &[Vec<Refinement>], target_mm: f64) -> Option<Vec<u16>> {
+    let mut at = vec![0; refinements.len()];
     loop {
-        let rungs = ladders.iter().zip(&at).map(|(ladder, at)| ladder.get(*at));
-        let rungs: Vec<&Rung> = rungs.collect::<Option<_>>()?;
-        if rungs.iter().map(|rung| rung.error_mm).sum::<f64>() <= target_mm {
-            return Some(rungs.iter().map(|rung| rung.count).collect());
+        let current = refinements
+            .iter()
+            .zip(&at)
+            .map(|(refinements, at)| refinements.get(*at));
+        let current: Vec<&Refinement> = current.collect::<Option<_>>()?;
+        if current
+            .iter()
+            .map(|refinement| refinement.error_mm)
+            .sum::<f64>()
+            <= target_mm
+        {
+            return Some(current.iter().map(|refinement| refinement.count).collect());
         }
         let gain = |axis: usize| {
-            let here = rungs[axis];
-            let above = ladders[axis].iter().enumerate().skip(at[axis] + 1);
-            let (next, rung) = above
+            let here = current[axis];
+            let above = refinements[axis].iter().enumerate().skip(at[axis] + 1);
+            let (next, refinement) = above
                 .into_iter()
-                .find(|(_, rung)| rung.error_mm < here.error_mm)?;
-            let growth = (f64::from(rung.count) / f64::from(here.count)).ln();
-            Some((axis, next, (here.error_mm - rung.error_mm) / growth))
+                .find(|(_, refinement)| refinement.error_mm < here.error_mm)?;
+            let growth = (f64::from(refinement.count) / f64::from(here.count)).ln();
+            Some((axis, next, (here.error_mm - refinement.error_mm) / growth))
         };
-        let best = (0..ladders.len()).filter_map(gain);
+        let best = (0..refinements.len()).filter_map(gain);
         let (axis, next, _) = best.max_by(|a, b| a.2.total_cmp(&b.2))?;
         at[axis] = next;
     }
 }
 
-impl Wanted {
+impl ScaledRequest {
     /// Errors for increasing numbers of lines along one axis.
-    fn ladder(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Rung> {
-        let mut ladder = Vec::new();
+    fn refinements(&self, axis: usize, field: &impl Field, within_mm: f64) -> Vec<Refinement> {
+        let mut refinements = Vec::new();
         let mut count = 2_u16;
         // Maximum that a control can count if every other axis has two lines.
-        let most = MOST_WORDS / (self.outputs.count() << (self.travels.len() - 1));
+        let most = MAX_WORDS / (self.outputs.count() << (self.travels.len() - 1));
         loop {
             let error_mm = self.error_along(axis, count, field);
-            ladder.push(Rung { count, error_mm });
+            refinements.push(Refinement { count, error_mm });
             count += (count / 12).max(1);
             if error_mm <= 0.02 * within_mm || usize::from(count) > most {
-                return ladder;
+                return refinements;
             }
         }
     }
@@ -660,17 +648,17 @@ impl Wanted {
     fn smallest(
         &self,
         request: &Request,
-        ladders: &[Vec<Rung>],
+        refinements: &[Vec<Refinement>],
         field: &impl Field,
     ) -> Result<Option<Table>, TablesError> {
         let mut best: Option<Table> = None;
         let mut target_mm = request.within_mm;
         let mut before = Vec::new();
         for _ in 0..10 {
-            let Some(counts) = lines_for(ladders, target_mm) else {
+            let Some(counts) = lines_for(refinements, target_mm) else {
                 break;
             };
-            if counts == before || self.words(&counts) > MOST_WORDS {
+            if counts == before || self.words(&counts) > MAX_WORDS {
                 break;
             }
             let table = self.table(request, &counts, field)?;
@@ -702,7 +690,7 @@ impl Wanted {
         field: &impl Field,
     ) -> Result<Table, TablesError> {
         let map = self.map(request, counts, field)?;
-        let misfit = misfit_of(&map, field, &request.travels());
+        let misfit = evaluate_misfit(&map, field, &request.travels());
         let steepest = steepest(&map);
         Ok(Table {
             map,
@@ -715,20 +703,20 @@ impl Wanted {
     fn best_within(
         &self,
         request: &Request,
-        ladders: &[Vec<Rung>],
+        refinements: &[Vec<Refinement>],
         field: &impl Field,
     ) -> Result<Option<Table>, TablesError> {
-        let fits = |counts: &Vec<u16>| self.words(counts) <= request.words.min(MOST_WORDS);
+        let fits = |counts: &Vec<u16>| self.words(counts) <= request.words.min(MAX_WORDS);
         // Two lines along each axis meet this target.
-        let most = ladders
+        let most = refinements
             .iter()
-            .filter_map(|ladder| ladder.first())
-            .map(|rung| rung.error_mm);
+            .filter_map(|refinements| refinements.first())
+            .map(|refinement| refinement.error_mm);
         let (mut low, mut high) = (0.0, most.sum::<f64>());
-        let mut best = lines_for(ladders, high).filter(fits);
+        let mut best = lines_for(refinements, high).filter(fits);
         for _ in 0..30 {
             let middle = 0.5 * (low + high);
-            match lines_for(ladders, middle).filter(fits) {
+            match lines_for(refinements, middle).filter(fits) {
                 Some(counts) => {
                     best = Some(counts);
                     high = middle;
@@ -742,9 +730,9 @@ impl Wanted {
 }
 
 /// Maximum number of evaluated positions between the lines.
-const MOST: usize = 400_000;
+const MAX_LATTICE_POSITIONS: usize = 400_000;
 /// Additional positions spread over the work space.
-const SPREAD: u32 = 20_000;
+const HALTON_POSITIONS: u32 = 20_000;
 
 /// Error of a map: norm of the difference between the control's look-up and the field. It excludes the output step: the applied correction
 /// is rounded to it, with an error of at most 0.6 steps.
@@ -764,20 +752,20 @@ pub struct Misfit {
 
 /// Accumulates errors.
 #[derive(Default)]
-struct Sum {
+struct MisfitSum {
     found: Misfit,
     squares: f64,
 }
 
-impl Sum {
-    fn look(&mut self, map: &Map, field: &impl Field, position: &Position) {
+impl MisfitSum {
+    fn add(&mut self, map: &Map, field: &impl Field, position: &Position) {
         let lines = &map.header().lines;
         let at =
             core::array::from_fn(|axis| lines[axis].coordinate(f64::from(position.steps[axis])));
-        let wanted = field.correction_mm(&at, &position.directions);
+        let exact = field.correction_mm(&at, &position.directions);
         let looked_up = map.correction_mm(position);
         let outputs = map.header().outputs.count();
-        let squares = (0..OUTPUTS.min(outputs)).map(|o| (looked_up[o] - wanted[o]).powi(2));
+        let squares = (0..OUTPUTS.min(outputs)).map(|o| (looked_up[o] - exact[o]).powi(2));
         let square: f64 = squares.sum();
         self.squares += square;
         self.found.positions += 1;
@@ -791,7 +779,7 @@ impl Sum {
 
 /// Error of a map within these travels (mm or deg): on its lines and half-way between them, in all directions of approach, and at positions
 /// spread over the work space.
-fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
+fn evaluate_misfit(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
     let axes = travels.len();
     let lines = &map.header().lines;
     let directions: Vec<_> = directions_of(field, axes).collect();
@@ -800,7 +788,7 @@ fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
         .map(|axis| {
             let step = lines[axis].coordinate(1.0);
             let [low, high] = travels[axis].map(|end| end / step);
-            [steps(low.ceil()), steps(high.floor())]
+            [nearest_i32(low.ceil()), nearest_i32(high.floor())]
         })
         .collect();
     let counts: Vec<usize> = lines[..axes]
@@ -808,8 +796,8 @@ fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
         .map(|l| 2 * usize::from(l.count) - 1)
         .collect();
     let all: usize = counts.iter().product();
-    let stride = (all * directions.len()).div_ceil(MOST);
-    let mut sum = Sum::default();
+    let stride = (all * directions.len()).div_ceil(MAX_LATTICE_POSITIONS);
+    let mut sum = MisfitSum::default();
     for number in (0..all).step_by(stride.max(1)) {
         let mut position = Position::default();
         let mut rest = number;
@@ -822,10 +810,10 @@ fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
         }
         for directions in &directions {
             position.directions = *directions;
-            sum.look(map, field, &position);
+            sum.add(map, field, &position);
         }
     }
-    for number in 1..=SPREAD {
+    for number in 1..=HALTON_POSITIONS {
         let mut position = Position {
             directions: directions[number as usize % directions.len()],
             ..Position::default()
@@ -833,9 +821,9 @@ fn misfit_of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit {
         for (axis, [low, high]) in ends.iter().copied().enumerate() {
             let share = halton(number, axis);
             let at = f64::from(low) + share * (f64::from(high) - f64::from(low));
-            position.steps[axis] = steps(at);
+            position.steps[axis] = nearest_i32(at);
         }
-        sum.look(map, field, &position);
+        sum.add(map, field, &position);
     }
     let mean = sum.squares / sum.found.positions as f64;
     sum.found.rms_mm = mean.sqrt();
@@ -868,12 +856,4 @@ fn steepest(map: &Map) -> f64 {
         }
     }
     steepest
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "within the travel, which was checked"
-)]
-fn steps(number: f64) -> i32 {
-    number.round() as i32
 }

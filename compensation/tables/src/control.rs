@@ -13,11 +13,11 @@ use volcomp_guard::{
 use volcomp_vocabulary::Direction;
 
 use crate::map::{
-    FURTHEST, GRID_AXES, HEADER_WORDS, Header, MOST_WORDS, OUTPUTS, Position, look_up,
+    GRID_AXES, HEADER_WORDS, Header, MAX_POSITION_STEPS, MAX_WORDS, OUTPUTS, Position, look_up,
 };
 
 // The numbers in the messages below.
-const _: () = assert!(HEADER_WORDS == 68 && MOST_WORDS == 32767);
+const _: () = assert!(HEADER_WORDS == 68 && MAX_WORDS == 32767);
 
 /// Settings of a control. Positions and corrections are whole steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,10 +37,11 @@ pub struct Settings {
 }
 
 /// Maximum step: the range of a DINT.
-const MOST_STEP: i64 = 2_000_000_000;
+const MAX_STEP: i64 = 2_000_000_000;
 
 /// Reason why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SettingsError {
     /// A setting in common with a barrier.
     #[error(transparent)]
@@ -48,11 +49,8 @@ pub enum SettingsError {
     /// A number out of range.
     #[error("{what} is {found}, expected {expected}")]
     Number {
-        /// Name of the setting.
         what: &'static str,
-        /// The number.
         found: i64,
-        /// The valid range.
         expected: &'static str,
     },
 }
@@ -84,7 +82,7 @@ impl Settings {
             within(
                 "step of an output",
                 step,
-                1..=MOST_STEP,
+                1..=MAX_STEP,
                 "1 to 2000000000 nm",
             )?;
         }
@@ -100,7 +98,7 @@ impl Settings {
             within(
                 "step of a position",
                 step,
-                1..=MOST_STEP,
+                1..=MAX_STEP,
                 "1 to 2000000000 millionths",
             )?;
         }
@@ -138,9 +136,9 @@ fn within(
 }
 
 /// Map words per frame.
-pub const DATA: usize = 64;
+pub const DATA_WORDS: usize = 64;
 /// Words of a frame: head, body, checksum. All frames have the same length.
-pub const FRAME_WORDS: usize = BODY + 2 + DATA + 2;
+pub const FRAME_WORDS: usize = BODY + 2 + DATA_WORDS + 2;
 
 const BODY: usize = HEAD_WORDS;
 
@@ -159,7 +157,7 @@ pub enum Body {
         /// Index of the first of them.
         place: u16,
         /// The words; zeros beyond the end of the map.
-        data: [u16; DATA],
+        data: [u16; DATA_WORDS],
     },
     /// The map is complete and becomes active.
     Swap {
@@ -200,7 +198,7 @@ impl Frame {
             }
             Body::Words { place, data } => {
                 words[BODY..BODY + 2].copy_from_slice(&[2, place]);
-                words[BODY + 2..BODY + 2 + DATA].copy_from_slice(&data);
+                words[BODY + 2..BODY + 2 + DATA_WORDS].copy_from_slice(&data);
             }
             Body::Swap { counter, check } => {
                 words[BODY] = 3;
@@ -217,9 +215,9 @@ impl Frame {
 }
 
 /// The words of a mailbox with a correct checksum.
-struct Found<'a>(&'a [u16; FRAME_WORDS]);
+struct MailboxFrame<'a>(&'a [u16; FRAME_WORDS]);
 
-impl<'a> Found<'a> {
+impl<'a> MailboxFrame<'a> {
     fn in_mailbox(machine: u16, outputs: Layout, words: &'a [u16; FRAME_WORDS]) -> Option<Self> {
         is_whole(machine, outputs, words).then_some(Self(words))
     }
@@ -238,7 +236,7 @@ impl<'a> Found<'a> {
     }
 
     fn data(&self) -> &[u16] {
-        &self.0[BODY + 2..BODY + 2 + DATA]
+        &self.0[BODY + 2..BODY + 2 + DATA_WORDS]
     }
 }
 
@@ -247,7 +245,7 @@ pub const REPORT_WORDS: usize = HEAD + 3 * OUTPUTS + 2;
 
 const HEAD: usize = 13;
 /// Marks that no map is being loaded.
-const NOTHING: u16 = u16::MAX;
+const NOT_LOADING: u16 = u16::MAX;
 
 /// Refusals of a look-up, indexed by their number in the report.
 const REFUSALS: [Refusal; 11] = [
@@ -269,7 +267,7 @@ const REFUSALS: [Refusal; 11] = [
 pub struct Report {
     /// Link state and applied corrections, as for a barrier.
     pub of: barrier::Report,
-    /// True if a map is active. Otherwise the corrections are zero or on the way there.
+    /// True if a map is active. Otherwise the corrections are zero or on the distance there.
     pub valid: bool,
     /// Number of the active map, or of the last active one; 0: none since start-up.
     pub counter: u16,
@@ -288,7 +286,7 @@ impl Report {
 
     /// Writes the words and returns their number.
     pub fn encode(&self, words: &mut [u16; REPORT_WORDS]) -> usize {
-        let (loading, next) = self.loading.unwrap_or((0, NOTHING));
+        let (loading, next) = self.loading.unwrap_or((0, NOT_LOADING));
         let (of, settings) = (&self.of, &self.of.settings);
         words[..HEAD].copy_from_slice(&[
             of.epoch,
@@ -358,7 +356,7 @@ impl Report {
             },
             valid: words[5] == 1,
             counter: words[6],
-            loading: (words[8] != NOTHING).then_some((words[7], words[8])),
+            loading: (words[8] != NOT_LOADING).then_some((words[7], words[8])),
             buffer: words[9],
         })
     }
@@ -487,7 +485,7 @@ impl Lookup {
     }
 
     /// One scan of the control. `mailbox` are the words in the mailbox, copied before this call. `steps` are the positions of the axes of
-    /// the grid, without the correction if the control can tell. `holds` is true during an emergency stop or alarm, or while not
+    /// the grid, without the correction if the control can separate it. `holds` is true during an emergency stop or alarm, or while not
     /// referenced: the axes then keep their corrections.
     pub fn scan(
         &mut self,
@@ -550,7 +548,8 @@ impl Lookup {
     /// Returns true if the frame in the mailbox is accepted, and false if it was already judged or is the last accepted one.
     fn judge(&mut self, mailbox: &[u16; FRAME_WORDS]) -> Result<bool, Refusal> {
         let of = &self.settings.outputs;
-        let frame = Found::in_mailbox(of.machine, of.axes, mailbox).ok_or(Refusal::Checksum)?;
+        let frame =
+            MailboxFrame::in_mailbox(of.machine, of.axes, mailbox).ok_or(Refusal::Checksum)?;
         let memory = &mut self.memory;
         if !(memory.link).judge(frame.head(), &mut memory.found, of.hold_scans)? {
             return Ok(false);
@@ -565,7 +564,7 @@ impl Lookup {
     }
 
     /// Executes the content of a frame.
-    fn take(&mut self, frame: &Found<'_>) -> Result<(), Refusal> {
+    fn take(&mut self, frame: &MailboxFrame<'_>) -> Result<(), Refusal> {
         let data = frame.data();
         match frame.kind() {
             1 => self.begin(data[0], data[1]),
@@ -597,7 +596,7 @@ impl Lookup {
             return Err(Refusal::Place);
         }
         let first = usize::from(place);
-        let count = DATA.min(usize::from(loading.words) - first);
+        let count = DATA_WORDS.min(usize::from(loading.words) - first);
         let Some(into) = self.buffers[1 - self.memory.buffer].get_mut(first..first + count) else {
             return Err(Refusal::Place);
         };
@@ -675,7 +674,7 @@ impl Lookup {
 
     /// Looks up the target corrections.
     fn aim(&mut self, steps: &[i32; GRID_AXES]) {
-        let steps = steps.map(|steps| steps.clamp(-FURTHEST, FURTHEST));
+        let steps = steps.map(|steps| steps.clamp(-MAX_POSITION_STEPS, MAX_POSITION_STEPS));
         let travel = self.memory.travel.get_or_insert(steps.map(Travel::at));
         let mut position = Position {
             steps,
@@ -711,20 +710,20 @@ impl Lookup {
     /// One movement: all outputs cover the same share of their distance, and none exceeds its rate.
     fn step(&mut self) {
         let outputs = self.settings.outputs.axes.count();
-        let way = |memory: &Memory, output: usize| {
+        let distance = |memory: &Memory, output: usize| {
             i32::from(memory.goal[output]) - i32::from(memory.applied[output])
         };
         let movements = (0..outputs).map(|output| {
             let rate = u32::from(self.settings.outputs.rate[output].unsigned_abs());
-            way(&self.memory, output)
+            distance(&self.memory, output)
                 .unsigned_abs()
                 .div_ceil(rate.max(1))
         });
         let movements = movements.max().unwrap_or(0).max(1);
         for output in 0..outputs {
-            let way = way(&self.memory, output);
-            let share = i32::try_from(way.unsigned_abs() / movements).unwrap_or(0);
-            let at = i32::from(self.memory.applied[output]) + way.signum() * share;
+            let distance = distance(&self.memory, output);
+            let share = i32::try_from(distance.unsigned_abs() / movements).unwrap_or(0);
+            let at = i32::from(self.memory.applied[output]) + distance.signum() * share;
             // Lies between two 16-bit numbers, so the conversion cannot fail.
             self.memory.applied[output] = i16::try_from(at).unwrap_or(0);
         }

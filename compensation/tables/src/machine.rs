@@ -6,12 +6,12 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
 use crate::{
     build::{Field, GridAxis, Output, Request, Table, TablesError, build, distance, lattice},
-    control::{DATA, FRAME_WORDS, REPORT_WORDS},
-    map::{GRID_AXES, Map, NoMap, OUTPUTS},
+    control::{DATA_WORDS, FRAME_WORDS, REPORT_WORDS},
+    map::{GRID_AXES, Map, MapError, OUTPUTS},
 };
 
 /// Number of sampled poses over the travel of the axes that a map does not cover.
-const POSES: u32 = 2000;
+const SAMPLED_POSES: u32 = 2000;
 
 /// Requirements on the map of a machine: axes, error bound and memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,7 +55,7 @@ impl Default for MapOptions {
 
 /// Map of a machine for fixed temperatures, and the effects that it neglects.
 #[derive(Clone, Debug, PartialEq)]
-pub struct MapOfMachine {
+pub struct MachineMap {
     /// The map.
     pub table: Table,
     /// Fixed axes and their positions, mm or deg.
@@ -111,7 +111,7 @@ impl Field for MachineField<'_> {
     }
 }
 
-impl MapOfMachine {
+impl MachineMap {
     /// Builds the map of a machine with its current tool, at these temperatures.
     ///
     /// It corrects the tool position with the linear axes that may move (`correct` of the machine file); the tool orientation is not
@@ -158,9 +158,9 @@ impl MapOfMachine {
             places.push((name, index));
             axes.push(GridAxis { name, travel, step });
         }
-        let outputs = correcting(machine);
+        let outputs = correcting_axes(machine);
         if outputs.is_empty() {
-            return Err(NoMap::Axes.into());
+            return Err(MapError::Axes.into());
         }
         let names: Vec<AxisName> = outputs
             .iter()
@@ -213,7 +213,7 @@ impl MapOfMachine {
 }
 
 /// Chain indices of the linear axes that a correction by linear axes moves.
-fn correcting(machine: &Machine) -> Vec<usize> {
+fn correcting_axes(machine: &Machine) -> Vec<usize> {
     let names: Vec<AxisName> = match machine.correct() {
         Some(names) => names.to_vec(),
         None => machine.axes().iter().map(|axis| axis.name).collect(),
@@ -251,19 +251,19 @@ fn elsewhere_mm(
     let share = |[low, high]: [f64; 2], number: u32, place: usize| {
         low + (high - low) * halton(number, place)
     };
-    let poses = (1..=POSES).map(|number| {
+    let poses = (1..=SAMPLED_POSES).map(|number| {
         let mut at = [0.0; GRID_AXES];
         for (place, (at, axis)) in at.iter_mut().zip(&request.axes).enumerate() {
             *at = share(axis.travel, number, place);
         }
         let here = field.state(&at, [None; GRID_AXES]);
-        let mut there = here;
+        let mut elsewhere = here;
         for (place, &index) in others.iter().enumerate() {
             let axis = &machine.axes()[index];
             let at = share(axis.travel, number, GRID_AXES + place);
-            there.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+            elsewhere.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
         }
-        distance(field.at(&here), field.at(&there))
+        distance(field.at(&here), field.at(&elsewhere))
     });
     Some(poses.fold(0.0, f64::max))
 }
@@ -358,7 +358,7 @@ impl Transfer {
     #[must_use]
     pub fn of(map: &Map) -> Self {
         let words = map.words().len();
-        let frames = words.div_ceil(DATA) + 2;
+        let frames = words.div_ceil(DATA_WORDS) + 2;
         Self {
             frames,
             bytes: 2 * (frames * (FRAME_WORDS + REPORT_WORDS) + words),
@@ -367,7 +367,7 @@ impl Transfer {
 
     /// Duration, s, over a link of `bytes_per_s`, with an overhead of `exchange_s` per frame.
     #[must_use]
-    pub fn takes_s(&self, bytes_per_s: f64, exchange_s: f64) -> f64 {
+    pub fn duration_s(&self, bytes_per_s: f64, exchange_s: f64) -> f64 {
         self.bytes as f64 / bytes_per_s + self.frames as f64 * exchange_s
     }
 }

@@ -10,11 +10,11 @@ pub const OUTPUTS: usize = 3;
 /// Number of words before the first value.
 pub const HEADER_WORDS: usize = 68;
 /// Maximum number of words: indices are 15-bit numbers, which every control has.
-pub const MOST_WORDS: usize = 32767;
+pub const MAX_WORDS: usize = 32767;
 /// Maximum and minimum number of parts of an output step.
 pub const SCALES: [u16; 2] = [64, 1];
 /// Maximum magnitude of a line position, position steps.
-pub(crate) const FURTHEST: i32 = 1_000_000_000;
+pub(crate) const MAX_POSITION_STEPS: i32 = 1_000_000_000;
 
 const MAGIC: u16 = 0x564D;
 const VERSION: u16 = 1;
@@ -61,8 +61,8 @@ impl Lines {
         within.contains(&self.part)
             && within.contains(&self.parts)
             && (2..=32767).contains(&self.count)
-            && (-FURTHEST..=FURTHEST).contains(&self.origin)
-            && i32::from(self.count) - 1 <= FURTHEST / self.pitch()
+            && (-MAX_POSITION_STEPS..=MAX_POSITION_STEPS).contains(&self.origin)
+            && i32::from(self.count) - 1 <= MAX_POSITION_STEPS / self.pitch()
             && self.step_millionths > 0
     }
 }
@@ -120,24 +120,24 @@ impl Header {
     ///
     /// # Errors
     /// A number is out of the range of the control's arithmetic.
-    pub fn check(&self) -> Result<(), NoMap> {
+    pub fn check(&self) -> Result<(), MapError> {
         let lines = self.lines.iter().take(self.grid.count());
         if self.grid.count() > GRID_AXES || self.outputs.count() > OUTPUTS {
-            return Err(NoMap::Axes);
+            return Err(MapError::Axes);
         }
         if self.counter == 0 {
-            return Err(NoMap::Counter);
+            return Err(MapError::Counter);
         }
         if !(SCALES[1]..=SCALES[0]).contains(&self.scale) {
-            return Err(NoMap::Scale { found: self.scale });
+            return Err(MapError::Scale { found: self.scale });
         }
         for (axis, lines) in axes_of(self.grid).zip(lines) {
             if !lines.fits() {
-                return Err(NoMap::Lines { axis });
+                return Err(MapError::Lines { axis });
             }
         }
-        if self.words() > MOST_WORDS {
-            return Err(NoMap::Words {
+        if self.words() > MAX_WORDS {
+            return Err(MapError::Words {
                 found: self.words(),
             });
         }
@@ -178,15 +178,15 @@ impl Header {
     ///
     /// # Errors
     /// The words are not a header, or [`check`](Self::check) rejects it.
-    pub fn decode(words: &[u16]) -> Result<Self, NoMap> {
+    pub fn decode(words: &[u16]) -> Result<Self, MapError> {
         let words: &[u16; HEADER_WORDS] = words
             .first_chunk()
-            .ok_or(NoMap::Short { found: words.len() })?;
+            .ok_or(MapError::Short { found: words.len() })?;
         if words[0] != MAGIC {
-            return Err(NoMap::Magic { found: words[0] });
+            return Err(MapError::Magic { found: words[0] });
         }
         if words[1] != VERSION {
-            return Err(NoMap::Version { found: words[1] });
+            return Err(MapError::Version { found: words[1] });
         }
         let header = Self {
             counter: words[2],
@@ -213,7 +213,7 @@ impl Header {
         };
         header.check()?;
         if usize::from(words[10]) != header.words() {
-            return Err(NoMap::Count {
+            return Err(MapError::Count {
                 found: words[10].into(),
                 expected: header.words(),
             });
@@ -222,17 +222,17 @@ impl Header {
     }
 }
 
-fn layout(number: u32) -> Result<Layout, NoMap> {
+fn layout(number: u32) -> Result<Layout, MapError> {
     let mut names = Vec::new();
     let mut rest = number;
     while rest > 0 {
         let digit = usize::try_from(rest % 10).unwrap_or(0);
         let name = digit.checked_sub(1).and_then(|at| AxisName::ALL.get(at));
-        names.push(*name.ok_or(NoMap::Axes)?);
+        names.push(*name.ok_or(MapError::Axes)?);
         rest /= 10;
     }
     names.reverse();
-    Layout::of(names).map_err(|_| NoMap::Axes)
+    Layout::of(names).map_err(|_| MapError::Axes)
 }
 
 /// Low word first.
@@ -249,31 +249,20 @@ fn long(words: &[u16; HEADER_WORDS], at: usize) -> u32 {
 /// Reason why words or bytes are not a valid map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum NoMap {
+#[expect(missing_docs, reason = "the messages name the fields")]
+pub enum MapError {
     /// Fewer words than a header.
     #[error("a map has at least 69 words, found {found}")]
-    Short {
-        /// Number of words.
-        found: usize,
-    },
+    Short { found: usize },
     /// An odd number of bytes.
     #[error("{found} bytes are no whole words")]
-    OddBytes {
-        /// Number of bytes.
-        found: usize,
-    },
+    OddBytes { found: usize },
     /// The first word is not that of a map.
-    #[error("the first word is {found:#06x}, expected 0x564d (VM): this is no map of volcomp")]
-    Magic {
-        /// The first word.
-        found: u16,
-    },
+    #[error("the first word is {found:#06x}, expected 0x564d (VM): this is not a volcomp map")]
+    Magic { found: u16 },
     /// The layout version of the words is unknown.
     #[error("layout version {found}, expected 1")]
-    Version {
-        /// The stated version.
-        found: u16,
-    },
+    Version { found: u16 },
     /// Invalid axes.
     #[error("expected one to five different axes of the grid, and one to three that are corrected")]
     Axes,
@@ -282,30 +271,16 @@ pub enum NoMap {
     Counter,
     /// The scale of the values is out of range.
     #[error("an output step has {found} parts, expected 1 to 64")]
-    Scale {
-        /// The stated scale.
-        found: u16,
-    },
+    Scale { found: u16 },
     /// Lines out of range.
     #[error("axis {axis}: lines of the grid are out of range")]
-    Lines {
-        /// The axis.
-        axis: AxisName,
-    },
+    Lines { axis: AxisName },
     /// More words than a control can count.
-    #[error("the map has {found} words, expected 32767 at the most")]
-    Words {
-        /// Number of words it would have.
-        found: usize,
-    },
+    #[error("the map has {found} words, expected at most 32767")]
+    Words { found: usize },
     /// The number of words differs from that in the header.
     #[error("found {found} words, expected {expected}")]
-    Count {
-        /// Number of words found.
-        found: usize,
-        /// Number of words required by the header.
-        expected: usize,
-    },
+    Count { found: usize, expected: usize },
     /// The checksum does not match the words.
     #[error("the checksum does not fit: the map is damaged, or for the machine of another number")]
     Checksum,
@@ -328,7 +303,7 @@ pub(crate) fn look_up(header: &Header, words: &[u16], position: &Position) -> [i
     let (mut cell, mut rest) = ([0_usize; GRID_AXES], [0_i32; GRID_AXES]);
     for axis in 0..axes {
         let lines = &header.lines[axis];
-        let steps = position.steps[axis].clamp(-FURTHEST, FURTHEST);
+        let steps = position.steps[axis].clamp(-MAX_POSITION_STEPS, MAX_POSITION_STEPS);
         let last = i32::from(lines.count) - 2;
         let beyond = (steps - lines.origin).max(0);
         let at = (beyond / lines.pitch()).min(last);
@@ -382,10 +357,10 @@ impl Map {
     ///
     /// # Errors
     /// The header is unusable for a control, or the number of values differs from that in the header.
-    pub fn new(header: Header, values: &[i16]) -> Result<Self, NoMap> {
+    pub fn new(header: Header, values: &[i16]) -> Result<Self, MapError> {
         header.check()?;
         if values.len() != header.values() {
-            return Err(NoMap::Count {
+            return Err(MapError::Count {
                 found: values.len() + HEADER_WORDS,
                 expected: header.words(),
             });
@@ -399,10 +374,10 @@ impl Map {
     ///
     /// # Errors
     /// The words are not a valid map.
-    pub fn from_words(words: &[u16]) -> Result<Self, NoMap> {
+    pub fn from_words(words: &[u16]) -> Result<Self, MapError> {
         let header = Header::decode(words)?;
         if words.len() != header.words() {
-            return Err(NoMap::Count {
+            return Err(MapError::Count {
                 found: words.len(),
                 expected: header.words(),
             });
@@ -458,9 +433,9 @@ impl Map {
     ///
     /// # Errors
     /// The bytes are not a map, are damaged, or belong to another machine.
-    pub fn from_image(bytes: &[u8], machine: u16) -> Result<Self, NoMap> {
+    pub fn from_image(bytes: &[u8], machine: u16) -> Result<Self, MapError> {
         if !bytes.len().is_multiple_of(2) {
-            return Err(NoMap::OddBytes { found: bytes.len() });
+            return Err(MapError::OddBytes { found: bytes.len() });
         }
         let order = match bytes.first() {
             Some(b'V') => ByteOrder::HighFirst,
@@ -472,10 +447,10 @@ impl Map {
         let words: Vec<u16> = words.collect();
         let (words, check) = words
             .split_last_chunk::<2>()
-            .ok_or(NoMap::Short { found: words.len() })?;
+            .ok_or(MapError::Short { found: words.len() })?;
         let map = Self::from_words(words)?;
         if map.checksum(machine) != *check {
-            return Err(NoMap::Checksum);
+            return Err(MapError::Checksum);
         }
         Ok(map)
     }

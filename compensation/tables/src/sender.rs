@@ -4,13 +4,13 @@
 use volcomp_guard::protocol::{Refusal, ReportStatus, Session};
 
 use crate::{
-    control::{Body, DATA, FRAME_WORDS, Frame, Report},
+    control::{Body, DATA_WORDS, FRAME_WORDS, Frame, Report},
     map::{HEADER_WORDS, Map, OUTPUTS},
 };
 
-/// Next action of a sender.
+/// NextAction action of a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Next {
+pub enum NextAction {
     /// Write a frame with this content.
     Write(Body),
     /// Read back the words of this buffer, 0 or 1, compare them with the map, and call again with the result.
@@ -22,7 +22,7 @@ pub enum Next {
 
 /// Result of reading back the loaded words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Loaded {
+pub enum ReadBackResult {
     /// Not read back yet.
     Unknown,
     /// Equal to the map.
@@ -31,28 +31,28 @@ pub enum Loaded {
     Other,
 }
 
-/// Next action to make `map` active and keep it so. `seen` is the control's last report. The function is stateless: after any loss it
+/// NextAction action to make `map` active and keep it so. `report` is the control's last report. The function is stateless: after any loss it
 /// continues from the state of the control.
 #[must_use]
-pub fn next_write(map: &Map, machine: u16, seen: &Report, loaded: Loaded) -> Next {
+pub fn next_write(map: &Map, machine: u16, report: &Report, loaded: ReadBackResult) -> NextAction {
     let counter = map.header().counter;
     let words = u16::try_from(map.words().len()).unwrap_or(u16::MAX);
-    let body = match seen.loading {
-        _ if seen.valid && seen.counter == counter => Body::Keep { counter },
-        Some((loading, next)) if loading == counter && loaded != Loaded::Other => {
+    let body = match report.loading {
+        _ if report.valid && report.counter == counter => Body::Keep { counter },
+        Some((loading, next)) if loading == counter && loaded != ReadBackResult::Other => {
             if next < words {
                 words_from(map, next)
-            } else if loaded == Loaded::Same {
+            } else if loaded == ReadBackResult::Same {
                 let check = map.checksum(machine);
                 Body::Swap { counter, check }
             } else {
-                let buffer = 1 - seen.buffer.min(1);
-                return Next::ReadBack { buffer };
+                let buffer = 1 - report.buffer.min(1);
+                return NextAction::ReadBack { buffer };
             }
         }
         _ => Body::Begin { counter, words },
     };
-    Next::Write(body)
+    NextAction::Write(body)
 }
 
 /// The complete transfer of a map in order: begin, words, swap.
@@ -62,12 +62,16 @@ pub fn writes(map: &Map, machine: u16) -> impl Iterator<Item = Body> + '_ {
     let words = u16::try_from(map.words().len()).unwrap_or(u16::MAX);
     let check = map.checksum(machine);
     core::iter::once(Body::Begin { counter, words })
-        .chain((0..words).step_by(DATA).map(|place| words_from(map, place)))
+        .chain(
+            (0..words)
+                .step_by(DATA_WORDS)
+                .map(|place| words_from(map, place)),
+        )
         .chain(core::iter::once(Body::Swap { counter, check }))
 }
 
 fn words_from(map: &Map, place: u16) -> Body {
-    let mut data = [0; DATA];
+    let mut data = [0; DATA_WORDS];
     let rest = map.words().get(usize::from(place)..).unwrap_or_default();
     for (into, word) in data.iter_mut().zip(rest) {
         *into = *word;
@@ -101,7 +105,7 @@ pub trait Exchange {
 
 /// Limits that the sender sets on the map and the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Allowed {
+pub struct SenderLimits {
     /// Maximum correction, mm.
     pub limit_mm: f64,
     /// Maximum rate of change of a correction, mm/s.
@@ -117,64 +121,43 @@ pub struct Allowed {
 
 /// Reason why a map is not sent to this control.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Unfit {
+#[expect(missing_docs, reason = "the messages name the fields")]
+pub enum LimitError {
     /// The map is larger than a buffer.
-    #[error("the map has {found} words, expected {capacity} at the most, the words of a buffer")]
-    Words {
-        /// Words of the map.
-        found: usize,
-        /// Words of a buffer.
-        capacity: usize,
-    },
+    #[error("the map has {found} words, expected at most {capacity}, the size of a buffer")]
+    Words { found: usize, capacity: usize },
     /// A value of the map exceeds the limit.
-    #[error("the map corrects by up to {found_um:.1} µm, expected {limit_um:.1} µm at the most")]
-    Value {
-        /// The largest value including all reversals, µm.
-        found_um: f64,
-        /// The limit, µm.
-        limit_um: f64,
-    },
+    #[error("the map corrects by up to {found_um:.1} µm, expected at most {limit_um:.1} µm")]
+    Value { found_um: f64, limit_um: f64 },
     /// The control's own limit is wider.
     #[error(
-        "the control takes corrections up to {found_um:.1} µm, expected {limit_um:.1} µm at the most"
+        "the control accepts corrections up to {found_um:.1} µm, expected at most {limit_um:.1} µm"
     )]
-    Limit {
-        /// Limit of the control, µm.
-        found_um: f64,
-        /// Limit of the sender, µm.
-        limit_um: f64,
-    },
+    Limit { found_um: f64, limit_um: f64 },
     /// The control changes corrections faster.
     #[error(
-        "the control moves a correction at {found_um_per_s:.1} µm/s, expected {slew_um_per_s:.1} µm/s at the most"
+        "the control moves a correction at {found_um_per_s:.1} µm/s, expected at most {slew_um_per_s:.1} µm/s"
     )]
     Rate {
-        /// Rate of the control, µm/s.
         found_um_per_s: f64,
-        /// Rate limit of the sender, µm/s.
         slew_um_per_s: f64,
     },
     /// The timeout of the control is longer.
     #[error(
-        "the control begins to go to zero {found_s:.3} s after the last frame, expected {zero_after_s:.3} s at the most"
+        "the control begins to go to zero {found_s:.3} s after the last frame, expected at most {zero_after_s:.3} s"
     )]
-    TimeOut {
-        /// Timeout of the control, s.
-        found_s: f64,
-        /// Maximum timeout, s.
-        zero_after_s: f64,
-    },
+    TimeOut { found_s: f64, zero_after_s: f64 },
 }
 
-impl Allowed {
+impl SenderLimits {
     /// Checks a map against the limits.
     ///
     /// # Errors
     /// The map is too large, or a correction exceeds the limit.
-    pub fn admits(&self, map: &Map) -> Result<(), Unfit> {
+    pub fn check_map(&self, map: &Map) -> Result<(), LimitError> {
         let (found, capacity) = (map.words().len(), self.capacity);
         if found > capacity {
-            return Err(Unfit::Words { found, capacity });
+            return Err(LimitError::Words { found, capacity });
         }
         let header = map.header();
         let outputs = header.outputs.count().min(OUTPUTS);
@@ -184,12 +167,12 @@ impl Allowed {
                 .step_by(outputs)
                 .map(|word| i32::from(word.cast_signed()).abs())
                 .max();
-            let turned = header.reversal.iter();
-            let reversals: i32 = turned.map(|row| i32::from(row[output]).abs()).sum();
+            let reversal_rows = header.reversal.iter();
+            let reversals: i32 = reversal_rows.map(|row| i32::from(row[output]).abs()).sum();
             let parts = f64::from(largest.unwrap_or(0) + reversals);
             let found_mm = parts * step_mm(map, output) / f64::from(header.scale);
             if found_mm > self.limit_mm {
-                return Err(Unfit::Value {
+                return Err(LimitError::Value {
                     found_um: found_mm * 1e3,
                     limit_um: self.limit_mm * 1e3,
                 });
@@ -202,31 +185,31 @@ impl Allowed {
     ///
     /// # Errors
     /// The first limit that the control exceeds.
-    pub fn is_kept_by(&self, map: &Map, seen: &Report) -> Result<(), Unfit> {
+    pub fn check_control(&self, map: &Map, report: &Report) -> Result<(), LimitError> {
         // Tolerates the rounding of numbers that were converted to steps.
         let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
-        let seen = &seen.of.settings;
+        let report = &report.of.settings;
         for output in 0..map.header().outputs.count().min(OUTPUTS) {
             let step = step_mm(map, output);
-            let limit = f64::from(seen.limit[output]) * step;
+            let limit = f64::from(report.limit[output]) * step;
             if beyond(limit, self.limit_mm) {
-                return Err(Unfit::Limit {
+                return Err(LimitError::Limit {
                     found_um: limit * 1e3,
                     limit_um: self.limit_mm * 1e3,
                 });
             }
-            let every_s = f64::from(seen.step_scans) * self.scan_s;
-            let rate = f64::from(seen.rate[output]) * step / every_s;
+            let every_s = f64::from(report.step_scans) * self.scan_s;
+            let rate = f64::from(report.rate[output]) * step / every_s;
             if beyond(rate, self.slew_mm_per_s) {
-                return Err(Unfit::Rate {
+                return Err(LimitError::Rate {
                     found_um_per_s: rate * 1e3,
                     slew_um_per_s: self.slew_mm_per_s * 1e3,
                 });
             }
         }
-        let found_s = f64::from(seen.time_out_scans) * self.scan_s;
+        let found_s = f64::from(report.time_out_scans) * self.scan_s;
         if beyond(found_s, self.zero_after_s) {
-            return Err(Unfit::TimeOut {
+            return Err(LimitError::TimeOut {
                 found_s,
                 zero_after_s: self.zero_after_s,
             });
@@ -245,7 +228,7 @@ pub enum Step {
     /// The report was torn or belongs to another machine: nothing was sent.
     Unreadable,
     /// The control has not scanned since the last report: nothing was sent.
-    Stands,
+    NotScanned,
     /// A part of the map was sent, or the loaded words were read back.
     Loading,
     /// The map is active, and a keep-alive frame was sent.
@@ -268,14 +251,14 @@ pub enum SendError<E> {
     },
     /// The control or the map exceeds the limits.
     #[error(transparent)]
-    Unfit(#[from] Unfit),
+    Limit(#[from] LimitError),
     /// The control rejects the map.
-    #[error("the control does not take the map: {0}")]
+    #[error("the control rejects the map: {0}")]
     Refused(Refusal),
 }
 
 /// Maximum number of times that the transfer of a rejected map is restarted.
-const BEGINNINGS: u32 = 8;
+const MAX_RESTARTS: u32 = 8;
 
 /// A sender of one map. State: of the control it only keeps whether the words there were read back.
 #[derive(Clone, Debug)]
@@ -283,9 +266,9 @@ pub struct Sender {
     map: Map,
     machine: u16,
     session: Session,
-    allowed: Allowed,
-    loaded: Loaded,
-    begun: u32,
+    allowed: SenderLimits,
+    loaded: ReadBackResult,
+    restarts: u32,
     tick: Option<u16>,
     in_use: Option<u16>,
 }
@@ -295,15 +278,20 @@ impl Sender {
     ///
     /// # Errors
     /// The map exceeds the limits.
-    pub fn new(map: Map, machine: u16, owner: u16, allowed: Allowed) -> Result<Self, Unfit> {
-        allowed.admits(&map)?;
+    pub fn new(
+        map: Map,
+        machine: u16,
+        owner: u16,
+        allowed: SenderLimits,
+    ) -> Result<Self, LimitError> {
+        allowed.check_map(&map)?;
         Ok(Self {
             map,
             machine,
             session: Session::new(owner),
             allowed,
-            loaded: Loaded::Unknown,
-            begun: 0,
+            loaded: ReadBackResult::Unknown,
+            restarts: 0,
             tick: None,
             in_use: None,
         })
@@ -313,13 +301,13 @@ impl Sender {
     ///
     /// # Errors
     /// The map exceeds the limits: the previous one stays.
-    pub fn replace(&mut self, map: Map) -> Result<Map, Unfit> {
-        self.allowed.admits(&map)?;
-        (self.loaded, self.begun) = (Loaded::Unknown, 0);
+    pub fn replace(&mut self, map: Map) -> Result<Map, LimitError> {
+        self.allowed.check_map(&map)?;
+        (self.loaded, self.restarts) = (ReadBackResult::Unknown, 0);
         Ok(std::mem::replace(&mut self.map, map))
     }
 
-    /// Number of the map that was active in the control at the last read, whoever sent it; `None`: none was, and the corrections were zero
+    /// Number of the map that was active in the control at the last read, whichever sender transferred it; `None`: none was, and the corrections were zero
     /// or on the way there.
     #[must_use]
     pub fn in_use(&self) -> Option<u16> {
@@ -328,7 +316,7 @@ impl Sender {
 
     /// Decodes the words of a report; `None` if they are torn or belong to another machine.
     #[must_use]
-    pub fn seen(&self, words: &[u16]) -> Option<Report> {
+    pub fn decode_report(&self, words: &[u16]) -> Option<Report> {
         Report::decode(self.machine, self.map.header().outputs, words)
     }
 
@@ -342,52 +330,52 @@ impl Sender {
             self.session.forget();
             SendError::Exchange(error)
         })?;
-        let Some(seen) = self.seen(&words) else {
+        let Some(report) = self.decode_report(&words) else {
             return Ok(Step::Unreadable);
         };
-        self.in_use = seen.valid.then_some(seen.counter);
+        self.in_use = report.valid.then_some(report.counter);
         // A stopped program would be answered with its own old tick forever.
-        if self.tick.replace(seen.of.tick) == Some(seen.of.tick) {
-            return Ok(Step::Stands);
+        if self.tick.replace(report.of.tick) == Some(report.of.tick) {
+            return Ok(Step::NotScanned);
         }
-        self.allowed.is_kept_by(&self.map, &seen)?;
-        match self.session.read(seen.of.head()) {
+        self.allowed.check_control(&self.map, &report)?;
+        match self.session.read(report.of.head()) {
             ReportStatus::Held { owner: by } => {
-                let sequence = seen.of.sequence;
+                let sequence = report.of.sequence;
                 return Err(SendError::Held { by, sequence });
             }
-            ReportStatus::Old => return Ok(Step::Stands),
+            ReportStatus::Old => return Ok(Step::NotScanned),
             ReportStatus::Confirmed { .. } => {}
         }
-        let body = match next_write(&self.map, self.machine, &seen, self.loaded) {
-            Next::ReadBack { buffer } => {
-                let wanted = self.map.words();
+        let body = match next_write(&self.map, self.machine, &report, self.loaded) {
+            NextAction::ReadBack { buffer } => {
+                let expected = self.map.words();
                 let found = control
-                    .buffer(buffer, wanted.len())
+                    .buffer(buffer, expected.len())
                     .map_err(SendError::Exchange)?;
-                self.loaded = if found == wanted {
-                    Loaded::Same
+                self.loaded = if found == expected {
+                    ReadBackResult::Same
                 } else {
-                    Loaded::Other
+                    ReadBackResult::Other
                 };
                 return Ok(Step::Loading);
             }
-            Next::Write(body) => body,
+            NextAction::Write(body) => body,
         };
         let step = match body {
             Body::Keep { .. } => {
-                self.begun = 0;
+                self.restarts = 0;
                 Step::Kept
             }
             Body::Begin { .. } => {
-                self.loaded = Loaded::Unknown;
+                self.loaded = ReadBackResult::Unknown;
                 if matches!(
-                    seen.of.refusal,
+                    report.of.refusal,
                     Refusal::Value | Refusal::Fit | Refusal::Map
                 ) {
-                    self.begun += 1;
-                    if self.begun > BEGINNINGS {
-                        return Err(SendError::Refused(seen.of.refusal));
+                    self.restarts += 1;
+                    if self.restarts > MAX_RESTARTS {
+                        return Err(SendError::Refused(report.of.refusal));
                     }
                 }
                 Step::Loading

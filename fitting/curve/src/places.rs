@@ -5,9 +5,9 @@ use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, d
 
 /// Number of places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest between them
 /// (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
-const EACH: usize = 8;
+const POSITIONS_PER_PIECE: usize = 8;
 /// Number of places along the domain of a curve above which they are thinned out.
-const MOST: usize = 4096;
+const MAX_POSITIONS: usize = 4096;
 /// Number of parts of a cubic piece between two knots or two nodes.
 const PARTS: u32 = 4;
 /// Golden ratio, as the share of the larger piece of a line.
@@ -49,7 +49,8 @@ fn even([low, high]: [f64; 2], parts: usize) -> impl Iterator<Item = f64> {
 
 /// Extrema of the Chebyshev polynomial whose degree is a multiple of that of the series.
 fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item = f64> {
-    let parts = (coefficients.saturating_sub(1) * EACH).min(MOST.max(2 * coefficients));
+    let parts = (coefficients.saturating_sub(1) * POSITIONS_PER_PIECE)
+        .min(MAX_POSITIONS.max(2 * coefficients));
     let [middle, half] = [f64::midpoint(low, high), 0.5 * high - 0.5 * low];
     (0..=parts)
         .filter(move |_| parts > 0)
@@ -87,16 +88,16 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
     if order == 0 {
         return Vec::new();
     }
-    let each = 2 * EACH * order;
-    let most = MOST.max(4 * each);
-    let wanted = periods * each as f64;
-    if wanted <= most as f64 {
+    let each = 2 * POSITIONS_PER_PIECE * order;
+    let most = MAX_POSITIONS.max(4 * each);
+    let count = periods * each as f64;
+    if count <= most as f64 {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "positive and at most `most`"
         )]
-        let parts = libm::ceil(wanted) as usize;
+        let parts = libm::ceil(count) as usize;
         return even([low, high], parts).collect();
     }
     // Too many periods to sample each: sample every few periods once, each time at another phase.
@@ -110,13 +111,13 @@ fn of_harmonics(curve: &Fourier) -> Vec<f64> {
 
 /// A local polynomial varies within the width of its weights.
 fn of_weights(curve: &MovingLeastSquares) -> impl Iterator<Item = f64> {
-    let each = (EACH * curve.order().max(1)) as f64;
-    let wanted = (each / curve.support()).min(MOST as f64);
+    let each = (POSITIONS_PER_PIECE * curve.order().max(1)) as f64;
+    let count = (each / curve.support()).min(MAX_POSITIONS as f64);
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
-        reason = "positive and at most MOST"
+        reason = "positive and at most MAX_POSITIONS"
     )]
-    let parts = libm::ceil(wanted) as usize;
+    let parts = libm::ceil(count) as usize;
     even(curve.domain(), parts)
 }

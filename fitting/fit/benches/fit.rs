@@ -51,7 +51,7 @@ fn fits(criterion: &mut Criterion) {
     }
 }
 
-/// Ten runs over so many targets of 8 m, with waves, a pitch error and scatter.
+/// Ten runs over this number of targets on 8 m, with waves, a pitch error and scatter.
 fn runs(targets: u32) -> (Vec<f64>, Vec<f64>) {
     let mut noise = 1_u32;
     let mut random = || {

@@ -17,7 +17,7 @@ fn main() -> Result<(), FitError> {
         }
     }
 
-    // The largest residual tells how well a curve follows the readings, the leave-one-out error how well it predicts
+    // The largest residual shows how well a curve follows the readings, the leave-one-out error how well it predicts
     // readings that it has not seen: that one decides.
     let fits: [(&str, Fit); 3] = [
         (
@@ -26,7 +26,7 @@ fn main() -> Result<(), FitError> {
         ),
         ("monotone cubics", fit_cubic_table(&x_mm, &u_um)?),
         (
-            "chosen by itself",
+            "chosen automatically",
             fit_auto(&x_mm, &u_um, &FitOptions::default())?.fit,
         ),
     ];

@@ -6,7 +6,7 @@ use volcomp_curve::Curve;
 
 use crate::bspline::Problem;
 use crate::candidates::{Candidate, of_method};
-use crate::student::student_95;
+use crate::statistics::student_95;
 use crate::{FitError, Method, readings};
 
 /// Settings of the bootstrap.
@@ -57,10 +57,10 @@ pub struct Band {
 }
 
 /// Upper bound on resamples × targets in the residual bootstrap.
-const MOST_REFITTED: usize = 200_000;
-const FEWEST_RESAMPLES: usize = 20;
+const MAX_REFITTED: usize = 200_000;
+const MIN_RESAMPLES: usize = 20;
 /// Maximum number of places of a band: with many targets fewer places lie between two of them.
-const MOST_PLACES: usize = 2000;
+const MAX_POSITIONS: usize = 2000;
 /// Weight of the leave-one-out mean square in the band between targets.
 /// Leaving a target out doubles the gap that the curve has to bridge. A smooth curve then misses four times what it misses in the real gap, one with
 /// kinks twice, one with steps or with waves shorter than the gap about as much or less. With this weight the 95 % band also holds between targets of
@@ -119,7 +119,7 @@ pub fn band(
 /// the straight lines miss at most 2 % of the height.
 pub fn band_places(targets: &[f64]) -> Vec<f64> {
     let gaps = targets.len().saturating_sub(1).max(1);
-    let pieces = (MOST_PLACES / gaps).clamp(4, 8);
+    let pieces = (MAX_POSITIONS / gaps).clamp(4, 8);
     let mut places = Vec::with_capacity(gaps * pieces + 1);
     for gap in targets.windows(2) {
         places.extend((0..pieces).map(|piece| {
@@ -339,8 +339,8 @@ impl Whole {
             let half = if squares == 0.0 { 0.0 } else { f64::INFINITY };
             return Ok(vec![half; at.len()]);
         }
-        let resamples = (MOST_REFITTED / count)
-            .max(FEWEST_RESAMPLES)
+        let resamples = (MAX_REFITTED / count)
+            .max(MIN_RESAMPLES)
             .min(options.resamples as usize);
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         let mut sums = vec![0.0; at.len()];

@@ -11,7 +11,7 @@ const LEFT_BY: f64 = 0.25;
 /// Samples per gap when choosing a curve, and when assessing one; fewer with many targets.
 const PIECES: usize = 4;
 const FINE_PIECES: usize = 64;
-const MOST_PIECES: usize = 4000;
+const MAX_PIECES: usize = 4000;
 /// Targets are too sparse only if the leave-one-out RMS exceeds this multiple of both the repeatability and the RMS residual: below that, scatter
 /// explains the errors.
 const MORE_THAN_SCATTER: f64 = 2.0;
@@ -62,14 +62,14 @@ impl Band {
     /// Whether the curve stays in the band between targets.
     pub(crate) fn holds(&self, curve: &Curve) -> bool {
         let beyond = |value: f64, _| (self.low - value).max(value - self.high);
-        self.furthest(curve, PIECES, beyond).is_none()
+        self.worst(curve, PIECES, beyond).is_none()
     }
 
     /// Neighbouring targets between which the curve departs most from its own chord; `None` where it nowhere departs by more than the limit. A wave
     /// of four gaps departs by a fifth of the height of the readings, one of three by a third.
     fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
         let most = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
-        self.furthest(curve, FINE_PIECES, |value, straight| {
+        self.worst(curve, FINE_PIECES, |value, straight| {
             (value - straight).abs() - most
         })
     }
@@ -80,16 +80,16 @@ impl Band {
 
     /// Neighbouring targets between which the curve exceeds the limit most. `beyond(value, chord)` returns the excess; `chord` is linear between the
     /// values of the curve at both targets.
-    fn furthest(
+    fn worst(
         &self,
         curve: &Curve,
         pieces: usize,
         beyond: impl Fn(f64, f64) -> f64,
     ) -> Option<[f64; 2]> {
-        let pieces = (MOST_PIECES / self.targets.len().max(1)).clamp(2, pieces);
+        let pieces = (MAX_PIECES / self.targets.len().max(1)).clamp(2, pieces);
         let at = |&x: &f64| curve.value(x);
         let values: Vec<f64> = self.targets.iter().map(at).collect();
-        let mut furthest = None;
+        let mut worst = None;
         let mut most = 0.0;
         for (gap, ends) in self.targets.windows(2).zip(values.windows(2)) {
             for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
@@ -98,11 +98,11 @@ impl Band {
                 // NaN counts as beyond any limit.
                 if by.is_nan() || by > most {
                     most = by;
-                    furthest = Some([gap[0], gap[1]]);
+                    worst = Some([gap[0], gap[1]]);
                 }
             }
         }
-        furthest
+        worst
     }
 }
 

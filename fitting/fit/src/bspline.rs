@@ -30,7 +30,7 @@ const LOG_RESOLUTION: f64 = 0.01;
 /// # Errors
 /// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
 pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
-    let targets = readings::checked_targets(x, u, LEAST_TARGETS, "a smoothing spline")?;
+    let targets = readings::checked_targets(x, u, MIN_TARGETS, "a smoothing spline")?;
     let problem = Problem::new(&targets);
     let spline = problem.smoothed(problem.cross_validated()?)?;
     let errors = spline.residuals.iter().zip(&spline.leverages);
@@ -39,7 +39,7 @@ pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     Ok(Fit::new(curve.into(), x, u, missed))
 }
 
-pub(crate) const LEAST_TARGETS: usize = 4;
+pub(crate) const MIN_TARGETS: usize = 4;
 
 /// Least-squares problem of the targets: the four non-zero B-splines at each, and their triangular factor.
 pub(crate) struct Problem {

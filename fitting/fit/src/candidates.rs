@@ -22,7 +22,7 @@ const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0
 const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
 /// Maximum number of node evaluations over all targets for one setting of moving least squares. Above it the setting is skipped: the spline gives the
 /// same result in a fraction of the time.
-const MOST_LOOKS: f64 = 400_000.0;
+const MAX_EVALUATIONS: f64 = 400_000.0;
 /// Minimum share of the period that the targets must cover to determine a Fourier series.
 const SHARE_OF_PERIOD: f64 = 0.5;
 
@@ -64,7 +64,7 @@ impl Candidate {
         Some(self)
     }
 
-    /// Candidate of a fit whose curve is linear in the mean readings.
+    /// Candidate of a fit whose curve is a linear function of the mean readings.
     fn linear(method: Method, targets: &[Target], residuals: &[f64], leverages: &[f64]) -> Self {
         let errors: Vec<f64> = residuals
             .iter()
@@ -155,7 +155,7 @@ pub(crate) fn candidates(
         .period
         .is_some_and(|period| (range - period).abs() <= 1e-9 * period && first.mean == last.mean);
     if !goes_round {
-        if count >= bspline::LEAST_TARGETS {
+        if count >= bspline::MIN_TARGETS {
             let problem = Problem::new(&means);
             if let Ok(spline) = problem
                 .cross_validated()
@@ -219,7 +219,7 @@ pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate,
             (fourier::nested(targets, order, period), 2 * order + 1)
         }
         Method::BSpline => {
-            readings::require(&means, bspline::LEAST_TARGETS, "a smoothing spline")?;
+            readings::require(&means, bspline::MIN_TARGETS, "a smoothing spline")?;
             let problem = Problem::new(&means);
             let spline = problem.smoothed(problem.cross_validated()?)?;
             let (left, leverages) = (&spline.residuals, &spline.leverages);
@@ -291,7 +291,7 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
     let least = MLS_TRIED.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
     let near = near.into_iter().filter(|(_, support)| *support < least);
     for (order, support) in MLS_TRIED.into_iter().chain(near) {
-        if count * (2.0 * support).min(1.0) * count > MOST_LOOKS {
+        if count * (2.0 * support).min(1.0) * count > MAX_EVALUATIONS {
             continue;
         }
         // These targets cannot carry the setting.

@@ -34,11 +34,11 @@ pub struct Score {
     pub leave_one_out_rms: f64,
     /// Largest deviation of a target's mean reading from the curve.
     pub largest_residual: f64,
-    /// Whether the required residual is met; true where none is asked for.
+    /// Whether the required residual is met; true if none is required.
     pub meets_required: bool,
     /// Whether what it leaves of the readings is no more than they scatter; true where that is not known.
     pub follows: bool,
-    /// Whether it was put aside since between targets its curve leaves the band of the readings. Only looked at where it would be chosen.
+    /// Whether it was rejected because its curve leaves the band of the readings between targets. Only checked for a candidate that would be chosen.
     pub swings: bool,
 }
 

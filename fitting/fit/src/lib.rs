@@ -12,12 +12,11 @@ mod fourier;
 mod least_squares;
 mod method;
 mod mls;
-mod noise;
 mod polynomial;
 mod readings;
 #[cfg(feature = "serde")]
 mod serialised;
-mod student;
+mod statistics;
 mod table;
 mod thermal;
 mod triangle;
@@ -32,13 +31,12 @@ pub use fit::Fit;
 pub use fourier::fit_fourier;
 pub use method::Method;
 pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
-pub use noise::Noise;
 pub use polynomial::{fit_chebyshev, fit_polynomial};
-pub use student::student_widening;
+pub use statistics::{Noise, student_widening};
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{
-    CoarseRows, JudgedThermal, ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber,
-    ThermalOptions, ThermalPrediction, ThermalRecord, ThermalRun, ThermalSearch, ThermalSeen,
+    CoarseRows, JudgedThermal, TestedRange, ThermalChoice, ThermalEffect, ThermalFit, ThermalGap,
+    ThermalNumber, ThermalOptions, ThermalPrediction, ThermalRecord, ThermalRun, ThermalSearch,
     ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms, ThermalVerdict, fit_thermal,
     judge_thermal_rows, judge_thermal_runs, left_out_runs, search_thermal, search_thermal_rows,
 };

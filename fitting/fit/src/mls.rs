@@ -16,7 +16,7 @@ const WIDEST: f64 = 1.0;
 /// Published order and support for long gantries, tried in addition to the grid.
 const PUBLISHED: (usize, f64) = (4, 1.0 / 3.0);
 /// Smallest admissible ratio of the smallest to the largest singular value of the weighted design matrix of a candidate.
-const LEAST_CONDITION: f64 = 1e-10;
+const MIN_CONDITION: f64 = 1e-10;
 
 /// Fits moving least squares of the order, the support (a share of the range of the targets, above 0 and at most 1) and
 /// the shape of the weight, through the mean reading of each target.
@@ -141,22 +141,22 @@ pub fn choose_mls(
     required_residual: Option<f64>,
 ) -> Result<(usize, f64), FitError> {
     readings::check_required(required_residual)?;
-    let mut tried: Option<Vec<Together>> = None;
+    let mut tried: Option<Vec<PooledErrors>> = None;
     let mut magnitude = 0.0_f64;
     for (x, u) in sets {
         let targets = scanned(x, u, shape)?;
         magnitude = magnitude.max(readings::magnitude(targets.iter().map(|t| t[1])));
-        let own = candidates(&targets, shape).map(|candidate| Together::of(&candidate));
+        let own = candidates(&targets, shape).map(|candidate| PooledErrors::of(&candidate));
         tried = Some(match tried {
             None => own.collect(),
             Some(before) => {
-                let own: Vec<Together> = own.collect();
-                let with = |all: Together| all.with(&own);
+                let own: Vec<PooledErrors> = own.collect();
+                let with = |all: PooledErrors| all.with(&own);
                 before.into_iter().filter_map(with).collect()
             }
         });
     }
-    let mut best: Option<(Together, Judged)> = None;
+    let mut best: Option<(PooledErrors, Judged)> = None;
     for trial in tried.unwrap_or_default() {
         let judged = Judged {
             meets: required_residual.is_none_or(|r| trial.max_residual <= r),
@@ -176,7 +176,7 @@ pub fn choose_mls(
 
 /// Setting with its errors over several sets of readings.
 #[derive(Clone, Copy)]
-struct Together {
+struct PooledErrors {
     order: usize,
     support: f64,
     max_residual: f64,
@@ -185,7 +185,7 @@ struct Together {
     targets: f64,
 }
 
-impl Together {
+impl PooledErrors {
     /// Targets at the ends are not left out: the curve is never evaluated beyond them, and the error of a high order there would decide alone.
     fn of(candidate: &Candidate) -> Self {
         let curve = &candidate.curve;
@@ -312,7 +312,7 @@ fn carries(curve: &MovingLeastSquares) -> bool {
         .chain(nodes.iter().flat_map(|n| [n[0], n[0] - h, n[0] + h]))
         .chain(middles)
         .filter(|x| (lower..=upper).contains(x));
-    places.all(|x| reciprocal_condition(&curve.design(x)) >= LEAST_CONDITION)
+    places.all(|x| reciprocal_condition(&curve.design(x)) >= MIN_CONDITION)
 }
 
 /// Ratio of the smallest to the largest singular value of a matrix given by rows; 0 if it is singular.

@@ -119,7 +119,7 @@ async fn made(
 
 /// Rejection of an export, naming the fields of the web interface.
 fn refused(error: &ExchangeError) -> Refused {
-    let ExchangeError::Wish {
+    let ExchangeError::InvalidOption {
         what,
         found,
         expected,

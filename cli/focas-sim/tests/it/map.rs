@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use volcomp_focas::{FocasError, MapPlaces, MapWords, PmcAddress, PmcArea};
 use volcomp_tables::{
-    Allowed, Exchange, GRID_AXES, GridAxis, Map, Output, Request, SendError, Sender, Step, build,
+    Exchange, GRID_AXES, GridAxis, Map, Output, Request, SendError, Sender, SenderLimits, Step,
+    build,
     control::{FRAME_WORDS, REPORT_WORDS},
 };
 use volcomp_vocabulary::AxisName;
@@ -97,7 +98,7 @@ fn map(counter: u16) -> Map {
 }
 
 fn sender(counter: u16, owner: u16) -> Sender {
-    let allowed = Allowed {
+    let allowed = SenderLimits {
         limit_mm: 0.1,
         slew_mm_per_s: 0.25,
         zero_after_s: 1.0,

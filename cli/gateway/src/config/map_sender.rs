@@ -6,7 +6,7 @@ use volcomp_devices::{config, map::MapKeys};
 use volcomp_document::{Document, InputErrors, Mistakes};
 use volcomp_guard::{barrier::LARGEST_MACHINE, ceiling};
 use volcomp_tables::{
-    Allowed, HEADER_WORDS, MOST_WORDS,
+    HEADER_WORDS, MAX_WORDS, SenderLimits,
     control::{FRAME_WORDS, REPORT_WORDS},
 };
 
@@ -23,7 +23,7 @@ pub struct MapSender {
     /// The keys; relative paths are resolved against the folder of the file.
     pub keys: MapKeys,
     /// Largest correction, maximum rate and longest silence to which the control may be set.
-    pub allowed: Allowed,
+    pub allowed: SenderLimits,
 }
 
 impl MapSender {
@@ -55,7 +55,7 @@ impl MapSender {
         keys.join(folder);
         let sender = Self {
             file: file.to_owned(),
-            allowed: Allowed {
+            allowed: SenderLimits {
                 limit_mm: keys.limit_um * 1e-3,
                 slew_mm_per_s: keys.slew_um_per_s * 1e-3,
                 zero_after_s: keys.zero_after_ms * 1e-3,
@@ -88,7 +88,7 @@ fn validate(keys: &MapKeys, found: &mut Mistakes<'_>) {
     config::path("audit.dir", &keys.audit.dir, found);
     found.whole("number", keys.number, 0..=LARGEST_MACHINE);
     // Room for the header and at least one value.
-    found.whole("capacity", keys.capacity, HEADER_WORDS + 1..=MOST_WORDS);
+    found.whole("capacity", keys.capacity, HEADER_WORDS + 1..=MAX_WORDS);
     let most_um = ceiling::LIMIT.0 * 1e3;
     let fastest_um = ceiling::SLEW_PER_S.0 * 1e3;
     found.range("limit_um", keys.limit_um, 0.001..=most_um);

@@ -46,7 +46,7 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     })?;
     let wrong = |what: String| GatewayError::invalid_in(&shown, what);
     let map = Map::from_image(&bytes, config.keys.number).map_err(|e| wrong(e.to_string()))?;
-    let admitted = config.allowed.admits(&map);
+    let admitted = config.allowed.check_map(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
     let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
     Ok(Checked {

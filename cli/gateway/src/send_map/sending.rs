@@ -181,7 +181,7 @@ impl Sending {
                 return Err("the map before is not in use yet".to_owned());
             }
             fits(&self.checked, &another)?;
-            let admitted = another.config.allowed.admits(&another.map);
+            let admitted = another.config.allowed.check_map(&another.map);
             admitted.map_err(|e| e.to_string())?;
             Ok(*another)
         });
@@ -265,7 +265,7 @@ impl Sending {
                 Ok(self.place.period)
             }
             Ok(Step::Loading) => Ok(Duration::ZERO),
-            Ok(Step::Stands) => Ok(SOON),
+            Ok(Step::NotScanned) => Ok(SOON),
             Ok(Step::Unreadable) => {
                 self.tell("the report is torn, or of another machine".to_owned());
                 Ok(SOON)
@@ -348,7 +348,10 @@ impl Sending {
                 }
                 continue;
             };
-            match words.report().map(|words| self.sender.seen(&words)) {
+            match words
+                .report()
+                .map(|words| self.sender.decode_report(&words))
+            {
                 Ok(Some(seen)) => {
                     let applied = seen.of.applied;
                     if last.replace(applied) != Some(applied) {

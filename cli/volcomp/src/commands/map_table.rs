@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_model::Machine;
 use volcomp_tables::{
-    ByteOrder, HEADER_WORDS, MOST_WORDS, Map, MapOfMachine, MapOptions, TablesError, Transfer,
+    ByteOrder, HEADER_WORDS, MAX_WORDS, MachineMap, Map, MapOptions, TablesError, Transfer,
     axes_of,
     control::{FRAME_WORDS, REPORT_WORDS},
     refresh_s,
@@ -161,7 +161,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let options = options(arguments, &machine, &mut notes)?;
     let machine_file = &arguments.machine.machine;
     let file = OutputFile::open_beside(&arguments.output, &[(machine_file, "the machine")])?;
-    let made = MapOfMachine::new(&machine, &temperatures, &options)?;
+    let made = MachineMap::new(&machine, &temperatures, &options)?;
     let map = &made.table.map;
     let order = if arguments.high_first {
         ByteOrder::HighFirst
@@ -200,7 +200,7 @@ fn options(
         )));
     }
     let besides = FRAME_WORDS + REPORT_WORDS;
-    let words = (arguments.words.saturating_sub(besides) / 2).min(MOST_WORDS);
+    let words = (arguments.words.saturating_sub(besides) / 2).min(MAX_WORDS);
     if words <= HEADER_WORDS {
         return Err(Failure::Input(format!(
             "--words: found {}, expected {} at the least: twice the head of a map and a value, a mailbox and a report",
@@ -224,7 +224,7 @@ fn options(
 fn document(
     arguments: &Arguments,
     options: &MapOptions,
-    made: &MapOfMachine,
+    made: &MachineMap,
     bytes: usize,
 ) -> MapTable {
     let (map, misfit) = (&made.table.map, &made.table.misfit);
@@ -260,7 +260,7 @@ fn document(
         steepest_um: made.table.steepest * 1e3,
         frames: transfer.frames,
         transfer_bytes: transfer.bytes,
-        transfer_s: transfer.takes_s(arguments.link, 0.0),
+        transfer_s: transfer.duration_s(arguments.link, 0.0),
         um_per_k: made
             .sensitivities
             .iter()

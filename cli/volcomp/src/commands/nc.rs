@@ -10,7 +10,7 @@ use std::{
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_document::read_text;
-use volcomp_identify::{Kind, Observations, Seen};
+use volcomp_identify::{Kind, Observations, RowReading};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
     Alignment, Average, BoundViolation, Corrector, Decimals, Deviation, Dialect, Found,
@@ -793,13 +793,13 @@ fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
             continue;
         }
         for row in &observation.rows {
-            let Seen::Ball {
+            let RowReading::Ball {
                 origin,
                 tilts,
                 axes,
                 offset_mm,
                 ..
-            } = &row.seen
+            } = &row.reading
             else {
                 continue;
             };

@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_identify::{Identification, LeftOpen, Observations, machine_with};
+use volcomp_identify::{Identification, Observations, UndeterminedError, machine_with};
 use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{Machine, MapGrid, Temperatures};
 
@@ -34,7 +34,7 @@ const NOTHING_UM: f64 = 5e-4;
 /// observations stay the same.
 pub(crate) struct Open {
     found: Machine,
-    others: Vec<(LeftOpen, Machine)>,
+    others: Vec<(UndeterminedError, Machine)>,
 }
 
 impl Open {
@@ -61,7 +61,7 @@ impl Open {
             made.use_tool_of(machine)?;
             Ok(made)
         };
-        let other = |open: &LeftOpen| {
+        let other = |open: &UndeterminedError| {
             let moved = |name: &str| {
                 let own = open.moves.iter().find(|(moved, _)| moved == name);
                 own.map_or(0.0, |(_, by)| EXAMPLE * by)
@@ -71,7 +71,7 @@ impl Open {
         Ok(Self {
             found: with(&|_| 0.0)?,
             others: found
-                .left_open
+                .undetermined
                 .iter()
                 .map(other)
                 .collect::<Result<_, Failure>>()?,
@@ -87,7 +87,7 @@ impl Open {
         let found: Vec<_> = (states.iter())
             .map(|state| place(&self.found, state))
             .collect();
-        let effect = |(open, machine): &(LeftOpen, Machine)| {
+        let effect = |(open, machine): &(UndeterminedError, Machine)| {
             let longest = |of: &dyn Fn((Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
                 let pairs = states.iter().zip(&found);
                 let moved =

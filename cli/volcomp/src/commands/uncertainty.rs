@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use volcomp_calibrate::{CalibrationFile, calibrate, calibrated_machine, not_observed};
 use volcomp_document::Document;
-use volcomp_identify::{Draws, Identification, Observations, identify};
+use volcomp_identify::{Identification, MachineSampler, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
 
 use super::{not_counted::Open, same_machine};
@@ -116,7 +116,7 @@ impl UncertaintyArguments {
                 self.is_of(&found.machine, machine, notes);
                 notes.extend(not_determined(&found));
                 notes.extend(as_if_known(not_observed(&observations)));
-                let draws = Draws::new(&observations, &found)?;
+                let draws = MachineSampler::new(&observations, &found)?;
                 let drawn = self.drawn(|trial| compiled(draws.machine(self.seed, trial)?))?;
                 (drawn, Open::new(&observations, &found, machine)?)
             }

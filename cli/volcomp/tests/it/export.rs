@@ -117,7 +117,7 @@ fn a_tilting_axis_is_left_out_and_the_others_are_written() {
     let notes = answer["notes"].to_string();
     contains(
         &notes,
-        "left out, as a table over a rotary axis holds 0 to 360 deg:",
+        "left out, because a table over a rotary axis holds 0 to 360 deg:",
     );
     contains(&notes, " over B");
     let made = list(&answer["tables"]);
@@ -213,7 +213,7 @@ fn what_cannot_be_is_refused() {
     );
     assert!(
         export(&["--format", "linuxcnc", "--step", "1"])
-            .contains("found 601 positions, expected 256 at the most")
+            .contains("found 601 positions, expected at most 256")
     );
     assert!(export(&["--format", "fanuc", "--at", "X=10"]).contains("no point at machine zero"));
     assert!(export(&["--format", "fanuc", "--axis-numbers", "X=1"]).contains("found no number"));

@@ -56,7 +56,7 @@ fn what_cannot_be_is_refused() {
     assert!(told(&["--words", "200"]).contains("expected 234 at the least"));
     let small = told(&["--words", "400", "--within", "0.2"]);
     contains(&small, "0.2 µm need");
-    contains(&small, "with these the error is");
+    contains(&small, "with this many the error is");
     assert!(told(&["--words", "8000", "--axes", "X,Q"]).contains('Q'));
     assert!(told(&["--words", "8000", "--link", "0"]).contains("above 0"));
     assert!(told(&["--words", "8000", "--number", "65535"]).contains("0 to 65534"));

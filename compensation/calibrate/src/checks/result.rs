@@ -89,7 +89,7 @@ pub(crate) fn contradicted_values(
     });
     let machines: Vec<_> = machines.collect::<Result<_, _>>()?;
     let mut notes = Vec::new();
-    for (of, wanted) in all.iter().zip(lines.response.wanted(&machines)?) {
+    for (of, wanted) in all.iter().zip(lines.response.supported_shares(&machines)?) {
         let Some(wanted) = wanted else { continue };
         let change = wanted.share * step(of);
         let own = (wanted.uncertainty * step(of)).abs();

@@ -29,30 +29,30 @@ fn without(left_out: AxisName) -> MachineParts<'static> {
         })
 }
 
-fn told(parts: Result<MachineParts<'_>, EvaluatorError>) -> String {
+fn message(parts: Result<MachineParts<'_>, EvaluatorError>) -> String {
     parts.err().map_or("accepted".to_owned(), |e| e.to_string())
 }
 
 #[test]
-fn an_axis_too_few_or_too_many_is_told_by_name() {
+fn missing_and_foreign_axes_are_named() {
     let compiled = CompiledMachine::new(without(AxisName::Z), Tolerance::default());
     assert!(matches!(
         compiled,
         Err(EvaluatorError::MissingAxis { axis: AxisName::Z })
     ));
     assert_eq!(
-        told(without(AxisName::Z).axis(AxisName::C, ideal(AxisName::C))),
+        message(without(AxisName::Z).axis(AxisName::C, ideal(AxisName::C))),
         "the structure `w X' b Y Z t` has no axis C"
     );
     assert_eq!(
-        told(without(AxisName::Z).axis(AxisName::X, ideal(AxisName::X))),
+        message(without(AxisName::Z).axis(AxisName::X, ideal(AxisName::X))),
         "axis X: axis: expected each axis once"
     );
 }
 
 #[test]
-fn numbers_that_make_no_axis_are_refused() {
-    let axis = |parts: AxisParts<'static>| told(without(AxisName::X).axis(AxisName::X, parts));
+fn invalid_axis_numbers_are_refused() {
+    let axis = |parts: AxisParts<'static>| message(without(AxisName::X).axis(AxisName::X, parts));
     let mm = |low: f64, high: f64| {
         [
             Displacement::Length(Mm(low)),
@@ -69,10 +69,10 @@ fn numbers_that_make_no_axis_are_refused() {
         axis(ideal(AxisName::X).range(Component::EX, AxisName::X, [2.0, 1.0])),
         axis(ideal(AxisName::X).range(Component::EX, AxisName::W, [1.0, 2.0])),
     ];
-    for told in &wrong {
+    for message in &wrong {
         assert!(
-            told.contains("axis X: ") || told.contains("no axis W"),
-            "{told}"
+            message.contains("axis X: ") || message.contains("no axis W"),
+            "{message}"
         );
     }
 }
@@ -86,10 +86,10 @@ fn errors_over_two_coordinates_are_checked() {
         nodes: [vec![0.0, 10.0], vec![0.0]],
         values: vec![0.0, 1e-6],
     };
-    let told = |patch: Patch| {
-        told(without(AxisName::X).axis(AxisName::X, ideal(AxisName::X).patch(patch)))
+    let message = |patch: Patch| {
+        message(without(AxisName::X).axis(AxisName::X, ideal(AxisName::X).patch(patch)))
     };
-    assert_eq!(told(good.clone()), "accepted");
+    assert_eq!(message(good.clone()), "accepted");
     let wrong = [
         Patch {
             values: vec![0.0],
@@ -118,7 +118,7 @@ fn errors_over_two_coordinates_are_checked() {
         },
     ];
     for patch in wrong {
-        assert_ne!(told(patch.clone()), "accepted", "{patch:?}");
+        assert_ne!(message(patch.clone()), "accepted", "{patch:?}");
     }
 }
 
@@ -127,7 +127,7 @@ fn location_errors_take_the_unit_of_their_name() {
     let name = |text: &str| text.parse::<ErrorName>().unwrap();
     let angle = Displacement::from_micro(AxisKind::Rotary, 10.0);
     let length = Displacement::from_micro(AxisKind::Linear, 10.0);
-    let set = |text: &str, value| told(without(AxisName::X).location(name(text), value));
+    let set = |text: &str, value| message(without(AxisName::X).location(name(text), value));
     assert_eq!(set("EC0Y", angle), "accepted");
     for (text, value) in [("EC0Y", length), ("EXX", length), ("EC0C", angle)] {
         assert_ne!(set(text, value), "accepted", "{text}");
@@ -139,7 +139,7 @@ fn location_errors_take_the_unit_of_their_name() {
 }
 
 #[test]
-fn a_curve_that_is_not_finite_is_told_with_its_name() {
+fn a_curve_that_is_not_finite_is_refused_by_name() {
     let errors = |x: f64, _| ErrorMotion::from_um_urad([0.0, 1.0 / (x - 3.0), 0.0, 0.0, 0.0, 0.0]);
     let parts = AxisParts::new(travel(AxisName::X), errors).breakpoints(Component::EY, [0.0, 3.0]);
     let parts = without(AxisName::X).axis(AxisName::X, parts).unwrap();
@@ -193,7 +193,7 @@ fn a_function_is_compiled_over_the_travel() {
 
 /// A machine by closed form: positioning of 10 µm/m, squareness, expansion, one constant over two coordinates.
 #[test]
-fn parts_mean_what_they_say() {
+fn all_parts_act_as_in_closed_form() {
     let x = AxisParts::new(travel(AxisName::X), |q, _| {
         ErrorMotion::from_um_urad([0.01 * q, 0.0, 0.0, 0.0, 0.0, 0.0])
     })

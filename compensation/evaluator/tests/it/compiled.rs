@@ -37,7 +37,7 @@ proptest! {
 }
 
 #[test]
-fn the_slope_bound_holds_and_is_no_fantasy() {
+fn the_slope_bound_holds_and_is_tight() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
     let compiled = machine.compile(Tolerance::from_nm(0.1)).unwrap();
     for (name, curve) in machine.errors() {

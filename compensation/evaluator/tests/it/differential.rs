@@ -71,7 +71,7 @@ fn tiny_errors(chain: &Chain, rng: &mut ChaCha8Rng) -> (GivenErrors, CompiledMac
     )
 }
 
-/// Which linear axes correct, told again in the plainest way: the least singular value says whether a column is new.
+/// Which linear axes correct, computed again in the simplest way: the least singular value says whether a column is new.
 fn linear_of(columns: &[(usize, Vector3<f64>)]) -> Vec<(usize, Vector3<f64>)> {
     let mut chosen: Vec<(usize, Vector3<f64>)> = Vec::new();
     for &(index, column) in columns {
@@ -258,7 +258,7 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
                 1e-8
             };
             let (e, f, p) = (exact.delta[index], first.delta[index], plain[index]);
-            let told = || {
+            let build = || {
                 format!(
                     "{} of {} {names:?}: {e} {f} {p}",
                     joint.name,
@@ -268,7 +268,7 @@ fn exact_first_order_and_decomposition_agree_over_random_machines() {
             assert!(
                 (e - p).abs() < 1e-5 * size && (f - p).abs() < 1e-5 * size,
                 "{}",
-                told()
+                build()
             );
             if !names.contains(&joint.name) {
                 assert_eq!((e, f), (0.0, 0.0), "an axis that is not named is held");

@@ -4,7 +4,6 @@
 
 mod batches;
 mod blob;
-mod blob_versions;
 mod builder;
 mod chord;
 mod compiled;

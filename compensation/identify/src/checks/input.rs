@@ -9,19 +9,19 @@ use crate::{
     basis::Basis,
     checks::limit_mm,
     error::{IdentifyError, at},
-    observations::{Observations, Part, Quantity, Row, Seen, SetUp, Stand, Unknown},
+    observations::{MachinePose, Observations, Part, Quantity, Row, RowReading, SetUp, Unknown},
 };
 
 /// Maximum order of a drift.
-pub(crate) const MOST_DRIFT: usize = 12;
+pub(crate) const MAX_DRIFT_ORDER: usize = 12;
 /// Maximum number of cross-validation folds.
-pub(crate) const MOST_FOLDS: usize = 100;
+pub(crate) const MAX_FOLDS: usize = 100;
 /// Maximum number of coefficients of one curve; more do not describe an error of an axis.
-pub(crate) const MOST_COEFFICIENTS: usize = 60;
+pub(crate) const MAX_COEFFICIENTS: usize = 60;
 /// Maximum order along a second axis, and maximum number of spline coefficients along it.
-pub(crate) const MOST_SECOND: usize = 8;
+pub(crate) const MAX_SECOND_ORDER: usize = 8;
 /// Minimum number of coefficients of a cubic spline.
-pub(crate) const LEAST_SPLINE: usize = 4;
+pub(crate) const MIN_SPLINE_COEFFICIENTS: usize = 4;
 
 /// Returns a standard uncertainty, µm, if it is usable as a weight: 1e-6 to 1e6.
 ///
@@ -56,8 +56,8 @@ fn wrong(place: String, why: impl Into<String>) -> IdentifyError {
 
 /// Rejects observations from which no equations can be formed. Observations read from a file always pass.
 pub(crate) fn check(observations: &Observations) -> Result<(), IdentifyError> {
-    if observations.folds > MOST_FOLDS {
-        let why = format!("found {}, expected 0 to {MOST_FOLDS}", observations.folds);
+    if observations.folds > MAX_FOLDS {
+        let why = format!("found {}, expected 0 to {MAX_FOLDS}", observations.folds);
         return Err(wrong("folds".to_owned(), why));
     }
     for unknown in &observations.unknown {
@@ -77,25 +77,25 @@ fn check_unknown(unknown: &Unknown) -> Result<(), IdentifyError> {
         Basis::Constant => true,
         Basis::Legendre { order } => order <= most,
         Basis::Fourier { harmonics } => harmonics <= most / 2,
-        Basis::BSpline { coefficients } => (LEAST_SPLINE..=most).contains(&coefficients),
+        Basis::BSpline { coefficients } => (MIN_SPLINE_COEFFICIENTS..=most).contains(&coefficients),
     };
     let refuse = |basis: Basis, most: usize, of: &str| {
         let why = format!(
-            "found {basis:?}{of}, expected a curve of at most {most} coefficients, and of {LEAST_SPLINE} at the least for a spline"
+            "found {basis:?}{of}, expected a curve of at most {most} coefficients, and at least {MIN_SPLINE_COEFFICIENTS} for a spline"
         );
         Err(wrong(unknown.error.to_string(), why))
     };
     match unknown.basis {
-        Some(basis) if !within(basis, MOST_COEFFICIENTS) => {
-            return refuse(basis, MOST_COEFFICIENTS, "");
+        Some(basis) if !within(basis, MAX_COEFFICIENTS) => {
+            return refuse(basis, MAX_COEFFICIENTS, "");
         }
         _ => {}
     }
     match unknown.second.map(|second| second.basis) {
         // Orders and harmonics share one limit here, although a harmonic has two coefficients.
-        Some(Basis::Fourier { harmonics }) if harmonics <= MOST_SECOND => Ok(()),
-        Some(basis) if !within(basis, MOST_SECOND) => {
-            refuse(basis, MOST_SECOND, " along the second axis")
+        Some(Basis::Fourier { harmonics }) if harmonics <= MAX_SECOND_ORDER => Ok(()),
+        Some(basis) if !within(basis, MAX_SECOND_ORDER) => {
+            refuse(basis, MAX_SECOND_ORDER, " along the second axis")
         }
         _ => Ok(()),
     }
@@ -103,16 +103,16 @@ fn check_unknown(unknown: &Unknown) -> Result<(), IdentifyError> {
 
 fn check_setup(setup: &SetUp) -> Result<(), IdentifyError> {
     fn quantity<T>(of: &Quantity<T>, numbers: impl Fn(&T) -> bool) -> Result<(), IdentifyError> {
-        if of.drift > MOST_DRIFT {
+        if of.drift > MAX_DRIFT_ORDER {
             let why = format!(
-                "found a drift of order {}, expected 0 to {MOST_DRIFT}",
+                "found a drift of order {}, expected 0 to {MAX_DRIFT_ORDER}",
                 of.drift
             );
             return Err(wrong(of.name.clone(), why));
         }
         let within = of.known_within.unwrap_or_default();
         if !of.value.as_ref().is_none_or(numbers) || !within.is_finite() || within < 0.0 {
-            let why = "found a value or an uncertainty that is no number, expected finite ones";
+            let why = "found a value or an uncertainty that is not finite, expected finite numbers";
             return Err(wrong(of.name.clone(), why));
         }
         Ok(())
@@ -130,14 +130,14 @@ fn check_setup(setup: &SetUp) -> Result<(), IdentifyError> {
     // Without its kind a number has no unit.
     let [kinds, numbers] = [setup.number_kinds.len(), setup.numbers.len()];
     if kinds != numbers {
-        let why = format!("found {kinds} kinds of {numbers} numbers, expected one for each");
+        let why = format!("found {kinds} kinds for {numbers} numbers, expected one for each");
         return Err(wrong("set-up".to_owned(), why));
     }
     Ok(())
 }
 
 fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> {
-    for part in row.seen.parts() {
+    for part in row.reading.parts() {
         let (what, count, found) = match part {
             Part::Frame(place) => ("frames", setup.frames.len(), place),
             Part::Point(place) => ("points", setup.points.len(), place),
@@ -157,20 +157,20 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
     if let Err(why) = standard_uncertainty_um(row.uncertainty_mm * 1e3) {
         return refuse(format!("the standard uncertainty: {why}"));
     }
-    let stands = |stand: &Stand| {
-        let mut numbers = stand.state.q.iter().chain(stand.tip_mm.iter());
+    let has_finite_numbers = |pose: &MachinePose| {
+        let mut numbers = pose.state.q.iter().chain(pose.tip_mm.iter());
         numbers.all(|number| number.is_finite())
     };
-    let is_finite = match &row.seen {
-        Seen::Point { at_mm: seen, .. }
-        | Seen::Sphere {
+    let is_finite = match &row.reading {
+        RowReading::Point { at_mm: seen, .. }
+        | RowReading::Sphere {
             offset_mm: seen, ..
         } => seen.iter().all(|number| number.is_finite()),
-        Seen::Distance { length_mm, .. } => length_mm.is_finite(),
-        Seen::Pair {
+        RowReading::Distance { length_mm, .. } => length_mm.is_finite(),
+        RowReading::Pair {
             from, length_mm, ..
-        } => stands(from) && length_mm.is_finite(),
-        Seen::Line {
+        } => has_finite_numbers(from) && length_mm.is_finite(),
+        RowReading::Line {
             direction,
             deviation_mm,
             ..
@@ -178,15 +178,15 @@ fn check_row(file: &str, row: &Row, setup: &SetUp) -> Result<(), IdentifyError> 
             .iter()
             .chain([deviation_mm])
             .all(|n| n.is_finite()),
-        Seen::Ball {
+        RowReading::Ball {
             axes, offset_mm, ..
         } => {
             let read = offset_mm.iter().flatten();
             axes.iter().chain(read).all(|number| number.is_finite())
         }
     };
-    if !is_finite || !stands(&row.stand) || !row.time.is_finite() {
-        return refuse("found a coordinate or a reading that is no finite number".to_owned());
+    if !is_finite || !has_finite_numbers(&row.pose) || !row.time.is_finite() {
+        return refuse("found a coordinate or a reading that is not a finite number".to_owned());
     }
     Ok(())
 }
@@ -207,22 +207,22 @@ pub(crate) fn refuse_units(
     const MAX_APART_SHARE: f64 = 2e-3;
     /// Maximum length in diagonals of the travels: no ballbar or tracer is longer.
     const MAX_DIAGONALS: f64 = 20.0;
-    let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
+    let nominal = |pose: &MachinePose| pose.ideal_tip_mm(machine.chain());
     // A machine with rotary axes only has arms of unknown length.
     let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
     let diagonal = diagonal.unwrap_or(f64::INFINITY);
     let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
     let mut seen = Vec::new();
     for row in rows {
-        match &row.seen {
-            Seen::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.stand))),
-            Seen::Pair {
+        match &row.reading {
+            RowReading::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.pose))),
+            RowReading::Pair {
                 from,
                 dead,
                 length_mm,
             } => {
                 let dead = &setup.numbers[*dead];
-                let expected = (nominal(&row.stand) - nominal(from)).norm();
+                let expected = (nominal(&row.pose) - nominal(from)).norm();
                 let found = length_mm + dead.value.unwrap_or_default();
                 if !dead.unknown && (found - expected).abs() > apart_mm + MAX_APART_SHARE * expected
                 {
@@ -231,7 +231,7 @@ pub(crate) fn refuse_units(
                     )));
                 }
             }
-            Seen::Distance { length_mm, .. } if *length_mm > MAX_DIAGONALS * diagonal => {
+            RowReading::Distance { length_mm, .. } if *length_mm > MAX_DIAGONALS * diagonal => {
                 return Err(table.error_at(row.line, format!(
                     "found a length of {length_mm} mm at a machine whose travels are {diagonal:.0} mm from corner to corner, expected mm: is it another unit?"
                 )));
@@ -265,7 +265,7 @@ pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine)
     const MIN_SPREAD_MM: f64 = 1.0;
     let tips = rows
         .iter()
-        .map(|row| row.stand.ideal_tip_mm(machine.chain()));
+        .map(|row| row.pose.ideal_tip_mm(machine.chain()));
     let tips: Vec<Vector3<f64>> = tips.collect();
     let count = tips.len() as f64;
     let middle = tips.iter().sum::<Vector3<f64>>() / count;

@@ -23,11 +23,11 @@ fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 
     let mut coordinates = [[f64::INFINITY, f64::NEG_INFINITY]; MAX_AXES];
     let mut tips = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
     let grow = |ends: &mut [f64; 2], at: f64| *ends = [ends[0].min(at), ends[1].max(at)];
-    for stand in rows.flat_map(Row::stands) {
-        let q = coordinates.iter_mut().zip(&stand.state.q).zip(&is_linear);
+    for pose in rows.flat_map(Row::poses) {
+        let q = coordinates.iter_mut().zip(&pose.state.q).zip(&is_linear);
         q.filter(|(_, is_linear)| **is_linear)
             .for_each(|((ends, q), _)| grow(ends, *q));
-        let tip = stand.ideal_tip_mm(machine.chain());
+        let tip = pose.ideal_tip_mm(machine.chain());
         tips.iter_mut()
             .zip(tip.iter())
             .for_each(|(ends, at)| grow(ends, *at));

@@ -11,10 +11,10 @@ use crate::{
     checks::{limit_mm, median},
     error::{FarFile, IdentifyError, at},
     fit::{Fitted, LARGEST},
-    observations::{Observations, Part, Row, Seen},
+    observations::{Observations, Part, Row, RowReading},
     params::{Param, Values},
     rank::{Rank, of_unit_length},
-    solve::squares_by_chance,
+    solve::max_squares_by_chance,
     system::{Rows, System},
 };
 
@@ -36,7 +36,7 @@ pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyEr
     if rows.len() == 0 {
         return Err(IdentifyError::NothingToFit);
     }
-    let is_pair = |row: &Row| matches!(row.seen, Seen::Pair { .. });
+    let is_pair = |row: &Row| matches!(row.reading, RowReading::Pair { .. });
     let asks_for_errors = system.params.setup() < system.params.len();
     if rows.poses().1 == 1 && !rows.iter().any(is_pair) && asks_for_errors {
         return Err(IdentifyError::AllAlike { rows: rows.len() });
@@ -138,8 +138,8 @@ pub(crate) fn refuse_target(
     }
     let targets: BTreeSet<usize> = rows
         .iter()
-        .filter_map(|row| match row.seen {
-            Seen::Point { target, .. } => target,
+        .filter_map(|row| match row.reading {
+            RowReading::Point { target, .. } => target,
             _ => None,
         })
         .collect();
@@ -186,33 +186,39 @@ pub(crate) fn inverted(
     };
     let now = left(equations.residuals.clone());
     let freedom = fitted.solution.freedom.max(1.0);
-    let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(squares_by_chance(freedom));
+    let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(max_squares_by_chance(freedom));
     let plain = system.plain_equations(rows, values, false);
     let mut notes = Vec::new();
     for (observation, own) in observations.fitted() {
-        let mut turned: Vec<Row> = own.clone().map(|row| rows.get(row).clone()).collect();
-        for row in &mut turned {
-            row.seen.turn();
+        let mut inverted_rows: Vec<Row> = own.clone().map(|row| rows.get(row).clone()).collect();
+        for row in &mut inverted_rows {
+            row.reading.invert();
         }
-        let is_same = turned
+        let is_same = inverted_rows
             .iter()
             .zip(own.clone())
-            .all(|(row, place)| row.seen == rows.get(place).seen);
+            .all(|(row, place)| row.reading == rows.get(place).reading);
         let Some(&(first, _)) = plain.places.get(own.start).filter(|_| !is_same) else {
             continue;
         };
-        let there = system.plain_equations(&system.prepare(turned.iter()), values, false);
+        let inverted_equations =
+            system.plain_equations(&system.prepare(inverted_rows.iter()), values, false);
         // Calibrated numbers of the set-up follow after the rows and do not change sign.
-        let count: usize = there.places.iter().map(|(_, count)| count).sum();
+        let count: usize = inverted_equations
+            .places
+            .iter()
+            .map(|(_, count)| count)
+            .sum();
         let mut change = DVector::zeros(plain.residuals.len());
-        let by = there.residuals.rows(0, count) - plain.residuals.rows(first, count);
+        let by = inverted_equations.residuals.rows(0, count) - plain.residuals.rows(first, count);
         change.rows_mut(first, count).copy_from(&by);
         plain.sides.eliminate_from(&mut change);
-        let then = left(&equations.residuals + change);
-        if then < good {
-            let [now, then] = [now, then].map(|squares| (squares / freedom).sqrt());
+        let squares_inverted = left(&equations.residuals + change);
+        if squares_inverted < good {
+            let [now, squares_inverted] =
+                [now, squares_inverted].map(|squares| (squares / freedom).sqrt());
             let what = format!(
-                "looks inverted: with the opposite sign of its readings {then:.1} times the stated uncertainty is left in place of {now:.1}"
+                "looks inverted: with the opposite sign of its readings, the residuals are {squares_inverted:.1} times the stated uncertainty instead of {now:.1}"
             );
             let note = Note::warning(observation.file.as_str(), what);
             notes.push(note.hint("check the sign convention of the instrument"));
@@ -229,7 +235,7 @@ pub(crate) fn times_by_file<'a>(
 ) -> Vec<(f64, &'a str)> {
     let mut files: Vec<(f64, &str)> = Vec::new();
     for (observation, own) in observations.fitted() {
-        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
+        let count: usize = own.clone().map(|row| rows.get(row).reading.count()).sum();
         let squares = own.map(|row| (residuals[row].norm() / rows.get(row).uncertainty_mm).powi(2));
         let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
         files.push((times, &observation.file));
@@ -245,25 +251,25 @@ pub(crate) fn contradiction(
     residuals: &[Vector3<f64>],
     fitted: &Fitted,
 ) -> Option<Note> {
-    const SHOWN: usize = 3;
+    const MAX_LISTED: usize = 3;
     let factor = fitted.solution.excess()?;
     let files = times_by_file(observations, rows, residuals);
     let worst: Vec<String> = files
         .iter()
-        .take(SHOWN)
+        .take(MAX_LISTED)
         .map(|(times, file)| format!("{file} {times:.1} times"))
         .collect();
     let uncertainties = if fitted.solution.counts_residuals {
-        "The uncertainties follow from what is left, and count this already".to_owned()
+        "The uncertainties follow from the residuals and include this already".to_owned()
     } else if !observations.measured.is_empty() {
-        "So does the noise of the lines, which the uncertainties count".to_owned()
+        "The noise of the lines shows it too, and the uncertainties include it".to_owned()
     } else {
         format!(
-            "The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least"
+            "The uncertainties include only the stated ones: multiply them by at least {factor:.1}"
         )
     };
     let what = format!(
-        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {uncertainties}",
+        "the residuals are {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {uncertainties}",
         worst.join(", ")
     );
     Some(Note::warning("", what))
@@ -271,11 +277,11 @@ pub(crate) fn contradiction(
 
 /// Warning if every linear axis keeps to a small part of its travel: coordinates and readings may both be in inches,
 /// and the result holds for this part only.
-pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
+pub(crate) fn small_travel(machine: &Machine, rows: &Rows) -> Option<Note> {
     const SMALL: f64 = 1.0 / 20.0;
     let mut largest: Option<(f64, AxisName, f64)> = None;
     for (place, axis) in machine.axes().iter().enumerate() {
-        let at = || rows.iter().flat_map(Row::stands).map(|s| s.state.q[place]);
+        let at = || rows.iter().flat_map(Row::poses).map(|s| s.state.q[place]);
         let moved = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
         let share = moved / (axis.travel[1] - axis.travel[0]);
         if axis.name.kind() == AxisKind::Linear
@@ -287,7 +293,7 @@ pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
     }
     let (share, name, moved) = largest.filter(|(share, ..)| *share <= SMALL)?;
     let what = format!(
-        "the rows move the linear axes over {:.1} % of their travel at the most ({name}: {moved:.1} mm): are they mm?",
+        "the rows move the linear axes over {:.1} % of their travel at most ({name}: {moved:.1} mm): are they mm?",
         100.0 * share
     );
     Some(Note::warning("", what))
@@ -295,16 +301,16 @@ pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
 
 /// Warning if there are hardly more readings than unknowns.
 pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
-    let numbers: usize = rows.iter().map(|row| row.seen.count()).sum();
+    let numbers: usize = rows.iter().map(|row| row.reading.count()).sum();
     let found = fitted.rank.kept.len();
     // Penalties reduce the effective number of unknowns, but fewer readings than unknowns are too few in any case.
     let is_few = (numbers as f64) < MIN_NUMBERS_PER_UNKNOWN * fitted.solution.degrees;
     (is_few || numbers < found).then(|| {
         let what = format!(
-            "{numbers} numbers in {} poses for {found} unknowns: they fit nearly whatever the machine is",
+            "{numbers} numbers in {} poses for {found} unknowns: they fit almost any machine",
             rows.poses().1
         );
-        Note::warning("", what).hint("observe more poses before you trust what is found")
+        Note::warning("", what).hint("observe more poses before you use the result")
     })
 }
 
@@ -326,7 +332,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
     let note = |(size, param): &(f64, usize)| {
         let is_length = system.unit_of(*param).0 == "um";
         let unit = if is_length { "mm" } else { "mrad" };
-        let what = format!("{} is found to be {size:.1} {unit}", system.name(*param));
+        let what = format!("{} was identified as {size:.1} {unit}", system.name(*param));
         Note::warning("", what).hint("check signs, units, tools and points in the machine file")
     };
     let mut notes: Vec<Note> = large.iter().take(MAX_LISTED).map(note).collect();
@@ -346,11 +352,11 @@ pub(crate) fn outliers(
     rows: &Rows,
     residuals: &[Vector3<f64>],
 ) -> Vec<Note> {
-    const SHOWN: usize = 10;
+    const MAX_LISTED: usize = 10;
     let mut notes = Vec::new();
     for (observation, own) in observations.fitted() {
         let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
-        let directions = observation.rows.iter().map(|row| row.seen.count()).max();
+        let directions = observation.rows.iter().map(|row| row.reading.count()).max();
         // Median length of a standard normal vector in one, two or three dimensions.
         let usual = match directions {
             Some(3..) => 1.538,
@@ -364,25 +370,25 @@ pub(crate) fn outliers(
         };
         let mut far: Vec<usize> = own.filter(is_far).collect();
         far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
-        for place in far.iter().take(SHOWN) {
+        for place in far.iter().take(MAX_LISTED) {
             let (row, size) = (rows.get(*place), residuals[*place].norm());
             // If the others fit exactly, there is no meaningful ratio to them.
-            let beside = if sigma > 0.01 * row.uncertainty_mm {
+            let comparison = if sigma > 0.01 * row.uncertainty_mm {
                 format!("{:.0} times what is usual in this file", size / sigma)
             } else {
                 format!("{:.0} times its uncertainty", size / row.uncertainty_mm)
             };
             let what = format!(
-                "this row is {:.1} µm from what all rows say together, {beside}: is it a slip?",
+                "this row is {:.1} µm from the fit of all rows, {comparison}: is it an outlier?",
                 1e3 * size
             );
             notes.push(
                 Note::warning(at(&observation.file, row.line), what)
-                    .hint("`robust = true` lets such rows count less"),
+                    .hint("`robust = true` reduces the weight of such rows"),
             );
         }
-        if far.len() > SHOWN {
-            let what = format!("{} more rows like these", far.len() - SHOWN);
+        if far.len() > MAX_LISTED {
+            let what = format!("{} more rows like these", far.len() - MAX_LISTED);
             notes.push(Note::warning(observation.file.as_str(), what));
         }
     }

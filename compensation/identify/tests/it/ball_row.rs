@@ -51,7 +51,7 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
     let wider = 1.002;
     assert!((value(&found, "EXX legendre 1").0 - 4.0 * wider).abs() < 1e-3);
     assert!((value(&found, "EYX legendre 2").0 + 8.0 / 3.0 * wider * wider).abs() < 1e-3);
-    // The slope of a straightness cannot be told from the tilt of the bar.
+    // The slope of a straightness is indistinguishable from the tilt of the bar.
     assert!((value(&found, "read.csv:tilt.side1").0 - 150.0).abs() < 0.01);
     assert!((value(&found, "read.csv:tilt.side2").0 - 80.0).abs() < 0.01);
     assert!(
@@ -65,7 +65,7 @@ fn positioning_and_straightness_are_found_on_a_bar_that_lies_askew() {
 const URAD: f64 = 40.0;
 
 /// Two rows across the table at ±45° as the touch probe finds them: one grows, the other shrinks, and that is squareness.
-/// On the ball at √2·a the probe stands in y by a·ε off where the row has it, along the row ε·a/√2.
+/// At the ball at √2·a the probe is off by a·ε in y, which is ε·a/√2 along the row.
 #[test]
 fn squareness_from_rows_along_both_diagonals() {
     let lab = lab();
@@ -119,7 +119,7 @@ fn a_calibrated_distance_is_one_more_observation() {
 }
 
 #[test]
-fn what_is_wrong_with_a_row_is_named() {
+fn invalid_ball_rows_are_refused() {
     const READ: &str = "X,ball,along_um\n0,A,0\n100,B,1\n200,C,2\n300,D,2\n400,E,1\n";
     let refused = |row: &str, table: &str, extra: &str| {
         let lab = lab();
@@ -129,17 +129,17 @@ fn what_is_wrong_with_a_row_is_named() {
         let found = lab.identify(&text).map(|_| ());
         found.map_err(|error| error.to_string())
     };
-    let named = |told: Result<(), String>, expected: &str| {
-        let told = told.expect_err(expected);
-        assert!(told.contains(expected), "{told}\n{expected}");
+    let named = |message: Result<(), String>, expected: &str| {
+        let message = message.expect_err(expected);
+        assert!(message.contains(expected), "{message}\n{expected}");
     };
     refused(ROW, READ, "").expect("right");
     refused(ROW, READ, "origin = [0, 0, 0]").expect("right");
     for [row, expected] in &cases(
         r"
 ball,distance_mm\nA,0\n | row.csv:1: header: found 1 balls, expected at least two
-ball,distance_mm\nA,0\nA,3\n | ball `A` stands twice
-ball,distance_mm\nA,0\nB,0\n | found 0 mm, where ball `A` is already
+ball,distance_mm\nA,0\nA,3\n | ball `A` is listed twice
+ball,distance_mm\nA,0\nB,0\n | found 0 mm, the position of ball `A`
 ball,distance_mm\nA,nan\nB,2\n | expected a finite number
 ",
     ) {
@@ -150,7 +150,7 @@ ball,distance_mm\nA,nan\nB,2\n | expected a finite number
 X,along_um\n0,1\n | expected a column `ball`
 X,ball,along_um\n0,F,1\n | read.csv:2: ball: found `F`, expected a ball of row.csv: A, B, C, D, E
 X,ball,along_um\n0,A,\n100,B,1\n | found no reading, expected at least one of
-X,ball,along_um\n0,A,0\n10,A,1\n | readings at one place of the row only
+X,ball,along_um\n0,A,0\n10,A,1\n | readings at a single position of the row
 X,ball,along_um\n0,A,0\n100,B,1\n150,C,2\n300,D,2\n400,E,1\n | read.csv:4: row: found a ball
 X,Y,ball,side1_um\n0,0,A,0\n60,80,B,1\n120,160,C,2\n180,240,D,2\n240,320,E,1\n | expected `side1 = [x, y, z]`
 ",
@@ -159,13 +159,13 @@ X,Y,ball,side1_um\n0,0,A,0\n60,80,B,1\n120,160,C,2\n180,240,D,2\n240,320,E,1\n |
     }
     for [extra, expected] in &cases(
         r"
-direction = [-1, 0, 0] | from where its distance puts it on a straight bar
+direction = [-1, 0, 0] | from its nominal position on a straight bar
 direction = [0, 0, 0] | found a zero direction
 direction = [1, 0, 0]\nside1 = [2, 0, 0] | found the direction of the row itself
 side1 = [2, 0, 0] | expected a direction across it
 judge = true | found `judge = true` without a known origin
-origin = [5, 0, 0] | origin: found an origin 5.0 mm from where the readings of the balls put it, 5.0 mm of it along the row
-origin = [0, 0, -4]\ndirection = [1, 0, 0] | found an origin 4.0 mm from where the readings of the balls put it, 0.0 mm of it along the row
+origin = [5, 0, 0] | origin: found an origin 5.0 mm from the position that the ball readings give, 5.0 mm of it along the row
+origin = [0, 0, -4]\ndirection = [1, 0, 0] | found an origin 4.0 mm from the position that the ball readings give, 0.0 mm of it along the row
 point = [1, 2, 3] | unknown key
 ",
     ) {

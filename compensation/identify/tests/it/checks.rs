@@ -1,5 +1,4 @@
-//! Files that no machine gave: another sphere, tool, sign or unit, columns in other letters. What would give wrong numbers is refused
-//! or noted.
+//! Implausible files: another sphere, tool, sign or unit, misspelt columns. Whatever would give wrong results is refused or noted.
 
 use std::fmt::Write;
 
@@ -85,7 +84,7 @@ fn far(result: Result<Identification, IdentifyError>) -> Vec<(String, usize, usi
 
 /// Signs, units, tools, offsets and names that no machine explains: a refusal that names the file, and no numbers.
 #[test]
-fn rows_that_no_machine_gave_are_refused() {
+fn implausible_rows_are_refused() {
     type Change = fn(&mut [f64; 5]);
     let changes: [(&str, f64, Change); 10] = [
         ("C counts the other way", 200.0, |at| at[3] = -at[3]),
@@ -168,7 +167,7 @@ fn rows_of_another_sphere_are_refused() {
         .map(|(file, ..)| file)
         .collect();
     assert!(files.iter().any(|file| file == "high.csv"), "{files:?}");
-    // With a name of its own it fits.
+    // With its own name it fits.
     lab.write("high.csv", &only(true).replace("S1", "S2"));
     assert!(lab.identify(&both).is_ok());
 }
@@ -221,7 +220,7 @@ fn a_shift_between_rows_is_refused() {
 
 /// One slip stays a note, and robust weights take any that is not far off.
 #[test]
-fn a_slip_does_not_refuse_a_file() {
+fn an_outlier_does_not_refuse_a_file() {
     let slip = |by: f64| {
         rows(HEADER, 200.0, |k, at, _| {
             at[0] += if k == 7 { by } else { 0.0 };
@@ -244,7 +243,7 @@ fn a_slip_does_not_refuse_a_file() {
 const HEADER: &str = "X,Y,Z,C,B,sphere";
 
 #[test]
-fn rows_of_the_machine_itself_are_taken() {
+fn rows_of_the_machine_are_accepted() {
     let found = found(&rows(HEADER, 200.0, |_, _, _| ())).expect("found");
     assert!(value(&found, "EX0C").0.abs() < 1.0);
     // Instead of a place of the tip that no ball has, one that turns about a ball.
@@ -304,7 +303,7 @@ dx_um,foo,bar | `dy_um`
         let error = found(&text).expect_err(columns).to_string();
         assert!(error.contains(expected), "{columns}: {error}");
     }
-    // A column of a tracker in another unit is told by its own name, not by that of an axis.
+    // A tracker column in another unit is named itself, not the axis of the same letter.
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", "X,Y,x mm,y mm,z_um\n1,2,3,4,5\n");
     let message =
@@ -316,12 +315,12 @@ dx_um,foo,bar | `dy_um`
 }
 
 #[test]
-fn axes_are_headed_by_their_letter_alone_or_with_the_unit() {
+fn axis_columns_may_have_a_unit() {
     let text = rows("X mm,Y_mm,Z [mm],C_deg,B (deg),sphere", 200.0, |_, _, _| ());
     let found_as_headed = found(&text).expect("found");
     assert!(value(&found_as_headed, "EX0C").0.abs() < 1.0);
     assert_eq!(crate::lab::words(&found_as_headed), "");
-    // A column `x` that nobody reads beside `X mm`: noted, not taken for X.
+    // An unused column `x` next to `X mm` is noted and not taken as X.
     let mut beside = String::new();
     for (k, line) in rows("X mm,Y,Z,C,B,sphere", 200.0, |_, _, _| ())
         .lines()
@@ -356,8 +355,8 @@ fn readings_below_their_uncertainty_are_noted() {
 }
 
 #[test]
-fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
-    // C stands still: nothing is known of its run-out.
+fn the_proposed_pose_informs_about_undetermined_errors() {
+    // C is at rest: its run-out is undetermined.
     let lab = Lab::new(MACHINE);
     let mut still = format!("{HEADER}\n");
     for b in [-60.0_f64, -30.0, 0.0, 30.0, 60.0] {
@@ -383,10 +382,10 @@ fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
     );
 }
 
-/// An R-test beside diagonals has one number in common with them, the squareness: the contradiction is small, but it goes with the
-/// sign. Two instruments that contradict each other in size are not told to count the other way.
+/// An R-test and diagonals share one unknown, the squareness: the contradiction is small, but depends on the sign. Instruments that
+/// differ only in magnitude are not reported as inverted.
 #[test]
-fn an_opposite_sign_is_named_beside_diagonals() {
+fn an_inverted_r_test_is_named() {
     use AxisName::C;
     let truth = worn(MACHINE, "EC0Y = 40.0\nEX0C = 30.0\nEY0C = -20.0\n");
     let lab = Lab::new(MACHINE);
@@ -449,9 +448,9 @@ direction = [1, 1, 0]
     assert!(!words.contains("looks inverted"), "{words}");
 }
 
-/// Everything in inches on a machine without a length of its own fits as well as in mm.
+/// On a machine without fixed lengths, everything in inches fits as well as in mm.
 #[test]
-fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
+fn rows_over_a_small_part_of_the_travel_are_noted() {
     let lab = Lab::new(
         "structure = \"w b X Y t\"\naxes = { X = { travel = [0, 600] }, Y = { travel = [0, 500] } }\ntool = { tip = [0, 0, 0] }\n",
     );
@@ -472,7 +471,7 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
         "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
     let found = lab.identify(observed).expect("found");
     let words = crate::lab::words(&found);
-    assert!(words.contains("% of their travel at the most"), "{words}");
+    assert!(words.contains("% of their travel at most"), "{words}");
     assert!(found.undecided().is_empty());
     // A judged row far off is named, too.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
@@ -513,7 +512,7 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
 
 /// Lengths between poses move the axes from the one pose to the other: only the ends to which they go lie close together.
 #[test]
-fn lengths_between_poses_over_the_travel_are_no_small_moves() {
+fn lengths_between_poses_count_as_travel() {
     let lab = Lab::new("structure = \"w b X t\"\naxes.X.travel = [-300.0, 300.0]\n");
     let said = |far: [f64; 5]| {
         let mut text = String::from("pose,X,from,to,length_mm\na,0,,,\nb,1,,,\n");
@@ -529,12 +528,9 @@ fn lengths_between_poses_over_the_travel_are_no_small_moves() {
         crate::lab::words(&lab.identify(observed).expect("found"))
     };
     let words = said([-250.0, -100.0, 100.0, 200.0, 250.0]);
-    assert!(!words.contains("of their travel at the most"), "{words}");
+    assert!(!words.contains("of their travel at most"), "{words}");
     let words = said([-5.0, -3.0, 4.0, 5.0, 6.0]);
-    assert!(
-        words.contains("1.8 % of their travel at the most"),
-        "{words}"
-    );
+    assert!(words.contains("1.8 % of their travel at most"), "{words}");
 }
 
 const HEAD_MACHINE: &str = "structure = \"w C' b X Y Z A t\"
@@ -603,7 +599,7 @@ fn lines_observed() -> String {
 /// Diagonals of which one was read the other way: this one is named, and nothing where none was. Of two that were, the
 /// contradiction remains.
 #[test]
-fn a_diagonal_with_the_opposite_sign_is_named() {
+fn an_inverted_diagonal_is_named() {
     for seed in 0..4 {
         for wrong in [&[][..], &[0], &[2], &[4], &[0, 4]] {
             let lab = Lab::new(HEAD_MACHINE);
@@ -626,7 +622,7 @@ fn a_diagonal_with_the_opposite_sign_is_named() {
 
 /// Ball rows across the table, read along and to the sides; one of three files with the indicators the other way.
 #[test]
-fn ball_rows_with_the_opposite_sign_are_named() {
+fn inverted_ball_rows_are_named() {
     let (truth, nominal) = (
         truth(),
         Machine::parse(HEAD_MACHINE, "nominal").expect("a machine"),
@@ -671,12 +667,12 @@ fn ball_rows_with_the_opposite_sign_are_named() {
             );
         }
         let found = lab.identify(&observed).expect("found");
-        let told = words(&found);
+        let message = words(&found);
         match wrong {
-            None => assert!(!told.contains("looks inverted"), "{told}"),
+            None => assert!(!message.contains("looks inverted"), "{message}"),
             Some(k) => assert!(
-                told.contains(&format!("b{k}.csv: looks inverted")),
-                "{k}: {told}"
+                message.contains(&format!("b{k}.csv: looks inverted")),
+                "{k}: {message}"
             ),
         }
     }

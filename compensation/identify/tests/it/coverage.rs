@@ -21,7 +21,7 @@ const RUNS: u32 = 500;
 /// 95 % bands hold the truth in 93 to 97 % of 500 runs; so do those of a robust fit where one number in twelve scatters ten times
 /// as much as stated.
 #[test]
-fn bands_of_95_percent_hold_the_truth_as_often() {
+fn coverage_of_95_percent_bands() {
     let truth = worn(MACHINE, "EC0Y = 20.0\nEXX = { poly = [-5.0, 0.02] }\n");
     let lab = Lab::new(MACHINE);
     // Columns and rows of poses, mm apart; the slope is 0.02 µm/mm over half of what they cover in X.
@@ -69,11 +69,11 @@ travel = [-400.0, 0.0]
 ";
 const MOTIONS: [&str; 6] = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"];
 
-/// A target beside the tip of a machine without rotary axes: tilts of X act at the target over another lever than at the tip. By
-/// how much more, the tracker cannot tell; a ruler tells it, and the uncertainty at the tip contains what it leaves open.
+/// A target away from the tip of a machine without rotary axes: tilts of X act at the target with another lever than at the tip. The
+/// tracker does not determine the difference; a ruler does, and the uncertainty at the tip includes that of the ruler.
 #[test]
 #[expect(clippy::too_many_lines, reason = "one world, from readings to bands")]
-fn bands_at_the_tip_hold_the_truth_where_a_ruler_says_where_the_target_is() {
+fn coverage_at_the_tip_with_a_ruler_measured_target() {
     const WORLDS: u32 = 100;
     const RULER_MM: f64 = 5.0;
     let target = Vector3::new(40.0, -60.0, -250.0);
@@ -86,7 +86,7 @@ fn bands_at_the_tip_hold_the_truth_where_a_ruler_says_where_the_target_is() {
         .map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from))
         .map(|[x, y, z]| [60.0 + 240.0 * x, 250.0 * y, 200.0 * z - 400.0])
         .collect();
-    // What a rigid motion of the workpiece makes of the errors is none of the machine's.
+    // A rigid motion of the workpiece is not an error of the machine.
     let mut rigid = DMatrix::zeros(81, 6);
     for (row, at) in grid.iter().enumerate() {
         for k in 0..3 {

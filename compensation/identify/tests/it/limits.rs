@@ -46,7 +46,7 @@ fn observations(lab: &Lab) -> Observations {
 
 /// C of a small machine counts the other way: half of that the sphere's place takes up, and less than 10 mm is left of it.
 #[test]
-fn an_axis_of_a_small_machine_that_counts_the_other_way_is_refused() {
+fn an_inverted_axis_of_a_small_machine_is_refused() {
     let machine = "structure = \"w C' b X Y Z t\"
 axes.X.travel = [-25.0, 25.0]
 axes.Y.travel = [-25.0, 25.0]
@@ -88,7 +88,7 @@ tip = [0.0, 0.0, -20.0]
 
 /// A gantry of 20 m whose bed is bent by 20 mm: its own errors, and no other machine.
 #[test]
-fn a_machine_of_20_m_may_miss_by_more() {
+fn limits_grow_with_a_20_m_machine() {
     let machine = "structure = \"w b X Y Z t\"
 axes.X.travel = [-10000.0, 10000.0]
 axes.Y.travel = [-2000.0, 2000.0]
@@ -128,7 +128,7 @@ uncertainty_um = 20
 }
 
 #[test]
-fn every_stated_uncertainty_has_the_same_bounds() {
+fn all_uncertainties_have_the_same_bounds() {
     let lab = lab();
     for (column, unit) in [("1e-9", "1e-9 µm"), ("1e7", "1e7 µm"), ("-3", "-3e0 µm")] {
         lab.write(
@@ -153,7 +153,7 @@ fn every_stated_uncertainty_has_the_same_bounds() {
 
 /// Its square has no end: it would become the zero vector, and the readings would count nowhere.
 #[test]
-fn a_direction_of_endless_length_is_refused() {
+fn a_direction_of_infinite_length_is_refused() {
     let lab = lab();
     lab.write("row.csv", "ball,distance_mm\nA,0\nB,100\n");
     lab.write("read.csv", "X,ball,along_um\n0,A,0\n100,B,1\n");
@@ -176,7 +176,7 @@ type Spoil = fn(&mut Observations);
 
 /// What no file can state, and a program can.
 #[test]
-fn observations_of_a_program_are_refused_in_place_of_a_panic() {
+fn invalid_observations_of_a_program_are_refused() {
     let lab = lab();
     assert!(identify(&observations(&lab), |_, _| {}).is_ok());
     let cases: [(&str, Spoil); 11] = [
@@ -206,7 +206,7 @@ fn observations_of_a_program_are_refused_in_place_of_a_panic() {
             o.setup.frames[0].value = Some([f64::NAN; 6]);
         }),
         ("t.csv:2: found a coordinate or a reading", |o| {
-            o.observations[0].rows[0].stand.state.q[0] = f64::NAN;
+            o.observations[0].rows[0].pose.state.q[0] = f64::NAN;
         }),
         ("t.csv:2: the standard uncertainty: found NaN", |o| {
             o.observations[0].rows[0].uncertainty_mm = f64::NAN;
@@ -232,12 +232,12 @@ fn observations_of_a_program_are_refused_in_place_of_a_panic() {
         .expect_err("one kind is missing")
         .to_string();
     assert!(
-        refused.contains("found 1 kinds of 2 numbers, expected one for each"),
+        refused.contains("found 1 kinds for 2 numbers, expected one for each"),
         "{refused}"
     );
 }
 
-/// Rows of a program may stand in no file and no line.
+/// Rows of a program may have no file and no line.
 #[test]
 fn a_row_without_a_line_is_named_by_its_file() {
     let lab = lab();
@@ -245,8 +245,8 @@ fn a_row_without_a_line_is_named_by_its_file() {
     for row in &mut observations.observations[0].rows {
         row.line = 0;
     }
-    if let volcomp_identify::Seen::Point { at_mm, .. } =
-        &mut observations.observations[0].rows[4].seen
+    if let volcomp_identify::RowReading::Point { at_mm, .. } =
+        &mut observations.observations[0].rows[4].reading
     {
         at_mm.x += 60.0;
     }
@@ -257,7 +257,7 @@ fn a_row_without_a_line_is_named_by_its_file() {
 }
 
 #[test]
-fn a_value_of_no_unknown_is_refused() {
+fn a_value_for_a_name_that_is_not_an_unknown_is_refused() {
     let observations = observations(&lab());
     let with = |name: &str| machine_with(&observations, &[(name.to_owned(), 3.0)]);
     assert!(with("EXX legendre 1").is_ok());

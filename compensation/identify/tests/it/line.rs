@@ -1,4 +1,4 @@
-//! Lines of sight: what offset and slope mean, and what a straight line cannot tell although its coordinates are rounded.
+//! Lines of sight: the meaning of offset and slope, and what a straight line with rounded coordinates leaves undetermined.
 
 use crate::lab::{Lab, Noise, csv, tip, value};
 
@@ -162,7 +162,7 @@ fn a_line_of_sight_that_is_oblique_to_its_rows_is_noted() {
             "{found:?}"
         );
     }
-    // Rows that lie on no line say nothing.
+    // Rows that lie on no line are not checked.
     lab.write("l.csv", &(text + "300,0,-200,1\n"));
     assert!(notes("[1, 0, 0]").is_empty());
 }

@@ -38,7 +38,7 @@ point = [10.0, 20.0, -30.0]
 ";
 
 #[test]
-fn a_ballbar_on_three_axes_is_led_where_it_was_not_yet() {
+fn a_ballbar_on_three_axes_gets_a_new_pose() {
     let lab = Lab::new(THREE_AXES);
     let (text, stood) = ballbar();
     lab.write("b.csv", &text);
@@ -60,7 +60,7 @@ fn a_ballbar_on_three_axes_is_led_where_it_was_not_yet() {
 
 /// A sphere on three axes can only be met where it was, and a step gauge has faces only where it was read.
 #[test]
-fn what_was_measured_is_not_proposed_again() {
+fn measured_poses_are_not_proposed_again() {
     let lab = Lab::new(THREE_AXES);
     lab.write("s.csv", "X,Y,Z,sphere,dx_um,dy_um,dz_um\n0,0,0,one,1,2,3\n100,0,0,two,1,2,3\n0,100,0,three,2,2,2\n100,0,0,two,2,2,2\n0,0,0,one,1,2,3\n");
     let mut gauge = String::from("pose,X,from,to,length_mm\n");
@@ -90,7 +90,7 @@ file = \"g.csv\"
 /// Of the squareness of Z to X lines in the plane of X and Y say nothing wherever they are read: the pose is then the one for
 /// what can be found.
 #[test]
-fn where_no_pose_tells_of_what_is_missing_the_surest_is_proposed() {
+fn without_an_informative_pose_the_most_reducing_one_is_proposed() {
     let lab = Lab::new(THREE_AXES);
     let rows = (0..31).map(|k| {
         let at = f64::from(k) * 10.0 - 150.0;
@@ -111,10 +111,10 @@ direction = [1, 1, 0]
     assert!(next.improvement.is_some_and(|by| by >= 1.0), "{next:?}");
 }
 
-/// Three rows more of the best kind cannot make an unknown much surer than thirty did, but what one row adds is told in full
+/// Three rows more of the best kind cannot make an unknown much surer than thirty did, but the effect of one row is reported in full
 /// though what is left is ten times the stated uncertainty: σ² counts the stated ones.
 #[test]
-fn the_improvement_is_that_of_the_stated_uncertainties() {
+fn the_improvement_follows_from_the_stated_uncertainties() {
     let lab = Lab::new("structure = \"w b X t\"\naxes = { X = { travel = [0, 1000] } }\n");
     let mut noise = Noise::new(9);
     let mut text = String::from("X,deviation_um\n");
@@ -144,8 +144,8 @@ offset = \"unknown\"
     let before = spread(&places);
     places.push(next.pose[&AxisName::X]);
     let expected = (spread(&places) / before).sqrt();
-    let told = next.improvement.expect("determined");
-    assert!((told - expected).abs() < 1e-3, "{told} {expected}");
+    let stated = next.improvement.expect("determined");
+    assert!((stated - expected).abs() < 1e-3, "{stated} {expected}");
 }
 
 /// A machine that only turns has no linear axis to bring its tip to a sphere: that was a panic.
@@ -196,13 +196,13 @@ point = [0, 0, -50]
 }
 
 /// A squareness that was seen on a small part of the travel moves the tool by far more elsewhere than curves of some hundredths
-/// of a µm that are hard to tell apart on these rows. µm and µrad are compared where they are largest.
+/// of a µm that are hard to distinguish on these rows. µm and µrad are compared where they are largest.
 #[test]
 fn errors_are_compared_by_their_largest_effect() {
     let lab = Lab::new(THREE_AXES);
     let mut noise = Noise::new(14);
     let rows = (0..40).map(|k| {
-        // Most rows at one end of X: the modes of EXX are hard to tell apart. Y keeps to 60 mm.
+        // Most rows at one end of X: the modes of EXX are hard to distinguish. Y keeps to 60 mm.
         let x = if k < 36 {
             250.0 + f64::from(k)
         } else {
@@ -281,7 +281,7 @@ fn the_tool_of_the_next_pose_is_named() {
     }
 }
 
-/// Where spheres stand on a rotary table: what the book says of it. Uncertainties of the line of C, by the effect at 300 mm.
+/// Positions of spheres on a rotary table, as in the book. Uncertainties of the line of C, by the effect at 300 mm.
 #[test]
 fn spheres_far_from_the_axis_and_at_two_heights_are_better_than_poses() {
     let lab = Lab::new(
@@ -326,9 +326,9 @@ axes.C.travel = [-360.0, 360.0]
     let far = largest(&[(240.0, 100.0)], 24);
     let two_far = largest(&[(240.0, 20.0), (240.0, 220.0)], 24);
     // As the table of the book has it.
-    let told = [near, near_more, far, two_far];
+    let stated = [near, near_more, far, two_far];
     let book = [[1.46, 2.06], [1.02, 1.44], [0.36, 0.51], [0.31, 0.51]];
-    for (found, expected) in told.iter().flatten().zip(book.iter().flatten()) {
-        assert!((found - expected).abs() < 0.006, "{told:?}");
+    for (found, expected) in stated.iter().flatten().zip(book.iter().flatten()) {
+        assert!((found - expected).abs() < 0.006, "{stated:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use volcomp_identify::{Follower, IdentifyError, Seen, identify, identify_followed};
+use volcomp_identify::{Follower, IdentifyError, RowReading, identify, identify_followed};
 use volcomp_model::Machine;
 use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName::{X, Y};
@@ -53,10 +53,10 @@ fn wrong_rows_are_refused_with_their_place() {
 X,Y,x,y,z\n1,2,3,nan,5\n |  | t.csv:2: y: found `nan`, expected a finite number
 X,Y,x,y\n1,2,3,4\n |  | expected a column `z`
 Z,x,y,z\n1,2,3,4\n |  | found a column `Z`, the structure `w b X Y t` has no axis Z
-x,y,z\n2,3,4\n |  | expected the letters of the machine's axes: X, Y
+x,y,z\n2,3,4\n |  | expected the letters of the machine axes: X, Y
 X,Y,x,y,z\n5000,2,3,4,5\n |  | t.csv:2: X: found 5000 mm, expected a position within the travel of X, 0 to 500 mm: is it another unit
 X,Y,x,y,z,tool\n1,2,3,4,5,T9\n |  | t.csv:2: tool: machine `` has no tool `T9`, expected one of: T1
-X,Y,x,y,z,order\n1,2,3,4,5,7\n1,2,3,4,5,6\n |  | t.csv:3: order: found 6 after 7, expected rising numbers
+X,Y,x,y,z,order\n1,2,3,4,5,7\n1,2,3,4,5,6\n |  | t.csv:3: order: found 6 after 7, expected increasing numbers
 X,Y,x,y,z\n |  | found no rows
 X,Y,x,y,z\n1,2,3,4,5\n | judge = true | expected a fitted observation of this kind with the same frame
 X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
@@ -70,7 +70,7 @@ X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
 
 /// Its rows would count twice, or judge what was fitted to them. One bar may lie in several places, though.
 #[test]
-fn a_row_file_that_two_observations_name_is_refused_with_both_places() {
+fn a_row_file_of_two_observations_is_refused_with_both_places() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &rows(&SQUARE, 1.0));
     for (again, extra) in [("t.csv", ""), ("./t.csv", ""), ("t.csv", "judge = true")] {
@@ -80,7 +80,7 @@ fn a_row_file_that_two_observations_name_is_refused_with_both_places() {
         assert!(
             message.starts_with(&format!("{o}:10: observation[1].file: found {again:?}"))
                 && message.contains(&format!(
-                    "which is the file of the observation at {o}:6 too, {expected}"
+                    "which is also the file of the observation at {o}:6, {expected}"
                 )),
             "{message}"
         );
@@ -113,7 +113,7 @@ fn wrong_unknowns_are_refused() {
         r#"
 "EXZ" | has no axis Z
 "EX0X" | has no effect; put a zero offset into the constant of EXX
-"EC0Y", "EC0Y" | EC0Y stands twice
+"EC0Y", "EC0Y" | EC0Y is listed twice
 { error = "EC0Y", legendre = 2 } | a location error is one number, never a curve
 { error = "EXX", fourier = 2 } | expected `legendre` or `bspline`: X is a linear axis
 { error = "EXX", legendre = 2, bspline = 5 } | found two kinds of curve
@@ -133,12 +133,12 @@ fn wrong_unknowns_are_refused() {
 }
 
 #[test]
-fn poses_that_say_nothing_are_refused() {
+fn uninformative_poses_are_refused() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &rows(&[(100.0, 100.0); 5], 1.0));
     let message = lab.refused(&points(""));
     assert!(
-        message.contains("found 5 rows that all stand at the same pose"),
+        message.contains("found 5 rows that all have the same pose"),
         "{message}"
     );
     lab.write(
@@ -147,7 +147,7 @@ fn poses_that_say_nothing_are_refused() {
     );
     let message = lab.refused(&points(""));
     assert!(
-        message.contains("t.csv:frame: the frame cannot be found"),
+        message.contains("t.csv:frame: the frame cannot be determined"),
         "{message}"
     );
     lab.write("t.csv", &rows(&SQUARE[..3], 1.0));
@@ -158,7 +158,7 @@ fn poses_that_say_nothing_are_refused() {
     let message = lab.refused(&many);
     assert!(
         message.contains("found 9 numbers in 3 poses for 19 unknowns")
-            && message.contains("determine 9 at the most"),
+            && message.contains("determine at most 9"),
         "{message}"
     );
 }
@@ -233,7 +233,7 @@ fn readings_in_another_unit_are_refused() {
 }
 
 #[test]
-fn observations_that_contradict_each_other_are_named() {
+fn contradictory_observations_are_named() {
     let lab = Lab::new(MACHINE);
     // One gauge says that X is 20 µm/m too long, the other that it is 20 µm/m too short.
     for (file, sign) in [("long.csv", -1.0), ("short.csv", 1.0), ("y.csv", 0.0)] {
@@ -266,11 +266,11 @@ fn observations_that_contradict_each_other_are_named() {
 
 /// Observations that are made by hand may speak of parts of the set-up that are not there: that was a panic.
 #[test]
-fn places_that_the_set_up_does_not_have_are_refused() {
+fn references_outside_the_set_up_are_refused() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &rows(&SQUARE, 1.0));
     let mut observations = lab.read(&points("")).expect("read");
-    if let Seen::Point { frame, .. } = &mut observations.observations[0].rows[1].seen {
+    if let RowReading::Point { frame, .. } = &mut observations.observations[0].rows[1].reading {
         *frame = 7;
     }
     let error = identify(&observations, |_, _| {}).expect_err("there is one frame");
@@ -284,7 +284,7 @@ fn places_that_the_set_up_does_not_have_are_refused() {
 
 /// What cannot follow an unknown is refused where it is made, or with the observations that do not have the unknown.
 #[test]
-fn what_cannot_follow_is_refused() {
+fn invalid_followers_are_refused() {
     let lab = Lab::new(MACHINE);
     lab.write(
         "t.csv",
@@ -333,5 +333,5 @@ fn what_cannot_follow_is_refused() {
     );
     let fitting = Follower::new(own, [machine(), machine()], 10.0).expect("right");
     let words = refused(&[fitting], &text.replace("EC0Y", "EXX"));
-    assert!(words.contains("it is none of the unknowns"), "{words}");
+    assert!(words.contains("it is not an unknown"), "{words}");
 }

@@ -11,7 +11,7 @@ axes.X.travel = [0.0, 500.0]
 axes.Y.travel = [0.0, 400.0]
 ";
 
-/// Points on a plate, with an error of the squareness of so many µrad.
+/// Points on a plate, with this squareness error, µrad.
 fn points(count: usize, squareness_urad: f64, noise_um: f64) -> String {
     let mut noise = Noise::new(31);
     let rows = (0..count).map(|k| {
@@ -44,7 +44,7 @@ fn too_few_numbers_are_noted() {
     let few = words(&lab, &square);
     assert!(few.contains("9 numbers in 3 poses for 7 unknowns"), "{few}");
     assert!(
-        few.contains("no rows were left out: 3 poses make no 10 parts"),
+        few.contains("no cross-validation: 3 poses cannot be split into 10 parts"),
         "{few}"
     );
     // A second tracker that sees one point finds nothing but itself; pooled, the numbers would be enough.
@@ -65,29 +65,29 @@ fn a_curve_that_is_dropped_is_noted() {
         "{MACHINE}\n[errors]\nEXX = {{ poly = [0.0, 0.01] }}\n"
     ));
     lab.write("t.csv", &points(30, 0.0, 1.0));
-    let told = |unknown: &str| {
+    let is_noted = |unknown: &str| {
         words(&lab, &observed(unknown, &["t.csv"]))
             .contains("the curve of EXX in the machine file is dropped")
     };
-    assert!(told(
+    assert!(is_noted(
         "unknown = [\"EC0Y\", { error = \"EXX\", legendre = 2 }]"
     ));
-    assert!(!told("unknown = [\"EC0Y\"]"));
+    assert!(!is_noted("unknown = [\"EC0Y\"]"));
 }
 
 #[test]
-fn errors_larger_than_those_of_machines_are_noted() {
+fn implausibly_large_errors_are_noted() {
     let lab = Lab::new(MACHINE);
     let square = observed("folds = 0\nunknown = [\"EC0Y\"]", &["t.csv"]);
     lab.write("t.csv", &points(30, 900.0, 1.0));
     assert_eq!(words(&lab, &square), "");
     lab.write("t.csv", &points(30, 2500.0, 1.0));
     let large = words(&lab, &square);
-    assert!(large.contains("EC0Y is found to be 2.5 mrad"), "{large}");
+    assert!(large.contains("EC0Y was identified as 2.5 mrad"), "{large}");
 }
 
-/// With penalties the covariance follows from what is left: readings of three times the stated uncertainty make it three
-/// times as large by themselves, and nobody is told to multiply once more.
+/// With penalties the covariance follows from the residuals: readings with three times the stated uncertainty make it three times as
+/// large, and no message asks to multiply again.
 #[test]
 fn uncertainties_with_penalties_are_not_multiplied_twice() {
     let lab = Lab::new(MACHINE);
@@ -109,7 +109,7 @@ fn uncertainties_with_penalties_are_not_multiplied_twice() {
                 "{words}"
             );
             assert_eq!(
-                words.contains("follow from what is left, and count this already"),
+                words.contains("follow from the residuals and include this already"),
                 noise_um > 5.0 && penalty == "auto",
                 "{words}"
             );
@@ -125,7 +125,7 @@ fn uncertainties_with_penalties_are_not_multiplied_twice() {
 
 /// `unknown = []`: nothing but the set-up is found, and the rows judge a machine file.
 #[test]
-fn a_machine_file_is_judged_on_a_set_up_of_its_own() {
+fn a_machine_file_is_validated_with_an_identified_set_up() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &points(30, 40.0, 1.0));
     let judge = observed("folds = 0\nunknown = []", &["t.csv"]);
@@ -143,7 +143,7 @@ fn a_machine_file_is_judged_on_a_set_up_of_its_own() {
     assert!(found.residual.rms_um < 2.0, "{:?}", found.residual);
 }
 
-/// A judged file that is far off throughout: its rows are no slips beside each other.
+/// A judged file that is far off throughout: its rows are not outliers among themselves.
 #[test]
 fn a_judged_file_that_is_far_off_is_noted() {
     let lab = Lab::new(MACHINE);
@@ -232,9 +232,9 @@ fn one_test_under_two_names_is_noted() {
     assert!(!twin.contains("the same content"), "{twin}");
 }
 
-/// A cell that nothing on a machine has is refused where it stands, and not another row for it; a time of any size is none.
+/// An absurd number is refused at its cell, and not another row because of it; a time may have any size.
 #[test]
-fn an_endless_number_is_refused_in_its_cell() {
+fn an_absurd_number_is_refused_at_its_cell() {
     let lab = Lab::new(MACHINE);
     let head = "folds = 0\nunknown = [\"EC0Y\"]";
     let whole = points(30, 20.0, 1.0);
@@ -268,7 +268,7 @@ fn an_endless_number_is_refused_in_its_cell() {
 
 /// Lengths that begin at one pose may rest on one reading there.
 #[test]
-fn lengths_with_a_common_pose_are_noted() {
+fn lengths_that_share_a_pose_are_noted() {
     let lab = Lab::new(MACHINE);
     let said = |pairs: &[(&str, &str, f64)]| {
         let mut text = String::from("pose,X,Y,from,to,length_mm\n");
@@ -285,10 +285,10 @@ fn lengths_with_a_common_pose_are_noted() {
         )
     };
     let apart = said(&[("a", "d", 500.0), ("b", "c", 500.0)]);
-    assert!(!apart.contains("in common"), "{apart}");
+    assert!(!apart.contains("share a pose"), "{apart}");
     let common = said(&[("a", "b", 300.0), ("c", "d", 300.0), ("a", "d", 500.0)]);
     assert!(
-        common.contains("t.csv: lengths have a pose in common, those of lines 6 and 8 first: they count as independent"),
+        common.contains("t.csv: several lengths share a pose, first those of lines 6 and 8: they count as independent"),
         "{common}"
     );
 }

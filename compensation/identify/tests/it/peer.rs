@@ -88,7 +88,7 @@ uncertainty_um = 5.0
             .parameters
             .iter()
             .find(|p| p.name == *name)
-            .expect("asked for");
+            .expect("an unknown");
         let sigma = parameter.uncertainty.expect("determined");
         let difference = (parameter.value - values[k]).abs();
         largest[0] = largest[0].max(difference / sigma);

@@ -67,7 +67,7 @@ uncertainty_um = 0.5
 const SECOND: &str = ", second = { axis = \"Z\", legendre = 2 }";
 
 #[test]
-fn a_sag_that_a_second_axis_changes_is_found() {
+fn a_sag_over_a_second_axis_is_found() {
     let truth = truth();
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &tracker(&truth, 150, 0.5));
@@ -77,7 +77,7 @@ fn a_sag_that_a_second_axis_changes_is_found() {
     let [before, after] =
         [&plain, &found].map(|found| found.left_out.expect("judged").figures.rms_um);
     assert!(before > 2.0 && after < 1.0, "{before} {after}");
-    // The machine that is written says so too, where nothing was observed: up to a shift and a turn of the whole.
+    // The identified machine agrees too where nothing was observed, apart from a rigid motion of the whole.
     let error = |machine: &Machine, y: f64, z: f64| {
         let at = [(X, 500.0), (Y, y), (Z, z)];
         1e3 * tip(machine, &at, [0.0; 3]).z - 1e3 * z
@@ -149,7 +149,7 @@ file = \"t.csv\"
     // A turn of the frame and a slope over Y are the same thing.
     let named = crate::lab::words(&found);
     assert!(
-        named.contains("× Y legendre 1 cannot be told apart"),
+        named.contains("× Y legendre 1 cannot be distinguished"),
         "{named}"
     );
 }

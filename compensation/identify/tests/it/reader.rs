@@ -1,6 +1,10 @@
 //! The reader takes any text without a panic.
 
+use std::path::Path;
+
 use proptest::prelude::*;
+use volcomp_identify::{Observations, identify};
+use volcomp_test_support::root;
 
 use crate::lab::Lab;
 
@@ -17,7 +21,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn no_table_and_no_keys_are_a_panic(
+    fn random_tables_and_keys_do_not_panic(
         rows in prop::collection::vec(prop::collection::vec(word(), 1..7), 0..8),
         kind in prop::sample::select(vec!["points", "sphere", "distance", "line", "ball-row", "other"]),
         extra in prop::sample::select(vec!["", "point = \"unknown\"", "direction = [0, 0, 0]", "direction = [1, 0, 0]\noffset = \"unknown\"", "frame = 3", "target = \"unknown\"", "drift = 2", "row = \"t.csv\"", "row = \"t.csv\"\ndirection = [1, 0, 0]"]),
@@ -39,7 +43,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn no_bytes_are_a_panic(
+    fn random_bytes_do_not_panic(
         keys in prop::collection::vec(any::<u8>(), 0..200),
         table in prop::collection::vec(any::<u8>(), 0..200),
         row in prop::collection::vec(any::<u8>(), 0..60),
@@ -78,7 +82,7 @@ fn both_tilts_of_a_squareness_are_refused() {
     for unknown in ["[\"EC0X\", \"EC0Y\"]", "[\"EC0Y\", \"EXX\", \"EC0X\"]"] {
         let message = lab.refused(&observed(unknown));
         assert!(
-            message.contains("found EC0X beside EC0Y, expected one of them")
+            message.contains("found EC0X and EC0Y, expected one of them")
                 && message.contains("the squareness of X and Y"),
             "{message}"
         );
@@ -93,20 +97,20 @@ fn an_axis_with_two_columns_is_refused() {
     let lab = Lab::new(MACHINE);
     let observed =
         "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
-    for (head, told) in [
+    for (head, expected) in [
         ("X mm,X_mm,Y", "found columns `X_mm` and `X mm`"),
         ("X_mm,X,Y", "found columns `X` and `X_mm`"),
         ("X,Y [mm],Y (mm)", "found columns `Y (mm)` and `Y [mm]`"),
     ] {
         lab.write("t.csv", &format!("{head},x,y,z\n0,0,0,0,0,0\n"));
         let message = lab.refused(observed);
-        assert!(message.contains(told), "{message}");
+        assert!(message.contains(expected), "{message}");
     }
 }
 
-/// Rows without a tool beside a machine file with several: they may be of any of them.
+/// Rows without a tool column, with several tools in the machine file: any of them may have been used.
 #[test]
-fn rows_without_a_tool_are_noted_where_there_are_several() {
+fn rows_without_a_tool_column_are_noted() {
     let rows = |tool: &str| {
         let (head, cell) = if tool.is_empty() {
             ("", String::new())
@@ -119,7 +123,7 @@ fn rows_without_a_tool_are_noted_where_there_are_several() {
     };
     let one = "[tools.short]\ntip = [0, 0, -10]\n";
     let two = "[tools.short]\ntip = [0, 0, -10]\n[tools.long]\ntip = [0, 0, -90]\n";
-    for (tools, tool, is_told) in [
+    for (tools, tool, is_noted) in [
         ("", "", false),
         (one, "", false),
         (two, "", true),
@@ -128,8 +132,53 @@ fn rows_without_a_tool_are_noted_where_there_are_several() {
         let lab = Lab::new(&format!("{MACHINE}{tools}"));
         lab.write("t.csv", &rows(tool));
         let observed = "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\n";
-        let told = lab.read(observed).expect("read").notes.join("\n");
-        let note = "t.csv: no column `tool`, so all rows are taken with the tip of `[tool]`; the machine file has the tools long, short too";
-        assert_eq!(told.contains(note), is_told, "{tools}{tool}: {told}");
+        let message = lab.read(observed).expect("read").notes.join("\n");
+        let note = "t.csv: no column `tool`, so all rows use the tip of `[tool]`; the machine file also has the tools long, short";
+        assert_eq!(message.contains(note), is_noted, "{tools}{tool}: {message}");
     }
+}
+
+/// The machine of `tests/fuzz/fuzz_targets/observations.rs`.
+const CORPUS_MACHINE: &str = "structure = \"w b X Y C t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+axes.C.travel = [-180.0, 180.0]
+";
+
+#[test]
+fn corpus_files_are_read_or_refused_by_their_names() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(root().join("tests/fuzz/corpus/observations")).expect("a folder")
+    {
+        let path = entry.expect("an entry").path();
+        let name = path
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let text = String::from_utf8_lossy(&std::fs::read(&path).expect("read")).into_owned();
+        let (keys, rows) = text.split_once("\n===\n").unwrap_or((&text, ""));
+        let read = |path: &Path| {
+            let text = if path.ends_with("machine.toml") {
+                CORPUS_MACHINE
+            } else {
+                rows
+            };
+            Ok(text.to_owned())
+        };
+        let found = Observations::parse(keys, Path::new("observations.toml"), &read);
+        assert!(
+            found.is_ok() || !name.starts_with("valid-"),
+            "{name} was refused: {found:?}"
+        );
+        assert!(
+            found.is_err() || !name.starts_with("broken-"),
+            "{name} was read"
+        );
+        if let Ok(found) = found {
+            let _ = identify(&found, |_, _| {});
+        }
+        count += 1;
+    }
+    assert!(count >= 5, "{count} files");
 }

@@ -1,4 +1,4 @@
-//! Which spheres on a table tell the run-out and the tilt of its axis, once in a turn, from the places of the spheres.
+//! Which spheres on a table separate the run-out and tilt of its axis, once per turn, from the sphere positions.
 
 use std::fmt::Write;
 
@@ -51,7 +51,7 @@ fn left(spheres: &[[f64; 3]], unknown: &[(&str, usize)]) -> Vec<(String, usize)>
 }
 
 #[test]
-fn heights_do_not_tell_the_tilts_from_the_places_of_the_spheres() {
+fn sphere_heights_do_not_separate_tilts_from_sphere_positions() {
     let errors = [("EXC", 1), ("EYC", 1), ("EZC", 2), ("EAC", 1), ("EBC", 1)];
     for (what, spheres) in [
         ("one", vec![[100.0, 0.0, 50.0]]),
@@ -82,9 +82,9 @@ fn heights_do_not_tell_the_tilts_from_the_places_of_the_spheres() {
         let [exc, eyc, ezc, eac, ebc] = left[..] else {
             panic!("{left:?}");
         };
-        // Half of each first harmonic is lost wherever the spheres stand: each brings a place of its own.
+        // Half of each first harmonic is lost for any positions of the spheres: each adds its own unknown position.
         assert_eq!([exc + eyc, eac + ebc], [2, 2], "{what}");
-        // One sphere at one height does not tell axial motion from tilt, two do.
+        // One sphere at one height does not separate axial motion from tilt, two do.
         assert_eq!(ezc > 0, spheres.len() == 1, "{what}");
     }
 }
@@ -101,7 +101,7 @@ fn a_series_from_half_a_turn_closes() {
         for k in 0..13 {
             let c = 15.0 * f64::from(k);
             let (sin, cos) = c.to_radians().sin_cos();
-            // A turn of the tip about C by so many µrad.
+            // Rotation of the tip about C, µrad.
             let turn = 25.0 * cos - 12.0 * (2.0 * c.to_radians()).sin();
             let _ = writeln!(
                 text,
@@ -136,10 +136,10 @@ fn a_series_from_half_a_turn_closes() {
     let said = crate::lab::words(&found);
     let note = said
         .lines()
-        .find(|note| note.contains("only guessed there"));
+        .find(|note| note.contains("undetermined there"));
     let note = note.expect("a note on what was not observed");
     assert!(
-        note.ends_with("observe it all the way round, or take fewer harmonics"),
+        note.ends_with("observe it over the full turn, or use fewer harmonics"),
         "{note}"
     );
 }

@@ -1,6 +1,6 @@
 //! What a penalty draws towards zero is as uncertain as the observations leave it.
 
-use volcomp_identify::{Draws, identify};
+use volcomp_identify::{MachineSampler, identify};
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{C, X, Y, Z};
@@ -127,7 +127,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
                 held.widths += uncertainty / f64::from(worlds);
             }
         }
-        let draws = Draws::new(&observations, &found).expect("draws");
+        let draws = MachineSampler::new(&observations, &found).expect("draws");
         let machines: Vec<Machine> = (0..60)
             .map(|trial| draws.machine(1, trial).expect("a machine"))
             .collect();
@@ -153,7 +153,7 @@ fn held(penalty: &str, ebx_urad: f64, worlds: u32) -> Held {
 /// Whatever the size of what a penalty may draw to zero: 95 % bands of coefficients and of places hold the truth as often as without a
 /// penalty.
 #[test]
-fn bands_hold_what_a_penalty_draws_to_zero() {
+fn bands_cover_errors_that_a_penalty_shrinks() {
     let worlds = 150_u32;
     for (penalty, ebx_urad) in [
         ("none", 10.0),
@@ -176,7 +176,7 @@ fn bands_hold_what_a_penalty_draws_to_zero() {
         for (place, count) in held.coefficients.into_iter().enumerate() {
             assert!(count >= 134, "{penalty} {ebx_urad}: {place}: {count}");
         }
-        // The observations hardly tell of EBX: its uncertainty is that of no penalty, about 10 µrad.
+        // The observations hardly determine EBX: its uncertainty is that of no penalty, about 10 µrad.
         assert!((8.5..11.0).contains(&held.widths), "{}", held.widths);
     }
 }

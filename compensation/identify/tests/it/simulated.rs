@@ -23,7 +23,7 @@ point = [0.0, 0.0, 300.0]
 tip = [0.0, 0.0, 100.0]
 ";
 
-/// Rows of a tracker whose frame lies elsewhere, with a target beside the tip.
+/// Rows of a tracker in another frame, with a target away from the tip.
 fn tracker(truth: &Machine, poses: usize, noise_um: f64) -> String {
     let mut noise = Noise::new(11);
     let rows = (0..poses).map(|_| {
@@ -76,7 +76,7 @@ target = \"unknown\"
 }
 
 /// Error motions that turn with their axis, on the workpiece side and on the tool side. The readings come from the exact model of
-/// the kinematics, which knows the frame by itself.
+/// the kinematics, which applies the frame itself.
 #[test]
 fn error_motions_that_turn_with_their_axis_are_found() {
     for (c, b) in [
@@ -126,7 +126,7 @@ target = \"unknown\"
 }
 
 #[test]
-fn what_cannot_be_told_apart_is_named_and_left_at_zero() {
+fn indistinguishable_unknowns_are_named_and_left_at_zero() {
     let truth = Machine::parse(MACHINE, "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &tracker(&truth, 30, 1.0));
@@ -150,7 +150,7 @@ target = \"unknown\"
     assert!(names.contains(&"EX0C"), "{names:?}");
     assert_eq!(found.rank, found.parameters.len() - 1);
     assert_eq!(found.score, 0.0);
-    // The constant that EXX brings is the only one: without it everything is determined.
+    // The constant of EXX is the only one: everything else is determined.
     assert_eq!(found.redundant, ["EXX constant"]);
     assert!(found.score_of_determined > 1e-4 && found.score_of_determined < 1.0);
     let left = found
@@ -168,7 +168,7 @@ target = \"unknown\"
     assert_eq!(mixed.given_zero, ["EXX constant"]);
     let words = crate::lab::words(&found);
     assert!(
-        words.contains("EXX constant cannot be told apart from") && words.contains("EX0C"),
+        words.contains("EXX constant cannot be distinguished from") && words.contains("EX0C"),
         "{words}"
     );
 }
@@ -320,7 +320,7 @@ target = \"unknown\"
 
 /// A Fourier series found over a part of a turn holds its end values beyond it, and says that it does not go round.
 #[test]
-fn a_series_over_a_part_of_a_turn_keeps_to_it() {
+fn a_series_over_a_part_of_a_turn_stays_within_it() {
     let truth = worn(
         MACHINE,
         "ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n",

@@ -34,7 +34,7 @@ const MEASUREMENTS: [(&str, &[Part]); 7] = [
 enum Part {
     /// The four body diagonals and two diagonals of each face, rotary axes at 0.
     Diagonals,
-    /// A row of balls along X, Y and Z and across each plane, read along it and to both sides; nobody knows where it lies.
+    /// A row of balls along X, Y and Z and across each plane, read along it and to both sides; its position is unknown.
     /// Rotary axes at 0.
     BallRows,
     /// A touch probe on a sphere on the table, whose centre is unknown, at many angles.
@@ -275,7 +275,7 @@ fn table() -> String {
 }
 
 #[test]
-fn the_table_of_the_book_is_what_the_equations_say() {
+fn the_table_of_the_book_matches_the_equations() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/which-measurement.md");
     let text = fs::read_to_string(&page).expect("the page");
     let (marks, found) = (["<!-- types -->\n", "<!-- end of types -->"], table());

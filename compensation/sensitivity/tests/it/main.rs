@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod formula;
-mod linearity;
 mod numbers;
 mod published;
 

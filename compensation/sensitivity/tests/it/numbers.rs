@@ -255,7 +255,7 @@ fn rayon_of<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 }
 
 #[test]
-fn what_cannot_be_judged_is_named() {
+fn invalid_poses_are_refused() {
     let chain = Chain::new("w b X t".parse().unwrap());
     let errors = terms(&chain, false, &[]);
     let none = sensitivity(&chain, &errors, &Poses::List(Vec::new()));
@@ -295,7 +295,7 @@ fn what_cannot_be_judged_is_named() {
 }
 
 #[test]
-fn columns_of_a_known_matrix() {
+fn dependence_of_a_known_matrix() {
     let matrix = DMatrix::from_row_slice(
         3,
         4,
@@ -437,7 +437,7 @@ Z = [0.0, 5.0, 0.0, 8.0, 0.0, 0.0]
     assert_eq!(moving, 10, "the errors of the file: {found:?}");
 }
 
-/// Whoever watches is told of every pose once, in whichever order the cores come, and no digit changes.
+/// Progress reports every pose once, in any order of the cores, and does not change the result.
 #[test]
 fn progress_counts_every_pose_once() {
     let machine = Machine::parse(
@@ -453,14 +453,14 @@ fn progress_counts_every_pose_once() {
         20,
     )
     .unwrap();
-    let told = std::sync::Mutex::new(Vec::new());
+    let reported = std::sync::Mutex::new(Vec::new());
     let progress = |done: usize, of: usize| {
         assert_eq!(of, 8000);
-        told.lock().unwrap().push(done);
+        reported.lock().unwrap().push(done);
     };
     let found = sensitivity_with_progress(chain, &errors, &poses, progress).unwrap();
     assert_eq!(found, sensitivity(chain, &errors, &poses).unwrap());
-    let mut done = std::mem::take(&mut *told.lock().unwrap());
+    let mut done = std::mem::take(&mut *reported.lock().unwrap());
     done.sort_unstable();
     // 8000 poses in chunks of 2048: every partial sum once, the last is all of them.
     assert_eq!(done.len(), 4);
@@ -469,7 +469,7 @@ fn progress_counts_every_pose_once() {
     let source = machine.source(&none);
     let values = effects_of_with_progress(chain, &source, &errors, &poses, progress).unwrap();
     assert_eq!(values, effects_of(chain, &source, &errors, &poses).unwrap());
-    let mut done = std::mem::take(&mut *told.lock().unwrap());
+    let mut done = std::mem::take(&mut *reported.lock().unwrap());
     done.sort_unstable();
     assert_eq!((done.len(), done.last()), (4, Some(&8000)));
 }

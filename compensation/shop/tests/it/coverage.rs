@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use volcomp_calibrate::{
     CalibrationFile, LineScatter, Location, SquarenessSource, calibrate, calibrated_machine,
 };
-use volcomp_identify::{Draws, Observations, identify};
+use volcomp_identify::{MachineSampler, Observations, identify};
 use volcomp_kinematics::{Form, State};
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Ensemble, Machine, Scatter, Temperatures, Tolerance};
@@ -470,7 +470,7 @@ fn bands_of_observations_hold_the_truth() {
             Observations::read(&folder.join("observations.toml")).expect("read back");
         observations.folds = 0;
         let found = identify(&observations, |_, _| {}).expect("identified");
-        let draws = Draws::new(&observations, &found).expect("of these observations");
+        let draws = MachineSampler::new(&observations, &found).expect("of these observations");
         let drawn = (0..TRIALS).map(|trial| draws.machine(seed, trial).expect("drawn"));
         let drawn: Vec<Machine> = drawn.collect();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use volcomp_identify::{Observations, Seen};
+use volcomp_identify::{Observations, RowReading};
 use volcomp_shop::{Shop, ShopError};
 
 /// C carries the table and lies 20 µm too far along X and −10 µm along Y; nothing else is wrong.
@@ -54,13 +54,13 @@ fn angles_alone_let_the_linear_axes_follow() {
     let rows = &found.observations[0].rows;
     assert_eq!(rows.len(), angles.len());
     for (row, c) in rows.iter().zip(angles) {
-        let [_, x, y, z] = [0, 1, 2, 3].map(|place| row.stand.state.q[place]);
-        assert!((row.stand.state.q[0].to_degrees() - c).abs() < 1e-9);
+        let [_, x, y, z] = [0, 1, 2, 3].map(|place| row.pose.state.q[place]);
+        assert!((row.pose.state.q[0].to_degrees() - c).abs() < 1e-9);
         assert!((z - 20.0).abs() < 1e-3);
         let nominal = tip(x, y, c, [0.0, 0.0]);
         assert!((nominal[0] - 150.0).abs() < 1e-3 && (nominal[1] - 50.0).abs() < 1e-3);
         let expected = tip(x, y, c, [0.020, -0.010]);
-        let Seen::Sphere { offset_mm, .. } = &row.seen else {
+        let RowReading::Sphere { offset_mm, .. } = &row.reading else {
             panic!("a sphere");
         };
         for (read, real) in offset_mm

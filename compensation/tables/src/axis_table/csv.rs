@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 use super::{
     format::Format,
     options::{WriteOptions, Written},
-    table::{AxisTable, from_edge},
+    table::{AxisTable, from_file_unit},
     text::{ExchangeError, TextFile, number, short},
 };
 
@@ -36,7 +36,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
                 "{},{},{},{},{},{}",
                 table.input,
                 table.output,
-                short(table.input_at_edge(*at), 9),
+                short(table.input_in_file_unit(*at), 9),
                 micro(forward),
                 backward.map_or_else(String::new, |value| micro(*value)),
                 u8::from(table.modulo)
@@ -95,7 +95,7 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
             number(text).ok_or_else(|| here.error(format!("`{text}`"), "a number"))
         };
         let micro = |um: f64| Displacement::from_micro(output.kind(), um).mm_or_rad();
-        let at = from_edge(input, value(position)?);
+        let at = from_file_unit(input, value(position)?);
         let forward = micro(value(forward)?);
         let backward = match row.cell(backward).text().trim() {
             "" => None,
@@ -111,12 +111,14 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
         match tables.last_mut().filter(|table| is_same(table)) {
             Some(table) => {
                 if table.positions.last().is_some_and(|last| *last >= at) {
-                    return Err(here.error("a position that does not rise", "rising positions"));
+                    return Err(
+                        here.error("a position that does not increase", "increasing positions")
+                    );
                 }
                 if table.backward.is_some() != backward.is_some() || table.modulo != modulo {
                     return Err(here.error(
-                        "another kind of row than before",
-                        "backward in every row of a table or in none, and one value of modulo",
+                        "a different kind of row than before",
+                        "`backward` in every row of a table or in none, and one value of `modulo`",
                     ));
                 }
                 table.positions.push(at);
@@ -126,8 +128,8 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
                 }
             }
             None if is_known => {
-                let found = format!("rows of {output} over {input} again");
-                return Err(here.error(found, "the rows of a table together"));
+                let found = format!("more rows of {output} over {input}");
+                return Err(here.error(found, "all rows of a table together"));
             }
             None => tables.push(AxisTable {
                 input,
@@ -140,7 +142,7 @@ fn read_file(file: &TextFile, tables: &mut Vec<AxisTable>) -> Result<(), Exchang
         }
     }
     match tables.iter().find_map(AxisTable::refusal) {
-        Some(refusal) => Err(file.at(last_line).error(refusal, "whole tables")),
+        Some(refusal) => Err(file.at(last_line).error(refusal, "complete tables")),
         None => Ok(()),
     }
 }

@@ -57,7 +57,7 @@ pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
     let names: Vec<ErrorName> = found.motions.iter().map(|(name, _)| *name).collect();
     match (1..names.len()).find(|place| names[..*place].contains(&names[*place])) {
         Some(place) => Err(ExchangeError::NoCurves(format!(
-            "found two tables that are {}, expected one for each error",
+            "found two tables of {}, expected one for each error",
             names[place]
         ))),
         None => Ok(found),

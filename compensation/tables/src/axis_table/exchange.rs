@@ -111,7 +111,7 @@ pub fn write(
         (Format::Fanuc, Content::Axes(tables)) => fanuc::write(tables, options)?,
         (Format::IsgCsv, Content::Errors(errors)) => isg_csv::write(errors, options),
         (format, _) => {
-            return Err(ExchangeError::unfit(
+            return Err(ExchangeError::not_representable(
                 format,
                 "tables",
                 "tables of another kind",
@@ -124,8 +124,10 @@ pub fn write(
             "" => "none that is not zero at its positions".to_owned(),
             notes => format!("none that it holds ({notes})"),
         };
-        let expected = "one at the least; errors that are zero at every position of a table, such as those that repeat with the step, need another --step";
-        return Err(ExchangeError::unfit(format, "tables", found, expected));
+        let expected = "at least one; errors that are zero at every position of a table, such as those with the period of the step, need another --step";
+        return Err(ExchangeError::not_representable(
+            format, "tables", found, expected,
+        ));
     }
     if !format.has_comments() {
         let facts = facts_with(format, options, &written);
@@ -174,13 +176,13 @@ pub fn read(
         Format::Fanuc => Content::Axes(fanuc::read(&files, options, &mut warnings)?),
         Format::IsgCsv => Content::Errors(isg_csv::read(&files)?),
     };
-    let of_files = |what: String| {
+    let in_files = |what: String| {
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         ExchangeError::NoCurves(format!("{}: {what}", names.join(", ")))
     };
     // The reader of component errors rejects each with its line.
     if let Some(refusal) = content.refusal() {
-        return Err(of_files(refusal));
+        return Err(in_files(refusal));
     }
     content.check_plausible(&files)?;
     let is_empty = match &content {
@@ -190,7 +192,7 @@ pub fn read(
     if is_empty {
         let last = warnings.last();
         let why = last.map_or_else(String::new, |warning| format!(" ({})", warning.text));
-        return Err(of_files(format!(
+        return Err(in_files(format!(
             "found no table, expected one of the format {format}{why}"
         )));
     }

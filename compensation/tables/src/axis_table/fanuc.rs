@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 use super::{
     format::Format,
     options::{ReadOptions, WriteOptions, Written},
-    table::{AxisTable, from_edge},
+    table::{AxisTable, from_file_unit},
     text::{ExchangeError, FilePosition, TextFile, Warning, number, short, whole},
 };
 
@@ -18,7 +18,7 @@ const DATA: u32 = 10_000;
 
 /// Content of a file: by parameter and axis, and by point.
 #[derive(Default)]
-struct Found {
+struct Records {
     axes: BTreeMap<u16, BTreeMap<u32, (String, usize)>>,
     data: BTreeMap<u32, i64>,
 }
@@ -30,7 +30,7 @@ pub(crate) fn read(
 ) -> Result<Vec<AxisTable>, ExchangeError> {
     let mut tables: Vec<AxisTable> = Vec::new();
     for file in files {
-        let mut found = Found::default();
+        let mut found = Records::default();
         for (index, line) in file.text.split(['\n', '\r']).enumerate() {
             let text = line.trim().trim_end_matches(';').trim();
             if text.is_empty() || text == "%" {
@@ -70,7 +70,7 @@ pub(crate) fn read(
 }
 
 /// Reads a record such as `N03620A1P10A2P20` or `N10000P-3`.
-fn record(here: FilePosition<'_>, text: &str, found: &mut Found) -> Result<(), ExchangeError> {
+fn record(here: FilePosition<'_>, text: &str, found: &mut Records) -> Result<(), ExchangeError> {
     let wrong = || here.error(quoted(text), "a record such as N03620A1P10 or N10000P-3");
     let rest = text.strip_prefix('N').ok_or_else(wrong)?;
     let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
@@ -214,13 +214,13 @@ impl Reader<'_> {
             let each = sums
                 .into_iter()
                 .map(|sum| 0.0 - (sum as f64 + at_reference) * magnification * self.unit);
-            each.map(|edge| from_edge(axis, edge)).collect()
+            each.map(|edge| from_file_unit(axis, edge)).collect()
         };
         let is_missing = |point: &u32| !self.data.contains_key(point);
         let missing = (first..=last).filter(is_missing).count();
         if missing > 0 {
             warnings.push(self.here.warning(format!(
-                "axis {axis}: {missing} points stand in no record: read as 0"
+                "axis {axis}: {missing} points are missing: read as 0"
             )));
         }
         let backward = match (self.text(3605).ends_with('1'), self.point(3626)) {
@@ -233,7 +233,8 @@ impl Reader<'_> {
                 ));
             }
         };
-        let at = |point: u32| from_edge(axis, interval * (f64::from(point) - f64::from(reference)));
+        let at =
+            |point: u32| from_file_unit(axis, interval * (f64::from(point) - f64::from(reference)));
         let turn = self.real(3625).unwrap_or(0.0);
         Ok(Some(AxisTable {
             input: axis,
@@ -250,10 +251,10 @@ impl Reader<'_> {
 
 const FORMAT: Format = Format::Fanuc;
 /// Maximum number of points: N10000 to N19999.
-const MOST_POINTS: usize = 10_000;
+const MAX_POINTS: usize = 10_000;
 /// Maximum magnitude of a point's value, with and without the option (from memory).
-const MOST_STEPS: i64 = 127;
-const FEW_STEPS: i64 = 7;
+const MAX_INCREMENT: i64 = 127;
+const MAX_STANDARD_INCREMENT: i64 = 7;
 
 struct Points {
     axis: u16,
@@ -268,7 +269,7 @@ struct Points {
 
 /// Data to be written.
 #[derive(Default)]
-struct Made {
+struct PitchData {
     axes: Vec<Points>,
     /// Increments by point.
     data: Vec<(u32, i64)>,
@@ -280,12 +281,12 @@ struct Made {
     offsets: Vec<String>,
 }
 
-fn unfit(
+fn not_representable(
     table: &AxisTable,
     found: impl Into<String>,
     expected: impl Into<String>,
 ) -> ExchangeError {
-    ExchangeError::unfit(FORMAT, format!("axis {}", table.input), found, expected)
+    ExchangeError::not_representable(FORMAT, format!("axis {}", table.input), found, expected)
 }
 
 pub(crate) fn write(
@@ -301,50 +302,54 @@ pub(crate) fn write(
     }
     let mut written = Written::default();
     let mut crossed = Vec::new();
-    let mut made = Made::default();
+    let mut data = PitchData::default();
     for table in tables {
         if table.is_own() {
-            made.take(table, options)?;
+            data.add_table(table, options)?;
         } else {
             crossed.push(table);
         }
     }
     let why = "pitch error compensation corrects its own axis alone";
     written.leave_out(why, &crossed);
-    if made.axes.is_empty() {
+    if data.axes.is_empty() {
         return Ok(written);
     }
-    made.axes.sort_by_key(|points| points.axis);
+    data.axes.sort_by_key(|points| points.axis);
     written.files.push(TextFile {
         name: "PITCH.TXT".to_owned(),
-        text: text(&made.axes, &made.data),
+        text: text(&data.axes, &data.data),
     });
     written.notes.push(format!(
         "detection unit {} mm or deg, magnification 1",
         short(options.detection_unit, 9)
     ));
-    if !made.offsets.is_empty() {
+    if !data.offsets.is_empty() {
         written.notes.push(format!(
             "the deviation at the reference position is taken as 0: {}",
-            made.offsets.join(", ")
+            data.offsets.join(", ")
         ));
     }
-    if !made.wide.is_empty() {
-        let names: Vec<String> = made.wide.iter().map(ToString::to_string).collect();
+    if !data.wide.is_empty() {
+        let names: Vec<String> = data.wide.iter().map(ToString::to_string).collect();
         written.notes.push(format!(
-            "steps beyond -{FEW_STEPS} to {FEW_STEPS} on {}: a control takes them by option only (from memory, unproven)",
+            "steps beyond -{MAX_STANDARD_INCREMENT} to {MAX_STANDARD_INCREMENT} on {}: a control takes them by option only (from memory, unproven)",
             names.join(", ")
         ));
     }
     Ok(written)
 }
 
-impl Made {
-    fn take(&mut self, table: &AxisTable, options: &WriteOptions) -> Result<(), ExchangeError> {
+impl PitchData {
+    fn add_table(
+        &mut self,
+        table: &AxisTable,
+        options: &WriteOptions,
+    ) -> Result<(), ExchangeError> {
         let Some(axis) = options.axes.number(table.input) else {
             let name = table.input;
             let expected = format!("its number in the control: --axis-numbers {name}=1");
-            return Err(unfit(table, "no number", expected));
+            return Err(not_representable(table, "no number", expected));
         };
         let (low, interval) = table.even(FORMAT)?;
         let count = table.positions.len();
@@ -359,23 +364,25 @@ impl Made {
         }
         let counted = |values: &[f64]| -> Result<Vec<i64>, ExchangeError> {
             let units = values.iter().map(|value| {
-                let units = (base - value) * table.output_at_edge(1.0) / options.detection_unit;
-                whole(units).ok_or_else(|| unfit(table, units.to_string(), "a smaller number"))
+                let units =
+                    (base - value) * table.output_in_file_unit(1.0) / options.detection_unit;
+                whole(units)
+                    .ok_or_else(|| not_representable(table, units.to_string(), "a smaller number"))
             });
             units.collect()
         };
         let sets = 1 + usize::from(table.backward.is_some());
-        if self.next as usize + sets * count > MOST_POINTS {
+        if self.next as usize + sets * count > MAX_POINTS {
             let found = format!("{count} points more");
-            let expected = format!("{MOST_POINTS} of all axes at the most");
-            return Err(unfit(table, found, expected));
+            let expected = format!("at most {MAX_POINTS} for all axes together");
+            return Err(not_representable(table, found, expected));
         }
-        let first = self.put(table, &counted(&table.forward)?)?;
+        let first = self.add_points(table, &counted(&table.forward)?)?;
         let last = self.next - 1;
         let mut negative = None;
         if let Some(backward) = &table.backward {
             let units = counted(backward)?;
-            negative = Some((self.put(table, &units)?, units[reference]));
+            negative = Some((self.add_points(table, &units)?, units[reference]));
         }
         self.axes.push(Points {
             axis,
@@ -394,16 +401,16 @@ impl Made {
     }
 
     /// Stores cumulative values as increments from point to point; returns the first point.
-    fn put(&mut self, table: &AxisTable, units: &[i64]) -> Result<u32, ExchangeError> {
+    fn add_points(&mut self, table: &AxisTable, units: &[i64]) -> Result<u32, ExchangeError> {
         let first = self.next;
         let steps = std::iter::once(0).chain(units.windows(2).map(|pair| pair[1] - pair[0]));
         for step in steps {
-            if step.abs() > MOST_STEPS {
+            if step.abs() > MAX_INCREMENT {
                 let found = format!("a step of {step} detection units from point to point");
-                let expected = format!("{MOST_STEPS} at the most: take a smaller step");
-                return Err(unfit(table, found, expected));
+                let expected = format!("at most {MAX_INCREMENT}: use a smaller step");
+                return Err(not_representable(table, found, expected));
             }
-            if step.abs() > FEW_STEPS && self.wide.last() != Some(&table.input) {
+            if step.abs() > MAX_STANDARD_INCREMENT && self.wide.last() != Some(&table.input) {
                 self.wide.push(table.input);
             }
             self.data.push((self.next, step));
@@ -423,7 +430,7 @@ fn reference_of(table: &AxisTable, low: f64, interval: f64) -> Result<usize, Exc
         .filter(|k| *k < count);
     reference.ok_or_else(|| {
         let high = low + interval * (count - 1) as f64;
-        unfit(
+        not_representable(
             table,
             format!("no point at machine zero, between {low} and {high}"),
             "one there, where the reference position is: --at with whole steps from 0",

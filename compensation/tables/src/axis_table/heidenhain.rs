@@ -9,12 +9,12 @@ use volcomp_vocabulary::{AxisName, Direction, brought_into};
 use super::{
     format::Format,
     options::Written,
-    table::{AxisTable, from_edge},
+    table::{AxisTable, from_file_unit},
     text::{ExchangeError, TextFile, Warning, number, signed},
 };
 
 /// Maximum number of lines of a table.
-const MOST_LINES: usize = 256;
+const MAX_LINES: usize = 256;
 /// Decimals of mm and deg, as in known files.
 const DECIMALS: usize = 4;
 
@@ -48,9 +48,9 @@ fn begin<'a>(
 }
 
 /// Content of a .cma file: the name of the table of each input axis.
-struct Assigned(Vec<(AxisName, String)>);
+struct TableAssignment(Vec<(AxisName, String)>);
 
-fn read_cma(file: &TextFile) -> Result<Assigned, ExchangeError> {
+fn read_cma(file: &TextFile) -> Result<TableAssignment, ExchangeError> {
     let all: Vec<(usize, &str)> = lines(file).collect();
     begin(file, all.first())?;
     let Some((line, head)) = all.get(1) else {
@@ -80,7 +80,7 @@ fn read_cma(file: &TextFile) -> Result<Assigned, ExchangeError> {
         let pairs = names.iter().zip(&cells).skip(2);
         let assigned = pairs
             .filter_map(|(axis, table)| Some((axis.parse().ok()?, table.to_ascii_uppercase())));
-        return Ok(Assigned(assigned.collect()));
+        return Ok(TableAssignment(assigned.collect()));
     }
     let whole = file.whole();
     Err(whole.error("no active line", "one with * in the column ACTIVE"))
@@ -108,7 +108,7 @@ pub(crate) fn read_tnc640(
 
 fn read_com(
     file: &TextFile,
-    assigned: Option<&Assigned>,
+    assigned: Option<&TableAssignment>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<AxisTable>, ExchangeError> {
     let all: Vec<(usize, &str)> = lines(file).collect();
@@ -129,7 +129,7 @@ fn read_com(
         ..
     } = head;
     if !ends {
-        warnings.push(file.whole().warning("no [END]: is it whole?"));
+        warnings.push(file.whole().warning("no [END]: is the file complete?"));
     }
     if has_backlash
         && backlash.iter().all(|value| *value == 0.0)
@@ -155,7 +155,7 @@ fn read_com(
         })
         .collect();
     match tables.iter().find_map(AxisTable::refusal) {
-        Some(refusal) => Err(file.whole().error(refusal, "a whole table")),
+        Some(refusal) => Err(file.whole().error(refusal, "a complete table")),
         None => Ok(tables),
     }
 }
@@ -164,10 +164,10 @@ fn read_com(
 fn input_of(
     file: &TextFile,
     name: &str,
-    assigned: Option<&Assigned>,
+    assigned: Option<&TableAssignment>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Option<AxisName>, ExchangeError> {
-    let Some(Assigned(pairs)) = assigned else {
+    let Some(TableAssignment(pairs)) = assigned else {
         let axis = axis_in(name).ok_or_else(|| {
             file.at(1).error(
                 format!("the table `{name}`"),
@@ -180,7 +180,7 @@ fn input_of(
     let mut pairs = pairs.iter();
     let named = pairs.find(|(_, table)| table.split('.').next() == Some(stem.as_str()));
     if named.is_none() {
-        let text = "the active line of the .CMA does not name it: left out";
+        let text = "the active line of the .CMA does not name this table: left out";
         warnings.push(file.whole().warning(text));
     }
     Ok(named.map(|(axis, _)| *axis))
@@ -266,20 +266,20 @@ fn rows_of(
             let text = cells.get(place).copied().unwrap_or("");
             number(text).ok_or_else(|| here.error(quoted(text), "a number"))
         };
-        let at = from_edge(input, cell(1)?);
+        let at = from_file_unit(input, cell(1)?);
         if rows.positions.last().is_some_and(|last| *last >= at) {
-            return Err(here.error("a position that does not rise", "rising positions"));
+            return Err(here.error("a position that does not increase", "increasing positions"));
         }
-        if rows.positions.len() == MOST_LINES {
-            return Err(here.too_many(MOST_LINES));
+        if rows.positions.len() == MAX_LINES {
+            return Err(here.too_many(MAX_LINES));
         }
         rows.positions.push(at);
         if head.has_backlash {
-            rows.backlash.push(from_edge(input, cell(2)?));
+            rows.backlash.push(from_file_unit(input, cell(2)?));
         }
         let from = if head.has_backlash { 3 } else { 2 };
         for (place, (column, output)) in rows.columns.iter_mut().zip(&head.outputs).enumerate() {
-            column.push(from_edge(*output, cell(from + place)?));
+            column.push(from_file_unit(*output, cell(from + place)?));
         }
     }
     Ok(rows)
@@ -296,7 +296,7 @@ const IN_TWO: &str = "a table over a rotary axis holds 0 to 360 deg, and its two
 
 /// Tables in the form that HEIDENHAIN controls accept.
 #[derive(Default)]
-struct Held<'a> {
+struct AcceptedTables<'a> {
     tables: Vec<Cow<'a, AxisTable>>,
     /// Axes whose tables were moved to 0 … 360 deg.
     wrapped: Vec<AxisName>,
@@ -304,32 +304,32 @@ struct Held<'a> {
     in_two: Vec<&'a AxisTable>,
 }
 
-impl<'a> Held<'a> {
+impl<'a> AcceptedTables<'a> {
     /// Converts the tables over each axis, all of them or none.
-    fn of(tables: impl IntoIterator<Item = &'a AxisTable>) -> Self {
+    fn new(tables: impl IntoIterator<Item = &'a AxisTable>) -> Self {
         let all: Vec<&AxisTable> = tables.into_iter().collect();
         let over = |input: AxisName| all.iter().copied().filter(move |of| of.input == input);
-        let mut held = Self::default();
+        let mut accepted = Self::default();
         for &table in &all {
             let input = table.input;
             if over(input).all(is_within_a_turn) {
-                held.tables.push(Cow::Borrowed(table));
+                accepted.tables.push(Cow::Borrowed(table));
             } else if !over(input).all(is_turn) {
-                held.beyond.push(table);
+                accepted.beyond.push(table);
             } else if !over(input).all(closes) {
-                held.in_two.push(table);
+                accepted.in_two.push(table);
             } else {
-                held.tables.push(Cow::Owned(wrapped(table)));
-                if !held.wrapped.contains(&input) {
-                    held.wrapped.push(input);
+                accepted.tables.push(Cow::Owned(wrapped(table)));
+                if !accepted.wrapped.contains(&input) {
+                    accepted.wrapped.push(input);
                 }
             }
         }
-        held
+        accepted
     }
 
     /// Adds notes about differences from the given tables.
-    fn tell(&self, written: &mut Written) {
+    fn add_notes(&self, written: &mut Written) {
         written.leave_out(WITHIN_A_TURN, &self.beyond);
         written.leave_out(IN_TWO, &self.in_two);
         if !self.wrapped.is_empty() {
@@ -360,12 +360,12 @@ fn is_turn(table: &AxisTable) -> bool {
 /// True if the values at both ends are equal to the last decimal of a file.
 fn closes(table: &AxisTable) -> bool {
     let half_a_digit = 0.5 * 10.0_f64.powi(-i32::try_from(DECIMALS).unwrap_or(0));
-    let mut of_both = [Some(&table.forward), table.backward.as_ref()]
+    let mut both_directions = [Some(&table.forward), table.backward.as_ref()]
         .into_iter()
         .flatten();
-    of_both.all(|values| {
+    both_directions.all(|values| {
         let ends = values.first().zip(values.last());
-        ends.is_none_or(|(a, b)| table.output_at_edge(a - b).abs() <= half_a_digit)
+        ends.is_none_or(|(a, b)| table.output_in_file_unit(a - b).abs() <= half_a_digit)
     })
 }
 
@@ -412,9 +412,9 @@ fn wrapped(table: &AxisTable) -> AxisTable {
 
 pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeError> {
     let mut written = Written::default();
-    let held = Held::of(tables);
-    held.tell(&mut written);
-    let tables = &held.tables;
+    let accepted = AcceptedTables::new(tables);
+    accepted.add_notes(&mut written);
+    let tables = &accepted.tables;
     let mut inputs: Vec<AxisName> = tables.iter().map(|table| table.input).collect();
     inputs.sort_unstable_by_key(|axis| axis.index());
     inputs.dedup();
@@ -427,17 +427,22 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
             .collect();
         of.sort_by_key(|table| table.output.index());
         for table in &of {
-            let unfit = |found: String, expected: String| {
-                ExchangeError::unfit(Format::HeidenhainTnc640, table.title(), found, expected)
+            let not_representable = |found: String, expected: String| {
+                ExchangeError::not_representable(
+                    Format::HeidenhainTnc640,
+                    table.title(),
+                    found,
+                    expected,
+                )
             };
             let count = table.positions.len();
-            if count > MOST_LINES {
-                let expected = format!("{MOST_LINES} at the most: take a larger step");
-                return Err(unfit(format!("{count} positions"), expected));
+            if count > MAX_LINES {
+                let expected = format!("at most {MAX_LINES}: use a larger step");
+                return Err(not_representable(format!("{count} positions"), expected));
             }
             if of[0].positions != table.positions {
                 let expected = format!("those of the other tables over {input}");
-                return Err(unfit("other positions".to_owned(), expected));
+                return Err(not_representable("other positions".to_owned(), expected));
             }
             if table.backward.is_some() && !table.is_own() {
                 averaged.push(format!("{} over {}", table.output, table.input));
@@ -463,14 +468,16 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
                 }
             })
             .collect();
-        for (place, at) in first.positions_at_edge().enumerate() {
+        for (place, at) in first.positions_in_file_unit().enumerate() {
             let mut cells = vec![place.to_string(), signed(at, DECIMALS)];
             if let Some((table, values)) = backlash {
-                cells.push(signed(table.output_at_edge(values[place]), DECIMALS));
+                cells.push(signed(table.output_in_file_unit(values[place]), DECIMALS));
             }
             let values = of.iter().zip(&columns);
             cells.extend(
-                values.map(|(table, column)| signed(table.output_at_edge(column[place]), DECIMALS)),
+                values.map(|(table, column)| {
+                    signed(table.output_in_file_unit(column[place]), DECIMALS)
+                }),
             );
             row(&mut text, &cells);
         }
@@ -497,7 +504,7 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
         text,
     });
     if !averaged.is_empty() {
-        written.notes.push(format!("in the mean of both directions, as a .COM has one column of values after negative motion: {}", averaged.join(", ")));
+        written.notes.push(format!("mean of both directions, because a .COM file has one column of values after negative motion: {}", averaged.join(", ")));
     }
     Ok(written)
 }

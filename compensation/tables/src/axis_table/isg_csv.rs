@@ -8,7 +8,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 use super::{
     format::Format,
     options::{WriteOptions, Written},
-    table::{ErrorTable, ErrorTables, from_edge},
+    table::{ErrorTable, ErrorTables, from_file_unit},
     text::{ExchangeError, FilePosition, TextFile, number, short},
 };
 
@@ -40,7 +40,7 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
         let names = errors.locations.iter().map(|(name, _)| name.to_string());
         let names: Vec<String> = names.collect();
         written.notes.push(format!(
-            "left out, as a place for it is not known in this format: {}",
+            "left out, because this format has no known place for it: {}",
             names.join(", ")
         ));
     }
@@ -73,7 +73,7 @@ pub(crate) fn write(errors: &ErrorTables, options: &WriteOptions) -> Written {
             let _ = writeln!(
                 text,
                 "{},{}",
-                short(first.at_edge(*at), POSITION),
+                short(first.position_in_file_unit(*at), POSITION),
                 values.join(",")
             );
         }
@@ -164,7 +164,7 @@ fn close(
         rows.iter()
             .map(move |row| row.get(place).copied().unwrap_or(0.0))
     };
-    let positions: Vec<f64> = column(0).map(|at| from_edge(axis, at)).collect();
+    let positions: Vec<f64> = column(0).map(|at| from_file_unit(axis, at)).collect();
     for (place, name) in names.into_iter().enumerate() {
         let table = ErrorTable {
             name,
@@ -172,7 +172,7 @@ fn close(
             values: column(place + 1).collect(),
         };
         if let Some(refusal) = table.refusal() {
-            return Err(here.error(refusal, "a whole table"));
+            return Err(here.error(refusal, "a complete table"));
         }
         if errors.curves.iter().any(|known| known.name == name) {
             return Err(here.error(format!("{name} a second time"), "each error once"));

@@ -7,12 +7,12 @@ use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement, bounds::is_pla
 use super::{
     format::Format,
     options::Written,
-    table::{AxisTable, from_edge},
+    table::{AxisTable, from_file_unit},
     text::{ExchangeError, TextFile, Warning, short},
 };
 
 /// Maximum number of lines of a LinuxCNC table.
-const MOST_LINES: usize = 256;
+const MAX_LINES: usize = 256;
 /// Decimals of mm (1 nm); `DECIMALS_ROTARY` those of deg.
 const DECIMALS: usize = 6;
 const DECIMALS_ROTARY: usize = 8;
@@ -38,12 +38,12 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
             continue;
         }
         let count = table.positions.len();
-        if count > MOST_LINES {
-            return Err(ExchangeError::unfit(
+        if count > MAX_LINES {
+            return Err(ExchangeError::not_representable(
                 format,
                 format!("axis {}", table.input),
                 format!("{count} positions"),
-                format!("{MOST_LINES} at the most: take a larger step"),
+                format!("at most {MAX_LINES}: use a larger step"),
             ));
         }
         let decimals = if table.input.is_rotary() {
@@ -53,12 +53,15 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
         };
         let mut text = String::new();
         let backward = table.backward.as_ref().unwrap_or(&table.forward);
-        let rows = table.positions_at_edge().zip(&table.forward).zip(backward);
+        let rows = table
+            .positions_in_file_unit()
+            .zip(&table.forward)
+            .zip(backward);
         for ((at, forward), backward) in rows {
             // Use the nominal as written, so that the difference is the exact deviation.
             let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
             let [forward, backward] = [forward, backward]
-                .map(|by| short(value(nominal, table.output_at_edge(*by)), decimals));
+                .map(|by| short(value(nominal, table.output_in_file_unit(*by)), decimals));
             // Writing to a string cannot fail.
             let _ = writeln!(text, "{} {forward} {backward}", short(nominal, decimals));
         }
@@ -66,7 +69,7 @@ pub(crate) fn write(tables: &[AxisTable], format: Format) -> Result<Written, Exc
             written.notes.push(format!(
                 "axis {}: LinuxCNC does not repeat the table; beyond {} the end value holds",
                 table.input,
-                table.positions_at_edge().last().unwrap_or(0.0)
+                table.positions_in_file_unit().last().unwrap_or(0.0)
             ));
         }
         written.files.push(TextFile {
@@ -133,20 +136,20 @@ fn read_file(
             let behind = file.text.lines().skip(index + 1);
             let rest = behind.filter(|line| scanned(line).is_some()).count();
             if !line.trim().is_empty() || rest > 0 {
-                warnings.push(here.warning(format!("LinuxCNC stops reading here, as this is no line of three numbers; {rest} lines of numbers behind it do not count")));
+                warnings.push(here.warning(format!("LinuxCNC stops reading here, because this is not a line of three numbers; {rest} lines of numbers after it are ignored")));
             }
             break;
         };
         let [nominal, forward, back] = three;
         if !three.iter().all(|x| x.abs() <= 1e9) {
-            return Err(here.error(format!("`{line}`"), "numbers that a machine has"));
+            return Err(here.error(format!("`{line}`"), "numbers in the range of a machine"));
         }
-        let at = from_edge(axis, nominal);
+        let at = from_file_unit(axis, nominal);
         if table.positions.last().is_some_and(|last| *last >= at) {
-            return Err(here.error(format!("nominal {nominal}"), "strictly rising nominals"));
+            return Err(here.error(format!("nominal {nominal}"), "strictly increasing nominals"));
         }
-        if table.positions.len() == MOST_LINES {
-            return Err(here.too_many(MOST_LINES));
+        if table.positions.len() == MAX_LINES {
+            return Err(here.too_many(MAX_LINES));
         }
         let deviations = [forward, back].map(|value| {
             let deviation = if holds_trims(format) {
@@ -154,7 +157,7 @@ fn read_file(
             } else {
                 value - nominal
             };
-            from_edge(axis, deviation)
+            from_file_unit(axis, deviation)
         });
         let implausible = (deviations.into_iter())
             .map(|deviation| Displacement::new(axis.kind(), deviation))
@@ -179,7 +182,7 @@ fn read_file(
     if table.positions.len() < 2 {
         return Err(file.whole().error(
             format!("{} lines of three numbers", table.positions.len()),
-            "2 at the least",
+            "at least 2",
         ));
     }
     if backward

@@ -19,7 +19,7 @@ use super::{
     text::ExchangeError,
 };
 
-/// A kind of error whose share of the loss is told alone.
+/// A kind of error whose share of the loss is reported separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", serde(rename_all = "lowercase"))]
@@ -35,9 +35,9 @@ pub enum Category {
     /// Errors that depend on a second coordinate.
     #[cfg_attr(feature = "schema", serde(rename = "second coordinate"))]
     SecondCoordinate,
-    /// What differs between the directions of motion.
+    /// Differences between the directions of motion.
     Reversal,
-    /// What 1 K at every sensor changes.
+    /// Effect of 1 K at every sensor.
     #[cfg_attr(feature = "schema", serde(rename = "thermal, 1 K"))]
     Thermal,
     /// All errors of rotary axes.
@@ -73,7 +73,7 @@ impl Category {
 }
 
 /// The machine with the errors of one category only; `None` if it has none.
-pub(crate) fn alone(
+pub(crate) fn with_only(
     machine: &Machine,
     category: Category,
 ) -> Result<Option<Machine>, ExchangeError> {
@@ -118,35 +118,35 @@ pub(crate) fn alone(
 }
 
 /// Maximum number of poses, each evaluated in both directions.
-const POSES: usize = 3000;
+const MAX_POSES: usize = 3000;
 /// Maximum number of positions along an axis.
-const PLACES: usize = 13;
+const MAX_POSITIONS_PER_AXIS: usize = 13;
 /// Maximum number of poses per line, separately for the midpoints between table positions and for the nodes of the machine's curves.
-const ON_LINE: usize = 400;
+const MAX_POSES_PER_LINE: usize = 400;
 /// Golden section of a line, at which the larger part is to the whole as the smaller to the larger: its multiples modulo 1 never repeat.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
-/// What is left on one axis where the tables correct.
+/// Residual error on one axis with the correction by tables.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct AxisLoss {
-    /// The corrected axis.
+    /// Corrected axis.
     pub axis: AxisName,
-    /// The unit of the numbers: `um` or `urad`.
+    /// Unit of the numbers: `um` or `urad`.
     pub unit: &'static str,
-    /// The largest correction of the model.
+    /// Maximum correction of the model.
     pub correction: f64,
-    /// The largest difference of the tables from it.
+    /// Maximum difference between the tables and the model.
     pub largest: f64,
-    /// Root of the mean square of the difference over the travel of all axes.
+    /// RMS difference over the travel of all axes.
     pub rms: f64,
-    /// Where the largest is, mm or deg.
+    /// Position of the maximum, mm or deg.
     pub at: BTreeMap<AxisName, f64>,
-    /// In which direction the axes came there; `None`: the mean of both.
+    /// Approach direction of the axes at the maximum; `None`: mean of both.
     pub direction: Option<Direction>,
 }
 
-/// What is left of one category.
+/// Residual error of one category.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct CategoryLoss {
@@ -156,11 +156,11 @@ pub struct CategoryLoss {
     pub axes: Vec<AxisLoss>,
 }
 
-/// What tables lose against the model, over the work space.
+/// Difference between tables and the model over the work space.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Loss {
-    /// At how many poses, each in both directions.
+    /// Number of poses, each in both directions.
     pub poses: usize,
     /// All errors together, for each corrected axis.
     pub axes: Vec<AxisLoss>,
@@ -169,14 +169,14 @@ pub struct Loss {
 }
 
 /// The correction applied by a control that holds such tables.
-enum Held {
+enum ControlModel {
     Content(Content),
     /// The control evaluates its component errors as the model does.
     Machine(Box<Machine>),
 }
 
 /// How tables are made, and the poses at which they are compared.
-struct Trial<'a> {
+struct Comparison<'a> {
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
     write: &'a WriteOptions,
@@ -213,21 +213,21 @@ pub fn loss(
         .filter(|place| correctors.contains(*place))
         .collect();
     outputs.sort_by_key(|&place| machine.axes()[place].name.index());
-    let trial = Trial {
+    let comparison = Comparison {
         temperatures,
         options,
         write,
         format,
         correction,
         outputs,
-        spread: spread(machine),
-        likely: likely(machine, options, format)?,
+        spread: spread_poses(machine),
+        likely: worst_case_poses(machine, options, format)?,
     };
     let directions = Direction::BOTH.map(Some);
-    let held = trial.held(machine)?;
-    let model = |state: &State| trial.model(machine, temperatures, state);
-    let control = |state: &State| trial.control(machine, held.as_ref(), state);
-    let axes = trial.compare(machine, &directions, &model, &control);
+    let held_model = comparison.held_model(machine)?;
+    let model = |state: &State| comparison.model(machine, temperatures, state);
+    let control = |state: &State| comparison.control(machine, held_model.as_ref(), state);
+    let axes = comparison.compare(machine, &directions, &model, &control);
     let mut categories = Vec::new();
     for category in Category::ALL {
         let axes = match category {
@@ -246,7 +246,7 @@ pub fn loss(
                     );
                     PerAxis::from_fn(|place| here[place] - mean[place])
                 };
-                trial.compare(
+                comparison.compare(
                     machine,
                     &directions,
                     &|state| added(&model, state),
@@ -258,28 +258,28 @@ pub fn loss(
                     continue;
                 };
                 let change = |state: &State| {
-                    let (now, then) = (model(state), trial.model(machine, &warmer, state));
+                    let (now, then) = (model(state), comparison.model(machine, &warmer, state));
                     PerAxis::from_fn(|place| then[place] - now[place])
                 };
-                trial.compare(machine, &[None], &change, &|_| PerAxis::ZERO)
+                comparison.compare(machine, &[None], &change, &|_| PerAxis::ZERO)
             }
             _ => {
-                let Some(alone) = alone(machine, category)? else {
+                let Some(machine_of_category) = with_only(machine, category)? else {
                     continue;
                 };
-                let held = trial.held(&alone)?;
-                trial.compare(
+                let held_model = comparison.held_model(&machine_of_category)?;
+                comparison.compare(
                     machine,
                     &[None],
-                    &|state| trial.model(&alone, temperatures, state),
-                    &|state| trial.control(&alone, held.as_ref(), state),
+                    &|state| comparison.model(&machine_of_category, temperatures, state),
+                    &|state| comparison.control(&machine_of_category, held_model.as_ref(), state),
                 )
             }
         };
         categories.push(CategoryLoss { category, axes });
     }
     Ok(Loss {
-        poses: trial.spread.len() + trial.likely.len(),
+        poses: comparison.spread.len() + comparison.likely.len(),
         axes,
         categories,
     })
@@ -287,11 +287,13 @@ pub fn loss(
 
 /// Poses over the travel of all axes. Between the ends the spacing is uneven: even spacing would coincide with table positions, and with
 /// the zeros of a periodic error.
-fn spread(machine: &Machine) -> Vec<State> {
+fn spread_poses(machine: &Machine) -> Vec<State> {
     let axes = machine.axes();
-    let count = (1..=PLACES).rev().find(|count| {
+    let count = (1..=MAX_POSITIONS_PER_AXIS).rev().find(|count| {
         let power = u32::try_from(axes.len()).unwrap_or(u32::MAX);
-        count.checked_pow(power).is_some_and(|poses| poses <= POSES)
+        count
+            .checked_pow(power)
+            .is_some_and(|poses| poses <= MAX_POSES)
     });
     let count = count.unwrap_or(1);
     let mut poses = vec![State::default()];
@@ -306,7 +308,11 @@ fn spread(machine: &Machine) -> Vec<State> {
         }
         poses = poses
             .iter()
-            .flat_map(|pose| nodes.iter().map(move |at| placed(pose, axis, index, *at)))
+            .flat_map(|pose| {
+                nodes
+                    .iter()
+                    .map(move |at| with_coordinate(pose, axis, index, *at))
+            })
             .collect();
     }
     poses
@@ -314,7 +320,7 @@ fn spread(machine: &Machine) -> Vec<State> {
 
 /// Poses along each axis, with the others at the reference position of the tables and at the farther end of their travels: midpoints
 /// between table positions, and nodes of the machine's curves.
-fn likely(
+fn worst_case_poses(
     machine: &Machine,
     options: &TableOptions,
     format: Format,
@@ -325,7 +331,7 @@ fn likely(
     let far = far.fold(stand, |state, (index, (axis, (_, at)))| {
         let [low, high] = axis.travel;
         let farther = if at - low > high - at { low } else { high };
-        placed(&state, axis, index, farther)
+        with_coordinate(&state, axis, index, farther)
     });
     let tables = positions(machine, options, format)?;
     let curves = machine.places();
@@ -334,23 +340,23 @@ fn likely(
         (machine.axes().iter().zip(tables.iter().zip(&curves))).enumerate()
     {
         // Nodes of a turn may extend beyond the travel: there the machine is at the equivalent position within it.
-        let turned = |at: f64| match axis.modulo {
+        let wrapped = |at: f64| match axis.modulo {
             Some(period) => brought_into(axis.travel, period, at),
             None => at,
         };
         let middles = nodes
             .windows(2)
-            .map(|pair| turned(f64::midpoint(pair[0], pair[1])))
+            .map(|pair| wrapped(f64::midpoint(pair[0], pair[1])))
             .filter(|at| axis.contains(*at));
         let middles: Vec<f64> = middles.collect();
         for at in thinned(&middles).chain(thinned(places)) {
-            poses.extend([stand, far].map(|state| placed(&state, axis, index, at)));
+            poses.extend([stand, far].map(|state| with_coordinate(&state, axis, index, at)));
         }
     }
     Ok(poses)
 }
 
-fn placed(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
+fn with_coordinate(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
     let mut pose = *pose;
     pose.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
     pose
@@ -358,7 +364,7 @@ fn placed(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
 
 /// Thins out positions. The stride is odd, so that all phases of a period of 16 or more positions are covered.
 fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
-    let step = places.len().div_ceil(ON_LINE).max(1) | 1;
+    let step = places.len().div_ceil(MAX_POSES_PER_LINE).max(1) | 1;
     places.iter().copied().step_by(step)
 }
 
@@ -382,14 +388,16 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
     (!sensors.is_empty()).then(|| warmer.collect())
 }
 
-impl Trial<'_> {
+impl Comparison<'_> {
     /// The correction of the control, from the files read back; `None` if the format holds nothing of this machine.
-    fn held(&self, machine: &Machine) -> Result<Option<Held>, ExchangeError> {
+    fn held_model(&self, machine: &Machine) -> Result<Option<ControlModel>, ExchangeError> {
         let content = sampled(machine, self.temperatures, self.options, self.format)?;
         let files = match write(self.format, &content, self.write) {
             Ok(written) => written.files,
             // The format holds none of these errors: nothing is corrected.
-            Err(ExchangeError::Unfit { what, .. }) if what == "tables" => return Ok(None),
+            Err(ExchangeError::NotRepresentable { what, .. }) if what == "tables" => {
+                return Ok(None);
+            }
             Err(other) => return Err(other),
         };
         let options = ReadOptions {
@@ -399,7 +407,7 @@ impl Trial<'_> {
         };
         let content = read(self.format, &files, &options)?.content;
         let Content::Errors(_) = &content else {
-            return Ok(Some(Held::Content(content)));
+            return Ok(Some(ControlModel::Content(content)));
         };
         let mut copy = machine.clone();
         copy.clear_errors();
@@ -411,7 +419,7 @@ impl Trial<'_> {
         for (name, value) in curves.locations {
             copy.set_location(name, value)?;
         }
-        Ok(Some(Held::Machine(Box::new(copy))))
+        Ok(Some(ControlModel::Machine(Box::new(copy))))
     }
 
     fn model(&self, machine: &Machine, temperatures: &Temperatures, state: &State) -> PerAxis<f64> {
@@ -420,7 +428,12 @@ impl Trial<'_> {
             .delta
     }
 
-    fn control(&self, machine: &Machine, held: Option<&Held>, state: &State) -> PerAxis<f64> {
+    fn control(
+        &self,
+        machine: &Machine,
+        held_model: Option<&ControlModel>,
+        state: &State,
+    ) -> PerAxis<f64> {
         let axes = machine.axes();
         let index = |name: AxisName| {
             axes.iter()
@@ -433,12 +446,12 @@ impl Trial<'_> {
                 *place -= deviation;
             }
         };
-        match held {
-            None | Some(Held::Content(Content::Errors(_))) => {}
-            Some(Held::Machine(machine)) => {
+        match held_model {
+            None | Some(ControlModel::Content(Content::Errors(_))) => {}
+            Some(ControlModel::Machine(machine)) => {
                 return self.model(machine, &Temperatures::new(), state);
             }
-            Some(Held::Content(Content::Axes(tables))) => {
+            Some(ControlModel::Content(Content::Axes(tables))) => {
                 for table in tables {
                     let place = index(table.input);
                     let at = state.q.0.get(place).copied().unwrap_or(0.0);
@@ -479,12 +492,12 @@ impl Trial<'_> {
                     q: pose.q,
                     approach: PerAxis([direction; MAX_AXES]),
                 };
-                let (wanted, given) = (model(&state), control(&state));
+                let (expected, applied) = (model(&state), control(&state));
                 for (found, &place) in found.iter_mut().zip(&self.outputs) {
                     let kind = found.axis.kind();
                     let micro = |of: f64| Displacement::new(kind, of).um_or_urad().abs();
-                    let difference = micro(wanted[place] - given[place]);
-                    found.correction = found.correction.max(micro(wanted[place]));
+                    let difference = micro(expected[place] - applied[place]);
+                    found.correction = found.correction.max(micro(expected[place]));
                     found.rms += counts * difference * difference;
                     if difference > found.largest || found.at.is_empty() {
                         found.largest = difference;
@@ -503,9 +516,9 @@ impl Trial<'_> {
                 }
             }
         }
-        let looks = (self.spread.len() * directions.len()).max(1) as f64;
+        let evaluations = (self.spread.len() * directions.len()).max(1) as f64;
         for found in &mut found {
-            found.rms = (found.rms / looks).sqrt();
+            found.rms = (found.rms / evaluations).sqrt();
         }
         found
     }

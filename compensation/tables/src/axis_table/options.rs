@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
     format::Format,
-    table::{AxisTable, Content, from_edge},
+    table::{AxisTable, Content, from_file_unit},
     text::{TextFile, short},
 };
 
@@ -88,7 +88,7 @@ pub struct Facts {
 }
 
 /// Maximum deviation at the reference position that is not reported, mm or rad.
-const NO_MOVE: f64 = 1e-6;
+const NEGLIGIBLE_DEVIATION: f64 = 1e-6;
 
 impl Facts {
     /// Facts of a machine with its axes at a reference position.
@@ -107,14 +107,19 @@ impl Facts {
         let Content::Axes(tables) = content else {
             return self.clone();
         };
-        let there = |table: &AxisTable| {
+        let at_reference = |table: &AxisTable| {
             let at = self.at.iter().find(|(name, _)| *name == table.input);
-            let at = from_edge(table.input, at.map_or(0.0, |(_, at)| *at));
+            let at = from_file_unit(table.input, at.map_or(0.0, |(_, at)| *at));
             (table.input, table.deviation(at, None))
         };
-        let own = tables.iter().filter(|table| table.is_own()).map(there);
+        let own = tables
+            .iter()
+            .filter(|table| table.is_own())
+            .map(at_reference);
         Self {
-            own_at_reference: own.filter(|(_, by)| by.abs() > NO_MOVE).collect(),
+            own_at_reference: own
+                .filter(|(_, by)| by.abs() > NEGLIGIBLE_DEVIATION)
+                .collect(),
             ..self.clone()
         }
     }
@@ -315,7 +320,7 @@ impl Written {
             .map(|table| format!("{} over {}", table.output, table.input));
         let names: Vec<String> = names.collect();
         self.notes
-            .push(format!("left out, as {why}: {}", names.join(", ")));
+            .push(format!("left out, because {why}: {}", names.join(", ")));
         let pairs = tables.iter().map(|table| (table.output, table.input));
         self.left_out.extend(pairs);
     }

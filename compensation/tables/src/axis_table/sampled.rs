@@ -8,12 +8,12 @@ use volcomp_vocabulary::{
 
 use super::{
     format::Format,
-    table::{AxisTable, Content, ErrorTable, ErrorTables, NOTHING, from_edge},
+    table::{AxisTable, Content, ErrorTable, ErrorTables, ZERO_BELOW, from_file_unit},
     text::ExchangeError,
 };
 
 /// Maximum number of nodes along an axis.
-const MOST_NODES: f64 = 10_000.0;
+const MAX_NODES: f64 = 10_000.0;
 
 /// Options for computing tables from a machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +68,7 @@ impl TableOptions {
 /// Samples a machine as tables of this format, at these temperatures and with its current tool.
 ///
 /// Axis tables: on every line through the reference position the sum of the tables equals the model's correction at the nodes. A table of
-/// one axis over another is zero at the reference position, in the mean of both directions.
+/// one axis over another is zero at the reference position, as the mean of both directions.
 ///
 /// # Errors
 /// A step is not a positive number or does not divide a turn; a reference position is beyond the travel or, for an axis with modulo, not at
@@ -176,10 +176,10 @@ impl Lines<'_> {
         } else {
             ("--step", self.options.step_mm)
         };
-        if (high - low) / step > MOST_NODES {
+        if (high - low) / step > MAX_NODES {
             let what = format!("{option}, axis {}", axis.name);
             let travel = high - low;
-            let expected = format!("a travel of {travel} in {MOST_NODES} steps at the most");
+            let expected = format!("a travel of {travel} in at most {MAX_NODES} steps");
             return Err(ExchangeError::option(what, &step, expected));
         }
         if let Some(period) = axis.modulo {
@@ -192,7 +192,7 @@ impl Lines<'_> {
             #[expect(
                 clippy::cast_possible_truncation,
                 clippy::cast_sign_loss,
-                reason = "below MOST_NODES"
+                reason = "below MAX_NODES"
             )]
             let parts = parts as u32;
             let first = low + self.first_beyond(axis, index, step)?;
@@ -203,7 +203,7 @@ impl Lines<'_> {
         let at = Displacement::new(axis.name.kind(), self.reference.q[index]).mm_or_deg();
         let whole = |length: f64| (length / step - 1e-9).ceil().max(0.0);
         let (below, above) = (whole(at - low), whole(high - at));
-        #[expect(clippy::cast_possible_truncation, reason = "below MOST_NODES")]
+        #[expect(clippy::cast_possible_truncation, reason = "below MAX_NODES")]
         let (first, last) = (-(below as i32), above as i32);
         let last = if first == last { last + 1 } else { last };
         let within = |node: f64| node >= low - 1e-9 && node <= high + 1e-9;
@@ -279,7 +279,7 @@ impl Lines<'_> {
                         }
                         _ => at,
                     };
-                    state.q[input] = from_edge(axis.name, at);
+                    state.q[input] = from_file_unit(axis.name, at);
                     state.approach[input] = Some(direction);
                     correction(&state).0
                 };
@@ -301,7 +301,7 @@ impl Lines<'_> {
                     found.iter().map(of).collect()
                 };
                 let (mut forward, mut backward) = (values(&forward), values(&backward));
-                let differ = |(a, b): (&f64, &f64)| (a - b).abs() > NOTHING;
+                let differ = |(a, b): (&f64, &f64)| (a - b).abs() > ZERO_BELOW;
                 let has_reversal = forward.iter().zip(&backward).any(differ);
                 if axis.modulo.is_some() {
                     close(&mut forward);
@@ -315,7 +315,7 @@ impl Lines<'_> {
                     backward: has_reversal.then_some(backward),
                     modulo: axis.modulo.is_some(),
                 };
-                if !table.is_nothing() {
+                if !table.is_zero() {
                     tables.push(table);
                 }
             }
@@ -331,7 +331,7 @@ impl Lines<'_> {
             let nodes = self.nodes(axis, index)?;
             let of = |at: f64| {
                 let mut state = self.reference;
-                state.q[index] = from_edge(axis.name, at);
+                state.q[index] = from_file_unit(axis.name, at);
                 let motion = source.error_motion(index, &state);
                 let (linear, angular) = (motion.linear_mm, motion.angular_rad);
                 [
@@ -368,7 +368,7 @@ impl Lines<'_> {
 
 /// Positions of nodes, mm or rad.
 fn positions_of(axis: &Axis, nodes: &[Node]) -> Vec<f64> {
-    let at = |node: &Node| from_edge(axis.name, node.at());
+    let at = |node: &Node| from_file_unit(axis.name, node.at());
     nodes.iter().map(at).collect()
 }
 

@@ -9,7 +9,7 @@ use volcomp_vocabulary::AxisName;
 use super::{
     format::Format,
     options::{AxisNumbers, ReadOptions, WriteOptions, Written, numbers_in},
-    table::{AxisTable, from_edge, interpolated},
+    table::{AxisTable, from_file_unit, interpolated},
     text::{ExchangeError, FilePosition, TextFile, Warning, fixed, number, short},
 };
 
@@ -18,12 +18,12 @@ pub(crate) fn read(
     options: &ReadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<AxisTable>, ExchangeError> {
-    let mut found = Found::default();
+    let mut found = Statements::default();
     for file in files {
         found.take(file, warnings)?;
     }
     let stated = AxisNumbers::stated(std::mem::take(&mut found.stated)).unwrap_or_default();
-    let names = Names {
+    let names = AxisNames {
         options: &options.axes,
         stated,
         numbered: RefCell::default(),
@@ -35,14 +35,14 @@ pub(crate) fn read(
 }
 
 /// Axis names in the files.
-struct Names<'a> {
+struct AxisNames<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
     /// Machine axes with a letter and a number (X1) so far.
     numbered: RefCell<BTreeMap<AxisName, String>>,
 }
 
-impl Names<'_> {
+impl AxisNames<'_> {
     fn axis(&self, here: FilePosition<'_>, name: &str) -> Result<AxisName, ExchangeError> {
         let bare = name.trim_matches(['(', ')', ' ']).to_ascii_uppercase();
         if let Ok(axis) = bare.parse() {
@@ -56,7 +56,7 @@ impl Names<'_> {
             if *other == bare {
                 return Ok(axis);
             }
-            let found = format!("axis `{bare}` besides `{other}`");
+            let found = format!("axis `{bare}` in addition to `{other}`");
             return Err(here.error(found, "one machine axis of each letter"));
         }
         let number = bare.strip_prefix("AX").and_then(|n| n.parse().ok());
@@ -71,8 +71,8 @@ impl Names<'_> {
 }
 
 fn leadscrews(
-    found: &Found<'_>,
-    names: &Names<'_>,
+    found: &Statements<'_>,
+    names: &AxisNames<'_>,
     encoder: Option<u8>,
     tables: &mut Vec<AxisTable>,
     warnings: &mut Vec<Warning>,
@@ -88,7 +88,7 @@ fn leadscrews(
         };
         let axis = names.axis(parameters.last, axis)?;
         let table = points.table(axis, axis);
-        if encoder.is_none() && table.is_nothing() {
+        if encoder.is_none() && table.is_zero() {
             continue;
         }
         if seen.contains(&axis) {
@@ -103,8 +103,8 @@ fn leadscrews(
 }
 
 fn cross(
-    found: &Found<'_>,
-    names: &Names<'_>,
+    found: &Statements<'_>,
+    names: &AxisNames<'_>,
     tables: &mut Vec<AxisTable>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), ExchangeError> {
@@ -216,7 +216,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
     if !(name.starts_with("$AN_CEC") || name.starts_with("$AA_ENC_COMP")) {
         return Ok(Statement::Other(name.to_owned()));
     }
-    let (index, rest) = rest.split_once(']').ok_or("a `]` behind the index")?;
+    let (index, rest) = rest.split_once(']').ok_or("a `]` after the index")?;
     let index = index
         .split([',', '.'])
         .map(|part| part.trim().to_owned())
@@ -236,7 +236,7 @@ fn statement(line: &str) -> Result<Statement, &'static str> {
             let is_name =
                 !bare.is_empty() && bare.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
             if !is_name || bare.as_bytes()[0].is_ascii_digit() {
-                return Err("a number, or an axis in brackets, behind the index");
+                return Err("a number, or an axis in brackets, after the index");
             }
             Value::Axis(bare.to_owned())
         }
@@ -316,14 +316,14 @@ impl<'a> Parameters<'a> {
 
 /// Content of all files.
 #[derive(Default)]
-struct Found<'a> {
+struct Statements<'a> {
     cec: BTreeMap<u32, Parameters<'a>>,
     enc: BTreeMap<(u32, String), Parameters<'a>>,
     /// Axis numbers stated in a header written by volcomp.
     stated: Vec<(AxisName, u16)>,
 }
 
-impl<'a> Found<'a> {
+impl<'a> Statements<'a> {
     /// Adds the axis numbers stated in a comment.
     fn stated_in(&mut self, comment: &str) {
         for pair in numbers_in(comment).unwrap_or_default() {
@@ -343,13 +343,13 @@ impl<'a> Found<'a> {
             let here = file.at(index + 1);
             let (text, comment) = whole.split_once(';').unwrap_or((whole, ""));
             self.stated_in(comment);
-            let said = statement(text);
-            match said.map_err(|expected| here.error(quoted(text.trim()), expected))? {
+            let parsed = statement(text);
+            match parsed.map_err(|expected| here.error(quoted(text.trim()), expected))? {
                 Statement::Metric => is_metric = true,
                 Statement::Inch => return Err(here.error("INCH", "METRIC")),
                 Statement::Nothing => {}
                 Statement::Other(name) => {
-                    let text = format!("`{name}` is no part of a compensation table: passed over");
+                    let text = format!("`{name}` is not part of a compensation table: ignored");
                     warnings.push(here.warning(text));
                 }
                 Statement::Set {
@@ -361,7 +361,7 @@ impl<'a> Found<'a> {
                     if !has_equals && !has_equals_warning {
                         has_equals_warning = true;
                         warnings.push(here.warning(
-                            "found no `=`: read as if it stood there; a control refuses it",
+                            "found no `=`: read as if it were there; a control rejects it",
                         ));
                     }
                     self.set(here, (&name, &index), value)?;
@@ -369,7 +369,7 @@ impl<'a> Found<'a> {
             }
         }
         if !is_metric {
-            let text = "METRIC does not stand in it: taken as mm";
+            let text = "METRIC is missing: read as mm";
             warnings.push(file.whole().warning(text));
         }
         Ok(())
@@ -424,7 +424,7 @@ impl<'a> Found<'a> {
 }
 
 /// Maximum number of points of a table.
-const MOST_POINTS: f64 = 100_000.0;
+const MAX_POINTS: f64 = 100_000.0;
 
 /// Points of a table: positions in mm or deg, values as stated; `None` if undefined.
 struct Points {
@@ -461,11 +461,12 @@ fn extent(
     };
     if step < 0.0
         || max < min
-        || (max - min) / step > MOST_POINTS
+        || (max - min) / step > MAX_POINTS
         || (max > min && (max - min) / step < 1e-3)
     {
         let found = format!("{name} from {min} to {max} in steps of {step}");
-        let expected = "a step above 0, MAX above MIN, and points that a control has";
+        let expected =
+            "a step above 0, MAX above MIN, and a number of points that a control can have";
         return Err(here.error(found, expected));
     }
     if max == min {
@@ -478,7 +479,7 @@ fn extent(
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
-        reason = "above 0, MOST_POINTS at the most"
+        reason = "above 0, at most MAX_POINTS"
     )]
     let last = if is_whole {
         parts.round()
@@ -515,7 +516,7 @@ fn points(
     for point in 0..=last {
         let Some(value) = parameters.values.get(&point) else {
             let found = format!("{name} without point {point}");
-            let expected = format!("points 0 to {last}: what the control holds there is not known");
+            let expected = format!("points 0 to {last}: the value of the control there is unknown");
             return Err(here.error(found, expected));
         };
         positions.push(min + step * f64::from(point));
@@ -524,8 +525,8 @@ fn points(
     if !is_whole {
         let beyond = min + step * f64::from(last);
         warnings.push(here.warning(format!(
-                "{name}: (MAX - MIN) / STEP is {}, no whole number. Point {last} is taken to stand at {beyond}, and the value at MAX = {max} \
-                 is held from there on; whoever made it may have meant point {last} to stand at {max}",
+                "{name}: (MAX - MIN) / STEP is {}, no whole number. Point {last} is read as being at {beyond}, and the value at MAX = {max} \
+                 applies beyond it; the author may have meant point {last} to be at {max}",
                 (max - min) / step
             )));
         let at_end = interpolated(&positions, &values, max);
@@ -538,7 +539,7 @@ fn points(
     let unused = behind.filter(|(_, value)| **value != 0.0).count();
     if unused > 0 {
         warnings.push(here.warning(format!(
-            "{name}: {unused} values behind point {last} are not 0, and are not used"
+            "{name}: {unused} values after point {last} are not 0, and are not used"
         )));
     }
     let modulo = match parameters.number("_IS_MODULO").unwrap_or(0.0) {
@@ -564,16 +565,19 @@ impl Points {
         AxisTable {
             input,
             output,
-            positions: all_from_edge(input, &self.positions),
-            forward: all_from_edge(output, &self.values),
+            positions: all_from_file_unit(input, &self.positions),
+            forward: all_from_file_unit(output, &self.values),
             backward: None,
             modulo: self.modulo,
         }
     }
 }
 
-fn all_from_edge(axis: AxisName, values: &[f64]) -> Vec<f64> {
-    values.iter().map(|value| from_edge(axis, *value)).collect()
+fn all_from_file_unit(axis: AxisName, values: &[f64]) -> Vec<f64> {
+    values
+        .iter()
+        .map(|value| from_file_unit(axis, *value))
+        .collect()
 }
 
 const FORMAT: Format = Format::Siemens840d;
@@ -606,10 +610,10 @@ pub(crate) fn write(
         let points = own.iter().map(|table| table.positions.len());
         let most = points.max().unwrap_or(0);
         written.notes.push(format!(
-            "MD38000 of each axis has to be {most} at the least; tables are loaded while MD32700 is 0"
+            "MD38000 of each axis must be at least {most}; tables are loaded while MD32700 is 0"
         ));
         if own.iter().any(|table| table.backward.is_some()) {
-            written.notes.push("$AA_ENC_COMP does not know directions: it holds the mean, and half of the reversal is left on either side".to_owned());
+            written.notes.push("$AA_ENC_COMP has no directions: it holds the mean, and half of the reversal value remains in either direction".to_owned());
         }
     }
     if !crossed.is_empty() {
@@ -638,7 +642,7 @@ pub(crate) fn write(
             text,
         });
         written.notes.push(format!(
-            "MD18342[0] to MD18342[{}] have to be {points} at the least; tables are loaded while MD32710 is 0",
+            "MD18342[0] to MD18342[{}] must be at least {points}; tables are loaded while MD32710 is 0",
             number.saturating_sub(1)
         ));
     }
@@ -661,7 +665,7 @@ fn axis(
     options: &WriteOptions,
 ) -> Result<String, ExchangeError> {
     let number = options.axes.number(name).ok_or_else(|| {
-        ExchangeError::unfit(
+        ExchangeError::not_representable(
             FORMAT,
             table.title(),
             format!("axis {name} without a number"),
@@ -684,7 +688,7 @@ fn leadscrew(
     let (first, step) = table.even(FORMAT)?;
     let (e, name) = (options.encoder, axis(table, table.input, options)?);
     for (point, value) in table.mean().iter().enumerate() {
-        let value = fixed(table.output_at_edge(*value), decimals(table));
+        let value = fixed(table.output_in_file_unit(*value), decimals(table));
         let _ = writeln!(text, "$AA_ENC_COMP[{e},{point},{name}]={value}");
     }
     let (min, max) = ends(table, first, step);
@@ -712,7 +716,7 @@ fn cec(
     options: &WriteOptions,
 ) -> Result<(), ExchangeError> {
     for (point, value) in values.iter().enumerate() {
-        let value = fixed(table.output_at_edge(*value), decimals(table));
+        let value = fixed(table.output_in_file_unit(*value), decimals(table));
         let _ = writeln!(text, "$AN_CEC[{number},{point}]={value}");
     }
     let (min, max) = ends(table, first, step);

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{
 use super::{format::Format, text::ExchangeError};
 
 /// Magnitude below which a deviation counts as zero, mm or rad.
-pub(crate) const NOTHING: f64 = 1e-9;
+pub(crate) const ZERO_BELOW: f64 = 1e-9;
 
 /// Deviation of one axis over the commanded position of one axis, linear between the nodes and constant beyond the ends.
 ///
@@ -36,7 +36,7 @@ impl AxisTable {
 
     /// Deviation at a position (mm or rad) of the input axis, mm or rad; the mean of both directions if `approach` is `None`.
     pub fn deviation(&self, position: f64, approach: Option<Direction>) -> f64 {
-        let position = self.looked_up(position);
+        let position = self.wrapped_position(position);
         let forward = interpolated(&self.positions, &self.forward, position);
         let Some(backward) = &self.backward else {
             return forward;
@@ -49,7 +49,7 @@ impl AxisTable {
         }
     }
 
-    fn looked_up(&self, position: f64) -> f64 {
+    fn wrapped_position(&self, position: f64) -> f64 {
         match (self.positions.first(), self.positions.last()) {
             (Some(&low), Some(&high)) if self.modulo && high > low => {
                 brought_into([low, high], high - low, position)
@@ -68,10 +68,10 @@ impl AxisTable {
     }
 
     /// True if every deviation is zero.
-    pub fn is_nothing(&self) -> bool {
+    pub fn is_zero(&self) -> bool {
         let backward = self.backward.iter().flatten();
         let mut all = self.forward.iter().chain(backward);
-        all.all(|value| value.abs() < NOTHING)
+        all.all(|value| value.abs() < ZERO_BELOW)
     }
 
     /// Spacing of the positions, if it is uniform except for rounding.
@@ -92,7 +92,7 @@ impl AxisTable {
         let nodes = self.positions.len();
         if nodes < 2 {
             return Some(format!(
-                "{name}: found {nodes} positions, expected 2 at the least"
+                "{name}: found {nodes} positions, expected at least 2"
             ));
         }
         let backward = self.backward.as_ref().map_or(nodes, Vec::len);
@@ -103,9 +103,9 @@ impl AxisTable {
         }
         if let Some(pair) = self.positions.windows(2).find(|pair| pair[0] >= pair[1]) {
             return Some(format!(
-                "{name}: found the positions {} and {}, expected rising ones",
-                self.input_at_edge(pair[0]),
-                self.input_at_edge(pair[1])
+                "{name}: found the positions {} and {}, expected increasing ones",
+                self.input_in_file_unit(pair[0]),
+                self.input_in_file_unit(pair[1])
             ));
         }
         let mut values = self.forward.iter().chain(self.backward.iter().flatten());
@@ -115,18 +115,18 @@ impl AxisTable {
     }
 
     /// Converts a position to the file unit, mm or deg.
-    pub fn input_at_edge(&self, position: f64) -> f64 {
+    pub fn input_in_file_unit(&self, position: f64) -> f64 {
         Displacement::new(self.input.kind(), position).mm_or_deg()
     }
 
     /// Converts a deviation to the unit of most controls, mm or deg.
-    pub fn output_at_edge(&self, deviation: f64) -> f64 {
+    pub fn output_in_file_unit(&self, deviation: f64) -> f64 {
         Displacement::new(self.output.kind(), deviation).mm_or_deg()
     }
 
     /// Positions in the file unit, mm or deg.
-    pub(crate) fn positions_at_edge(&self) -> impl Iterator<Item = f64> {
-        self.positions.iter().map(|at| self.input_at_edge(*at))
+    pub(crate) fn positions_in_file_unit(&self) -> impl Iterator<Item = f64> {
+        self.positions.iter().map(|at| self.input_in_file_unit(*at))
     }
 
     /// Name of the table in messages.
@@ -137,14 +137,17 @@ impl AxisTable {
     /// First position and spacing of an evenly spaced table, mm or deg.
     pub(crate) fn even(&self, format: Format) -> Result<(f64, f64), ExchangeError> {
         let (Some(spacing), Some(first)) = (self.spacing(), self.positions.first()) else {
-            return Err(ExchangeError::unfit(
+            return Err(ExchangeError::not_representable(
                 format,
                 self.title(),
                 "positions at different distances",
                 "the same distance everywhere",
             ));
         };
-        Ok((self.input_at_edge(*first), self.input_at_edge(spacing)))
+        Ok((
+            self.input_in_file_unit(*first),
+            self.input_in_file_unit(spacing),
+        ))
     }
 
     /// The same curves sampled at other positions; the nodes in between are lost.
@@ -178,7 +181,7 @@ pub(crate) fn interpolated(positions: &[f64], values: &[f64], at: f64) -> f64 {
 }
 
 /// Converts a position or deviation in a file (mm or deg) to mm or rad.
-pub(crate) fn from_edge(axis: AxisName, mm_or_deg: f64) -> f64 {
+pub(crate) fn from_file_unit(axis: AxisName, mm_or_deg: f64) -> f64 {
     Displacement::from_coordinate(axis.kind(), mm_or_deg).mm_or_rad()
 }
 
@@ -195,7 +198,7 @@ pub struct ErrorTable {
 
 impl ErrorTable {
     /// Converts a position to the file unit, mm or deg.
-    pub(crate) fn at_edge(&self, position: f64) -> f64 {
+    pub(crate) fn position_in_file_unit(&self, position: f64) -> f64 {
         Displacement::new(self.name.axis.kind(), position).mm_or_deg()
     }
 
@@ -205,14 +208,14 @@ impl ErrorTable {
         let nodes = self.positions.len();
         if nodes < 2 || self.values.len() != nodes {
             return Some(format!(
-                "{name}: found {nodes} positions and {} values, expected as many of both, 2 at the least",
+                "{name}: found {nodes} positions and {} values, expected equal numbers of both, at least 2",
                 self.values.len()
             ));
         }
         if let Some(pair) = self.positions.windows(2).find(|pair| pair[0] >= pair[1]) {
-            let [a, b] = [pair[0], pair[1]].map(|at| self.at_edge(at));
+            let [a, b] = [pair[0], pair[1]].map(|at| self.position_in_file_unit(at));
             return Some(format!(
-                "{name}: found the positions {a} and {b}, expected rising ones"
+                "{name}: found the positions {a} and {b}, expected increasing ones"
             ));
         }
         let mut all = self.positions.iter().chain(&self.values);
@@ -242,17 +245,17 @@ pub enum Content {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct ListedTable {
-    /// The axis over which it goes.
+    /// Input axis.
     pub input: AxisName,
-    /// The letter of the axis that deviates, or the name of an error.
+    /// Letter of the deviating axis, or name of an error.
     pub output: String,
-    /// The positions, mm or deg.
+    /// Positions, mm or deg.
     pub positions: Vec<f64>,
-    /// The values after positive motion, or of both.
+    /// Values after positive motion, or after both.
     pub forward: Vec<f64>,
-    /// The values after negative motion; `None`: as `forward`.
+    /// Values after negative motion; `None`: as `forward`.
     pub backward: Option<Vec<f64>>,
-    /// The unit of the values: `um` or `urad`.
+    /// Unit of the values: `um` or `urad`.
     pub unit: &'static str,
     /// Whether the positions repeat with the length of the table.
     pub modulo: bool,
@@ -293,7 +296,7 @@ pub(crate) fn micro_unit(kind: AxisKind) -> &'static str {
 }
 
 /// A table value and its location.
-pub(crate) struct Entry {
+pub(crate) struct TableValue {
     pub(crate) what: String,
     pub(crate) value: Displacement,
 }
@@ -331,7 +334,10 @@ impl Content {
     }
 
     /// The first value that is not allowed; the caller has to reject NaN.
-    pub(crate) fn first_refused(&self, allows: impl Fn(Displacement) -> bool) -> Option<Entry> {
+    pub(crate) fn first_refused(
+        &self,
+        allows: impl Fn(Displacement) -> bool,
+    ) -> Option<TableValue> {
         let refused = |kind: AxisKind, value: &f64| {
             let value = Displacement::new(kind, *value);
             (!allows(value)).then_some(value)
@@ -344,7 +350,7 @@ impl Content {
                     .flat_map(|side| side.iter().zip(&table.positions));
                 values.find_map(|(value, at)| {
                     let at = Coordinate(Displacement::new(table.input.kind(), *at));
-                    Some(Entry {
+                    Some(TableValue {
                         value: refused(kind, value)?,
                         what: format!("the deviation of {} at {} {at}", table.output, table.input),
                     })
@@ -358,7 +364,7 @@ impl Content {
                     values.find_map(|(value, at)| {
                         let axis = table.name.axis;
                         let at = Coordinate(Displacement::new(axis.kind(), *at));
-                        Some(Entry {
+                        Some(TableValue {
                             value: refused(kind, value)?,
                             what: format!("{} at {axis} {at}", table.name),
                         })
@@ -367,7 +373,7 @@ impl Content {
                 let mut locations = errors.locations.iter();
                 of_curves.or_else(|| {
                     locations.find_map(|(name, value)| {
-                        Some(Entry {
+                        Some(TableValue {
                             value: refused(name.component.kind(), value)?,
                             what: name.to_string(),
                         })

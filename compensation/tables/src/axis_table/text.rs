@@ -61,10 +61,7 @@ impl FilePosition<'_> {
 
     /// The error for more lines of values than the control accepts.
     pub(crate) fn too_many(self, most: usize) -> ExchangeError {
-        self.error(
-            format!("a line {}", most + 1),
-            format!("{most} at the most"),
-        )
+        self.error(format!("a line {}", most + 1), format!("at most {most}"))
     }
 
     pub(crate) fn warning(self, text: impl Into<String>) -> Warning {
@@ -150,6 +147,7 @@ pub struct LineError {
 /// Reason why tables cannot be made, written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ExchangeError {
     /// The model cannot be evaluated.
     #[error(transparent)]
@@ -162,46 +160,33 @@ pub enum ExchangeError {
     Cell(#[from] Box<InputError>),
     /// An option has an impossible value.
     #[error("{what}: found {found}, expected {expected}")]
-    Wish {
-        /// The option, with the axis if there is one.
+    InvalidOption {
         what: String,
-        /// The given value.
         found: String,
-        /// The possible values.
         expected: String,
     },
     /// A correction or an error exceeds the limit of the options.
     #[error("{what} is {found:.1}, expected at most {limit}: check the units in the machine file")]
     BeyondLimit {
-        /// Table and position in it.
         what: String,
-        /// The value.
         found: Displacement,
-        /// The limit.
         limit: Displacement,
     },
     /// A value in a file, or in tables to be written, is implausible for a machine tool.
     #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
     Implausible {
-        /// Files that were read; empty for tables to be written.
+        /// Empty for tables to be written.
         files: Vec<String>,
-        /// Table and position in it.
         what: String,
-        /// The value.
         found: Displacement,
-        /// The largest plausible value.
         most: Displacement,
     },
     /// The format cannot hold the data.
     #[error("{format}: {what}: found {found}, expected {expected}")]
-    Unfit {
-        /// The format.
+    NotRepresentable {
         format: Format,
-        /// Table or number.
         what: String,
-        /// The data.
         found: String,
-        /// What the format can hold.
         expected: String,
     },
     /// Tables that cannot be converted to curves of a machine file.
@@ -210,13 +195,13 @@ pub enum ExchangeError {
 }
 
 impl ExchangeError {
-    pub(crate) fn unfit(
+    pub(crate) fn not_representable(
         format: Format,
         what: impl Into<String>,
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> Self {
-        Self::Unfit {
+        Self::NotRepresentable {
             format,
             what: what.into(),
             found: found.into(),
@@ -230,7 +215,7 @@ impl ExchangeError {
         found: &impl ToString,
         expected: impl Into<String>,
     ) -> Self {
-        Self::Wish {
+        Self::InvalidOption {
             what: what.into(),
             found: found.to_string(),
             expected: expected.into(),

@@ -1,18 +1,18 @@
 //! The bound against closed forms.
 
 use volcomp_tables::{
-    Field, GRID_AXES, HEADER_WORDS, OUTPUTS, Position, Table, TablesError, build,
+    Field, GRID_AXES, HEADER_WORDS, OUTPUTS, Position, Request, Table, TablesError, build,
     vocabulary::Direction,
 };
 
 use crate::world::request;
 
-/// What rounding leaves at the most: 64 parts of 1 µm, the value and one rounding for each axis.
+/// Maximum rounding error: 64 parts of 1 µm, the value and one rounding for each axis.
 fn rounding_mm(axes: usize, outputs: usize) -> f64 {
     0.5 * (1.0 + axes as f64) * (outputs as f64).sqrt() * 0.001 / 64.0
 }
 
-/// What the position within a cell is rounded by at the most: half a place along each axis, by the steepest slope.
+/// Maximum rounding error of the position within a cell: half a place along each axis, by the steepest slope.
 fn places_mm(table: &Table) -> f64 {
     let header = table.map.header();
     let lines = header.lines[..header.grid.count()].iter();
@@ -71,7 +71,7 @@ fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
 }
 
 #[test]
-fn the_root_of_the_mean_square_is_that_of_the_parabola() {
+fn the_rms_is_that_of_a_parabola() {
     // Between two lines x(h - x)·f''/2: maximum h²/8·f'', mean square (h²·f'')²/120, so rms/max = sqrt(8/15).
     let field = |at: &[f64; GRID_AXES]| [0.2 * (at[0] / 1000.0).powi(2), 0.0, 0.0];
     let mut wanted = request(1, 1, 5.0);
@@ -108,7 +108,7 @@ fn a_jump_between_the_lines_is_found() {
 }
 
 #[test]
-fn what_the_memory_has_no_room_for_is_told_with_what_it_takes() {
+fn a_memory_shortage_states_the_words_needed() {
     let field = |at: &[f64; GRID_AXES]| {
         let wave = |x: f64| 0.03 * (x / 400.0).sin();
         [wave(at[0]), wave(at[1]), wave(at[2])]
@@ -131,7 +131,7 @@ fn what_the_memory_has_no_room_for_is_told_with_what_it_takes() {
         said.starts_with("0.8 µm need ") && said.contains("lines along X "),
         "{said}"
     );
-    // What it says is so: both ways.
+    // Both statements hold.
     wanted.words = needed;
     let table = build(&wanted, &field).expect("as many words as it takes");
     assert!(table.map.words().len() <= needed && table.misfit.max_mm <= 0.0008);
@@ -155,55 +155,42 @@ fn what_the_memory_has_no_room_for_is_told_with_what_it_takes() {
 }
 
 #[test]
-fn a_bound_that_no_grid_keeps_is_told() {
-    let field = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
-    let refused = build(&request(1, 1, 0.005), &field).expect_err("finer than the parts");
-    assert!(
-        matches!(refused, TablesError::Unreachable { .. }),
-        "{refused}"
-    );
-}
-
-#[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_requests_are_refused() {
+    type Change = fn(&mut Request);
+    let cases: [(Change, &str); 7] = [
+        (|r| r.axes[0].travel = [0.0, f64::NAN], "travel of X"),
+        (|r| r.within_mm = f64::NAN, "bound (mm) is NaN"),
+        (
+            |r| r.axes[0].step = 0.000_000_1,
+            "step of the position of X",
+        ),
+        (
+            |r| r.outputs[0].limit_mm = 0.005,
+            "the correction of X is 10.0 µm at X=0, expected at most 5 µm",
+        ),
+        (
+            |r| r.outputs[0].limit_mm = 2.001,
+            "limit of X (mm) is 2.001",
+        ),
+        (
+            |r| r.axes.clear(),
+            "expected one to five different axes of the grid",
+        ),
+        // Finer than the parts of a step.
+        (|r| r.within_mm = 5e-6, "no grid keeps 0.005 µm"),
+    ];
     let flat = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
-    let mut wanted = request(1, 1, 1.0);
-    wanted.axes[0].travel = [0.0, f64::NAN];
+    for (change, expected) in cases {
+        let mut wanted = request(1, 1, 1.0);
+        change(&mut wanted);
+        let refused = build(&wanted, &flat).expect_err(expected).to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
+    let not_finite = |_: &[f64; GRID_AXES]| [f64::NAN, 0.0, 0.0];
     assert!(matches!(
-        build(&wanted, &flat),
-        Err(TablesError::Number { .. })
-    ));
-    let mut wanted = request(1, 1, f64::NAN);
-    assert!(matches!(
-        build(&wanted, &flat),
-        Err(TablesError::Number { .. })
-    ));
-    wanted.within_mm = 0.001;
-    wanted.axes[0].step = 0.000_000_1;
-    assert!(matches!(
-        build(&wanted, &flat),
-        Err(TablesError::Number { .. })
-    ));
-    let mut wanted = request(1, 1, 1.0);
-    wanted.outputs[0].limit_mm = 0.005;
-    let refused = build(&wanted, &flat).expect_err("10 µm");
-    assert_eq!(
-        refused.to_string(),
-        "the correction of X is 10.0 µm at X=0, expected 5 µm at the most"
-    );
-    wanted.outputs[0].limit_mm = 2.001;
-    assert!(matches!(
-        build(&wanted, &flat),
-        Err(TablesError::Number { .. })
-    ));
-    let infinite = |_: &[f64; GRID_AXES]| [f64::NAN, 0.0, 0.0];
-    assert!(matches!(
-        build(&request(1, 1, 1.0), &infinite),
+        build(&request(1, 1, 1.0), &not_finite),
         Err(TablesError::BeyondLimit { .. })
     ));
-    let mut none = request(1, 1, 1.0);
-    none.axes.clear();
-    assert!(matches!(build(&none, &flat), Err(TablesError::Map(_))));
 }
 
 /// A screw with play: 8 µm constant, and 2 µm more at the far end.

@@ -1,9 +1,9 @@
-//! Maps of machines: what the exact correction says, what temperatures change, what is left aside.
+//! Maps of machines against the exact correction, the effect of temperatures, and neglected effects.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
-    MapOfMachine, MapOptions, Position, TablesError, Transfer, axes_of, control,
+    MachineMap, MapOptions, Position, TablesError, Transfer, axes_of, control,
     model::{
         Machine, Temperatures,
         kinematics::{CorrectionOptions, State},
@@ -66,7 +66,7 @@ fn steps(mm: f64) -> i32 {
 }
 
 /// Compares a map with the exact corrections at drawn positions, in drawn directions: the largest difference, mm.
-fn largest_mm(machine: &Machine, temperatures: &Temperatures, made: &MapOfMachine) -> f64 {
+fn largest_mm(machine: &Machine, temperatures: &Temperatures, made: &MachineMap) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let header = made.table.map.header();
     let outputs: Vec<AxisName> = axes_of(header.outputs).collect();
@@ -112,7 +112,7 @@ fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
             words: 20000,
             ..MapOptions::default()
         };
-        let made = MapOfMachine::new(&machine, &temperatures, &options).expect("a map");
+        let made = MachineMap::new(&machine, &temperatures, &options).expect("a map");
         let stated = made.table.misfit.max_mm;
         let found = largest_mm(&machine, &temperatures, &made);
         assert!(stated <= within_mm, "{stated}");
@@ -136,9 +136,9 @@ fn the_map_of_a_gantry_is_its_correction_within_the_bound() {
 }
 
 #[test]
-fn what_a_kelvin_changes_says_how_often_a_map_is_made() {
+fn the_refresh_interval_follows_from_the_effect_of_1_k() {
     let machine = parsed(GANTRY);
-    let made = MapOfMachine::new(
+    let made = MachineMap::new(
         &machine,
         &Temperatures::new(),
         &MapOptions {
@@ -168,13 +168,13 @@ fn what_a_kelvin_changes_says_how_often_a_map_is_made() {
 }
 
 #[test]
-fn rotary_axes_are_held_and_what_that_leaves_is_stated() {
+fn fixed_rotary_axes_and_their_neglected_effect() {
     let machine = parsed(FIVE_AXES);
     let options = MapOptions {
         within_mm: 0.002,
         ..MapOptions::default()
     };
-    let made = MapOfMachine::new(&machine, &Temperatures::new(), &options).expect("a map");
+    let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     assert_eq!(made.held, [(AxisName::C, 0.0), (AxisName::B, 0.0)]);
     // 20 µm of the axis of C: half a turn from where the map holds it is 40 µm, and the tilt of B adds to it.
     let elsewhere_um = made.elsewhere_mm.expect("two axes are held") * 1e3;
@@ -192,39 +192,39 @@ fn rotary_axes_are_held_and_what_that_leaves_is_stated() {
         words: 32767,
         ..MapOptions::default()
     };
-    let made = MapOfMachine::new(&machine, &Temperatures::new(), &options).expect("a map");
+    let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     assert_eq!(made.elsewhere_mm, None);
     assert!(largest_mm(&machine, &Temperatures::new(), &made) <= 0.006);
 }
 
 #[test]
-fn what_cannot_be_is_told() {
-    let machine = parsed(GANTRY);
-    let refused = |options: &MapOptions| {
-        MapOfMachine::new(&machine, &Temperatures::new(), options)
-            .expect_err("refused")
-            .to_string()
-    };
-    let no_axis = MapOptions {
-        grid: vec![AxisName::A],
-        ..MapOptions::default()
-    };
-    assert!(refused(&no_axis).contains("has no axis A"));
-    let small = MapOptions {
-        limit_mm: 0.01,
-        ..MapOptions::default()
-    };
-    assert!(
-        refused(&small).contains("expected 10 µm at the most"),
-        "{}",
-        refused(&small)
-    );
+fn invalid_map_options_are_refused() {
+    let gantry = parsed(GANTRY);
     let mut only_rotary = parsed(FIVE_AXES);
     only_rotary
         .set_correct(Some(&[AxisName::B]))
         .expect("its axis");
-    let refused = MapOfMachine::new(&only_rotary, &Temperatures::new(), &MapOptions::default());
-    assert!(matches!(refused, Err(TablesError::Map(_))));
+    let no_axis = MapOptions {
+        grid: vec![AxisName::A],
+        ..MapOptions::default()
+    };
+    let small = MapOptions {
+        limit_mm: 0.01,
+        ..MapOptions::default()
+    };
+    for (machine, options, expected) in [
+        (&gantry, no_axis, "has no axis A"),
+        (&gantry, small, "expected at most 10 µm"),
+        (
+            &only_rotary,
+            MapOptions::default(),
+            "expected one to five different axes",
+        ),
+    ] {
+        let refused = MachineMap::new(machine, &Temperatures::new(), &options);
+        let message = refused.expect_err(expected).to_string();
+        assert!(message.contains(expected), "{message}");
+    }
 }
 
 #[test]
@@ -234,13 +234,13 @@ fn a_transfer_counts_every_frame() {
         within_mm: 0.003,
         ..MapOptions::default()
     };
-    let made = MapOfMachine::new(&machine, &Temperatures::new(), &options).expect("a map");
+    let made = MachineMap::new(&machine, &Temperatures::new(), &options).expect("a map");
     let map = &made.table.map;
     let transfer = Transfer::of(map);
     assert_eq!(transfer.frames, volcomp_tables::writes(map, 7).count());
     let frames = transfer.frames * (control::FRAME_WORDS + control::REPORT_WORDS);
     assert_eq!(transfer.bytes, 2 * (frames + map.words().len()));
-    let seconds = transfer.takes_s(1000.0, 0.02);
+    let seconds = transfer.duration_s(1000.0, 0.02);
     assert!(
         (seconds - (transfer.bytes as f64 / 1000.0 + transfer.frames as f64 * 0.02)).abs() < 1e-9
     );
@@ -261,7 +261,7 @@ fn an_axis_that_rolls_over_has_no_map() {
             words: 32767,
             ..MapOptions::default()
         };
-        MapOfMachine::new(&machine, &Temperatures::new(), &options)
+        MachineMap::new(&machine, &Temperatures::new(), &options)
     };
     let linear = [AxisName::X, AxisName::Y, AxisName::Z];
     assert!(made(&linear).is_ok(), "held, it may roll over");

@@ -28,7 +28,7 @@ fn field(at: &[f64; GRID_AXES]) -> [f64; 3] {
 }
 
 #[test]
-fn the_look_up_is_scipys_and_so_is_the_error() {
+fn look_up_and_error_match_scipy() {
     let Some(python) = peers::python() else {
         return;
     };

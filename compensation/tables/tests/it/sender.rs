@@ -2,8 +2,8 @@
 //! in use until its time is out, and what is applied never moves by more than its rate.
 
 use volcomp_tables::{
-    Allowed, Exchange, GRID_AXES, Layout, Map, OUTPUTS, SendError, Sender, Step, Unfit, barrier,
-    build,
+    Exchange, GRID_AXES, Layout, LimitError, Map, OUTPUTS, SendError, Sender, SenderLimits, Step,
+    barrier, build,
     control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings},
     protocol::{Counts, Refusal},
     vocabulary::AxisName::{X, Y},
@@ -23,7 +23,7 @@ struct Control {
     /// The largest movement between two scans, steps.
     largest: u16,
     writes: usize,
-    /// Every so many writes one is lost; 0: none.
+    /// Every n-th write is lost; 0: none.
     loses: usize,
     /// One word that is read back wrong, once.
     lies: bool,
@@ -117,8 +117,8 @@ fn map(counter: u16, times: f64) -> Map {
     build(&request, &field).expect("a map").map
 }
 
-fn allowed() -> Allowed {
-    Allowed {
+fn allowed() -> SenderLimits {
+    SenderLimits {
         limit_mm: 0.1,
         slew_mm_per_s: 0.3,
         zero_after_s: 0.4,
@@ -141,9 +141,9 @@ fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     panic!("not in use: {:?}", control.lookup.report());
 }
 
-/// It tells which map the control has, until that is exchanged.
+/// The sender reports the active map of the control until the next one is active.
 #[test]
-fn a_sender_tells_which_map_is_in_use_while_it_brings_another_one() {
+fn the_active_map_is_reported_during_a_transfer() {
     let mut control = Control::new();
     let mut first = sender(&map(1, 1.0), 9);
     assert_eq!(first.in_use(), None, "nothing was read");
@@ -154,7 +154,7 @@ fn a_sender_tells_which_map_is_in_use_while_it_brings_another_one() {
         assert_eq!(first.in_use(), Some(1));
     }
     assert_eq!(first.in_use(), Some(2));
-    // Nobody sends for longer than its time-out, in the middle of a third one.
+    // No frames for longer than the time-out, in the middle of a third map.
     first.replace(map(3, 1.0)).expect("within the limits");
     assert_eq!(first.step(&mut control), Ok(Step::Loading));
     assert_eq!(first.in_use(), Some(2));
@@ -165,7 +165,7 @@ fn a_sender_tells_which_map_is_in_use_while_it_brings_another_one() {
     assert_eq!(first.in_use(), None);
 }
 
-/// Keeps for so many steps.
+/// Keeps the map for this number of steps.
 fn keep(sender: &mut Sender, control: &mut Control, steps: usize) {
     for _ in 0..steps {
         sender.step(control).expect("it stays");
@@ -173,7 +173,7 @@ fn keep(sender: &mut Sender, control: &mut Control, steps: usize) {
 }
 
 #[test]
-fn a_map_is_brought_and_kept() {
+fn a_map_is_transferred_and_kept() {
     let mut control = Control::new();
     let map = map(3, 1.0);
     let mut sender = sender(&map, 9);
@@ -213,7 +213,7 @@ fn lost_writes_and_a_wrong_word_only_cost_time() {
 
 /// The first map stays in use while the second is half there, and both are gone when the time is out.
 #[test]
-fn a_sender_that_is_gone_leaves_zero_without_a_step() {
+fn a_lost_sender_ramps_to_zero() {
     let mut control = Control::new();
     let mut first = sender(&map(3, 1.0), 9);
     bring(&mut first, &mut control);
@@ -249,14 +249,14 @@ fn a_sender_that_is_gone_leaves_zero_without_a_step() {
         "{report:?}"
     );
     assert_eq!(control.largest, 3, "at the control's rate");
-    // Whoever comes next begins from the start.
+    // The next sender begins from the start.
     bring(&mut sender(&map(4, -1.0), 10), &mut control);
 }
 
 /// Another map of the same sender: the one before stays in use until all of the other is there, and then every axis goes from
 /// value to value at the control's rate, not through zero. Lost writes only cost time.
 #[test]
-fn another_map_comes_without_a_step_and_not_through_zero() {
+fn a_second_map_is_swapped_in_without_a_jump() {
     for loses in [0, 3] {
         let mut control = Control::new();
         let mut first = sender(&map(3, 1.0), 9);
@@ -331,17 +331,17 @@ fn a_stale_mailbox_keeps_nothing() {
 type Change = fn(&mut Settings);
 
 #[test]
-fn limits_of_either_side_are_not_passed() {
+fn limits_of_sender_and_control_are_checked() {
     let large = Sender::new(map(3, 2.0), MACHINE, 9, allowed());
-    assert!(matches!(large, Err(Unfit::Value { .. })), "{large:?}");
-    let small = Allowed {
+    assert!(matches!(large, Err(LimitError::Value { .. })), "{large:?}");
+    let small = SenderLimits {
         capacity: 70,
         ..allowed()
     };
     let found = Sender::new(map(3, 1.0), MACHINE, 9, small);
-    assert!(matches!(found, Err(Unfit::Words { .. })), "{found:?}");
+    assert!(matches!(found, Err(LimitError::Words { .. })), "{found:?}");
     let change: [(Change, &str); 3] = [
-        (|s| s.outputs.limit[1] = 101, "takes corrections up to"),
+        (|s| s.outputs.limit[1] = 101, "accepts corrections up to"),
         (|s| s.outputs.rate[0] = 4, "moves a correction at"),
         (|s| s.outputs.time_out_scans = 41, "begins to go to zero"),
     ];
@@ -350,15 +350,17 @@ fn limits_of_either_side_are_not_passed() {
         change(&mut control.settings);
         control.lookup = Lookup::start(control.settings, 5, 0, [0; OUTPUTS]).expect("settings");
         let found = sender(&map(3, 1.0), 9).step(&mut control);
-        let told = found.expect_err(expected).to_string_of();
-        assert!(told.contains(expected), "{told}");
-        assert_eq!(control.writes, 0, "{told}");
+        let Err(SendError::Limit(limit)) = found else {
+            panic!("{found:?}, expected: {expected}");
+        };
+        assert!(limit.to_string().contains(expected), "{limit}");
+        assert_eq!(control.writes, 0, "{limit}");
     }
 }
 
 /// The control takes smaller corrections than the map has: it is begun some times, and then no more.
 #[test]
-fn a_map_that_the_control_refuses_ends_the_sender() {
+fn a_rejected_map_stops_the_sender() {
     let mut control = Control::new();
     control.settings.outputs.limit = Counts::leading([20; OUTPUTS]);
     control.lookup = Lookup::start(control.settings, 5, 0, [0; OUTPUTS]).expect("settings");
@@ -366,17 +368,4 @@ fn a_map_that_the_control_refuses_ends_the_sender() {
     let found = (0..200).find_map(|_| sender.step(&mut control).err());
     assert_eq!(found, Some(SendError::Refused(Refusal::Value)));
     assert!(!control.lookup.report().valid);
-}
-
-trait Told {
-    fn to_string_of(&self) -> String;
-}
-
-impl Told for SendError<()> {
-    fn to_string_of(&self) -> String {
-        match self {
-            Self::Unfit(unfit) => unfit.to_string(),
-            other => format!("{other:?}"),
-        }
-    }
 }

@@ -1,10 +1,10 @@
-//! The Structured Text that is shipped, run by a small interpreter, beside the reference: the same frames, the same words.
+//! The Structured Text that is shipped, run by a small interpreter and compared with the reference: the same frames, the same words.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
     GRID_AXES, HEADER_WORDS, Header, OUTPUTS,
-    control::{Body, DATA, FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Settings},
+    control::{Body, DATA_WORDS, FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Settings},
     protocol::{Head, Refusal},
 };
 use volcomp_test_support::{cases, structured_text::Block};
@@ -138,7 +138,7 @@ impl Sender {
         let counter = self.counter;
         let mut body = match now.loading {
             Some((loading, next)) if loading == counter && next < words => {
-                let mut data = [0; DATA];
+                let mut data = [0; DATA_WORDS];
                 let from = usize::from(next);
                 for (into, word) in data.iter_mut().zip(&self.map[from..]) {
                     *into = *word;
@@ -256,7 +256,7 @@ fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
     [sum, of_sums].map(|sum| u16::try_from(sum).expect("below 65535"))
 }
 
-/// Runs a text beside the reference: how many maps came into use, how often each refusal was told, or where they differ.
+/// Runs a text in parallel with the reference: number of maps that became active, number of each refusal, or where they differ.
 fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let block = Block::parse(text)?;
@@ -338,7 +338,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
 }
 
 #[test]
-fn the_text_does_what_the_reference_does() {
+fn the_structured_text_matches_the_reference() {
     let (swaps, refused) = compare(TEXT).expect("the same words");
     assert!(
         swaps > 60,
@@ -347,7 +347,7 @@ fn the_text_does_what_the_reference_does() {
     assert!(refused.iter().all(|count| *count > 20), "{refused:?}");
 }
 
-/// What stands in the text, and a mistake instead.
+/// A part of the text, and its mutation.
 const MISTAKES: &str = r"
 sum := (machine + layout / 65535) MOD 65535; | sum := 0;
 FOR at := 0 TO 69 DO | FOR at := 0 TO 68 DO
@@ -418,7 +418,7 @@ applied[output] := atStart[output]; |
 ";
 
 #[test]
-fn every_small_mistake_in_the_text_is_found() {
+fn every_mutation_of_the_text_is_detected() {
     let mistakes = cases(MISTAKES);
     for [right, _] in &mistakes {
         assert!(TEXT.contains(right.as_str()), "{right}");

@@ -1,11 +1,11 @@
 //! A gateway, a control and a wire that loses, doubles, delays, exchanges and tears: whatever it does, what is applied is that of a
-//! whole map or on its way to zero, and moves at its rate at the most.
+//! whole map or on its way to zero, and moves at most at its rate.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
-    GRID_AXES, HEADER_WORDS, Loaded, Map, Next, OUTPUTS,
+    GRID_AXES, HEADER_WORDS, Map, NextAction, OUTPUTS, ReadBackResult,
     control::{FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Report, Settings},
     next_write,
     protocol::{Counts, ReportStatus, Session},
@@ -93,11 +93,11 @@ impl Wire {
     }
 }
 
-/// A gateway that sends maps of its own, one after the other.
+/// A gateway that sends its maps one after the other.
 struct Gateway {
     session: Session,
     map: Map,
-    loaded: Loaded,
+    loaded: ReadBackResult,
     /// What it sent, by number, since a control counts only what belongs to one of them as whole.
     sent: Vec<Map>,
 }
@@ -106,7 +106,7 @@ impl Gateway {
     fn next_map(&mut self, map: Map) {
         self.sent.push(map.clone());
         self.map = map;
-        self.loaded = Loaded::Unknown;
+        self.loaded = ReadBackResult::Unknown;
     }
 }
 
@@ -155,7 +155,7 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
     sums
 }
 
-/// Runs a world for so many scans, and gives how many maps came into use.
+/// Runs a simulation for this number of scans and returns the number of maps that became active.
 #[expect(
     clippy::too_many_lines,
     reason = "one world: its wire, its senders, its control and their rules"
@@ -178,7 +178,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 session: Session::new(rng.random_range(1..=u16::MAX)),
                 sent: vec![map.clone()],
                 map,
-                loaded: Loaded::Unknown,
+                loaded: ReadBackResult::Unknown,
             }
         })
         .collect();
@@ -206,18 +206,22 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 continue;
             };
             match next_write(&gateway.map, machine, &seen, gateway.loaded) {
-                Next::Write(body) => {
-                    gateway.loaded = Loaded::Unknown;
+                NextAction::Write(body) => {
+                    gateway.loaded = ReadBackResult::Unknown;
                     let head = gateway.session.answer().expect("a report was read");
                     wire.write(&mut rng, scan, &Frame { head, body }.encode(machine, axes));
                 }
-                Next::ReadBack { buffer } => {
+                NextAction::ReadBack { buffer } => {
                     let mut words = lookup.buffer(buffer.into()).to_vec();
                     if rng.random_bool(bad.torn) {
                         words[0] ^= 1;
                     }
                     let same = words.starts_with(gateway.map.words());
-                    gateway.loaded = if same { Loaded::Same } else { Loaded::Other };
+                    gateway.loaded = if same {
+                        ReadBackResult::Same
+                    } else {
+                        ReadBackResult::Other
+                    };
                 }
             }
         }
@@ -243,7 +247,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         let before = lookup.memory().clone();
         let report = lookup.scan(&mailbox, &steps, holds);
         let memory = lookup.memory();
-        // Moves at its rate at the most, and not at all while the control holds.
+        // Moves at most at its rate, and not at all while the control holds.
         for output in 0..OUTPUTS {
             let moved =
                 (i32::from(memory.applied[output]) - i32::from(before.applied[output])).abs();
@@ -268,7 +272,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             );
             let map = whole.expect("seen above");
             swaps += usize::from(before.used != memory.used);
-            // And where the corrections go is what it says here, of one of the directions that an axis may have.
+            // The corrections approach its values for one of the possible directions of each axis.
             for output in 0..outputs {
                 let scale = f64::from(header.scale);
                 let limit = f64::from(settings.outputs.limit[output]);
@@ -325,7 +329,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn whatever_the_wire_does(
+    fn rules_hold_over_a_faulty_wire(
         seed: u64,
         lost in 0.0..0.4,
         torn in 0.0..0.2,
@@ -337,7 +341,7 @@ proptest! {
 }
 
 #[test]
-fn maps_come_into_use_over_good_wires_and_bad_ones() {
+fn maps_become_active_over_good_and_bad_wires() {
     let good = Badness {
         lost: 0.0,
         torn: 0.0,
@@ -360,7 +364,7 @@ fn maps_come_into_use_over_good_wires_and_bad_ones() {
 
 /// A frame that was on its way for long, in a control that meanwhile timed out, brings nothing into use.
 #[test]
-fn an_old_swap_is_not_taken_in_another_epoch() {
+fn a_late_swap_is_rejected_in_another_epoch() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut settings = world::settings(&mut rng);
     (settings.outputs.hold_scans, settings.outputs.time_out_scans) = (10, 20);
@@ -371,21 +375,21 @@ fn an_old_swap_is_not_taken_in_another_epoch() {
     let steps = [0; GRID_AXES];
     let mut mailbox = [0; FRAME_WORDS];
     let mut swap = None;
-    let mut loaded = Loaded::Unknown;
+    let mut loaded = ReadBackResult::Unknown;
     while swap.is_none() {
         let seen = lookup.scan(&mailbox, &steps, false);
         session.read(seen.of.head());
         match next_write(&map, machine, &seen, loaded) {
-            Next::Write(body) => {
-                let head = session.answer().expect("nobody else sends");
+            NextAction::Write(body) => {
+                let head = session.answer().expect("the only sender");
                 let words = Frame { head, body }.encode(machine, axes);
-                if loaded == Loaded::Same {
+                if loaded == ReadBackResult::Same {
                     swap = Some(words);
                 } else {
                     mailbox = words;
                 }
             }
-            Next::ReadBack { .. } => loaded = Loaded::Same,
+            NextAction::ReadBack { .. } => loaded = ReadBackResult::Same,
         }
     }
     let swap = swap.expect("made above");

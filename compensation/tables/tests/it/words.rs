@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_tables::{ByteOrder, HEADER_WORDS, Header, Map, NoMap, axes_of};
+use volcomp_tables::{ByteOrder, HEADER_WORDS, Header, Map, MapError, axes_of};
 
 use crate::world;
 
@@ -28,7 +28,7 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_make_a_panic(bytes: Vec<u8>, head: bool) {
+    fn random_bytes_do_not_panic(bytes: Vec<u8>, head: bool) {
         let mut bytes = bytes;
         if head && bytes.len() > 4 {
             bytes[..4].copy_from_slice(&[0x4D, 0x56, 1, 0]);
@@ -53,7 +53,7 @@ proptest! {
     }
 
     #[test]
-    fn a_head_comes_back(seed: u64) {
+    fn a_header_comes_back(seed: u64) {
         let (map, _) = some_map(seed);
         let header = *map.header();
         prop_assert_eq!(Header::decode(&header.encode()), Ok(header));
@@ -65,7 +65,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_no_map_is_told() {
+fn invalid_images_are_refused_with_a_reason() {
     let (map, machine) = some_map(3);
     let image = map.image(machine, ByteOrder::LowFirst);
     let wrong = |at: usize, to: u8| {
@@ -77,7 +77,7 @@ fn what_is_no_map_is_told() {
     };
     assert_eq!(
         wrong(0, 0),
-        "the first word is 0x5600, expected 0x564d (VM): this is no map of volcomp"
+        "the first word is 0x5600, expected 0x564d (VM): this is not a volcomp map"
     );
     assert_eq!(wrong(2, 2), "layout version 2, expected 1");
     assert_eq!(
@@ -89,10 +89,13 @@ fn what_is_no_map_is_told() {
         wrong(last, image[last] ^ 1),
         "the checksum does not fit: the map is damaged, or for the machine of another number"
     );
-    assert_eq!(Map::from_image(&image, machine ^ 1), Err(NoMap::Checksum));
+    assert_eq!(
+        Map::from_image(&image, machine ^ 1),
+        Err(MapError::Checksum)
+    );
     assert_eq!(
         Map::from_image(&image[1..], machine),
-        Err(NoMap::OddBytes {
+        Err(MapError::OddBytes {
             found: image.len() - 1
         })
     );
@@ -100,14 +103,14 @@ fn what_is_no_map_is_told() {
     let words = map.words().len();
     assert_eq!(
         short,
-        Err(NoMap::Count {
+        Err(MapError::Count {
             found: words - 1,
             expected: words
         })
     );
     assert_eq!(
         Map::from_words(&[0; HEADER_WORDS - 1]),
-        Err(NoMap::Short {
+        Err(MapError::Short {
             found: HEADER_WORDS - 1
         })
     );
@@ -115,17 +118,9 @@ fn what_is_no_map_is_told() {
 
 /// The kept inputs of the fuzz target `map`.
 #[test]
-fn the_corpus_is_read_and_refused_as_its_names_say() {
-    let folder = volcomp_test_support::root().join("tests/fuzz/corpus/map");
+fn corpus_files_are_read_or_refused_by_their_names() {
     let mut seen = [0; 2];
-    for entry in std::fs::read_dir(folder).expect("the corpus") {
-        let path = entry.expect("an entry").path();
-        let name = path
-            .file_name()
-            .expect("a name")
-            .to_string_lossy()
-            .into_owned();
-        let bytes = std::fs::read(&path).expect("read");
+    for (name, bytes) in world::corpus("map") {
         let is_valid = name.starts_with("valid-");
         assert_eq!(Map::from_image(&bytes, 1).is_ok(), is_valid, "{name}");
         seen[usize::from(is_valid)] += 1;

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use volcomp_sinumerik::{MapNodes, MapWords, Server, SinumerikError};
 use volcomp_tables::{
-    Allowed, Exchange, GRID_AXES, GridAxis, Map, Output, Request, SendError, Sender, Step, build,
-    control::FRAME_WORDS, vocabulary::AxisName,
+    Exchange, GRID_AXES, GridAxis, Map, Output, Request, SendError, Sender, SenderLimits, Step,
+    build, control::FRAME_WORDS, vocabulary::AxisName,
 };
 use volcomp_test_support::until;
 
@@ -76,7 +76,7 @@ fn field(at: &[f64; GRID_AXES]) -> [f64; 3] {
 }
 
 fn sender(counter: u16, owner: u16) -> Sender {
-    let allowed = Allowed {
+    let allowed = SenderLimits {
         limit_mm: 0.1,
         slew_mm_per_s: 0.2,
         zero_after_s: 4.0,
@@ -200,7 +200,7 @@ fn a_plc_that_starts_anew_gets_the_map_again() {
     let mut sender = sender(5, 21);
     step_until(&mut sender, &mut words, Step::Kept);
     peer.type_in("plc stop");
-    step_until(&mut sender, &mut words, Step::Stands);
+    step_until(&mut sender, &mut words, Step::NotScanned);
     peer.type_in("plc start");
     until("no map", PATIENCE, || !is_valid(&mut peer));
     step_until(&mut sender, &mut words, Step::Loading);

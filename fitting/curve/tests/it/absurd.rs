@@ -1,4 +1,4 @@
-//! Whatever numbers are given: a curve that can be asked anything, or an error; never a panic.
+//! Any numbers give a curve that evaluates everywhere, or an error; never a panic.
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_curve::{
@@ -87,7 +87,7 @@ fn ask(curve: &Curve, x: f64) {
 
 proptest! {
     #[test]
-    fn any_curve_answers_any_question(
+    fn any_curve_evaluates_at_any_number(
         curve in curve(), x in number(), factor in number(), shift in number(), reversal in number(),
         own in count(), with_respect_to in count(), coordinates in vec(number(), 0..4),
     ) {
@@ -159,7 +159,7 @@ proptest! {
     }
 
     #[test]
-    fn a_lag_takes_any_number(before in number(), input in number(), dt in number(), lag in number()) {
+    fn a_lag_accepts_any_number(before in number(), input in number(), dt in number(), lag in number()) {
         let _ = first_order_lag(before, input, dt, lag);
         let _ = first_order_lag_of_ramp(before, input, before, dt, lag);
     }
@@ -176,7 +176,7 @@ fn a_lag_in_closed_form() {
     }
 }
 
-/// Behind a ramp that is long beside the lag, the output runs behind it by slope times lag (closed form); a ramp of many short
+/// On a ramp that is long compared with the lag, the output trails by slope times lag (closed form); a ramp of many short
 /// steps is one long step.
 #[test]
 fn a_lag_of_a_ramp_in_closed_form() {

@@ -156,7 +156,7 @@ fn periodic() -> impl Strategy<Value = Curve> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// The extremes at the places to look at are those of 40 000 places, but for 4 % of the range.
+    /// The extremes at the sampling positions equal those at 40 000 positions within 4 % of the range.
     #[test]
     fn places_show_the_extremes(curve in prop_oneof![curve(), periodic()]) {
         let range = |values: &mut dyn Iterator<Item = f64>| {

@@ -64,7 +64,7 @@ fn branches() {
 }
 
 #[test]
-fn contains_asks_all_parts() {
+fn contains_checks_all_parts() {
     let short = Polynomial::new(vec![0.0], [0.0, 1.0]).unwrap();
     let pair = ErrorCurve::Pair {
         forward: line(0.0, 0.0),

@@ -57,7 +57,7 @@ fn every_curve_reads_back_the_same() {
 }
 
 #[test]
-fn what_a_constructor_refuses_is_not_read() {
+fn invalid_curves_are_not_deserialised() {
     for (text, reason) in [
         (
             r#"{"poly":{"coefficients":[],"domain":[0.0,1.0]}}"#,

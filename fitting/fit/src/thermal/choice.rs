@@ -3,10 +3,10 @@
 use nalgebra::DMatrix;
 
 use super::{
-    features::{BEFORE, Features, split},
+    columns::ridge,
+    columns::{BEFORE, Features, split},
     options::ThermalOptions,
     record::ThermalRecord,
-    ridge::ridge,
 };
 use crate::FitError;
 

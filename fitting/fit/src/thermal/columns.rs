@@ -1,20 +1,75 @@
-//! Candidate coefficients of a thermal search, as columns of a regression with sums of products.
+//! Columns of the regressions: lagged temperatures with their moments, candidate coefficients with their sums of products, and ridge weights.
 
 use std::ops::Range;
 
-use nalgebra::DMatrix;
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::{
-    features::split,
     lagged::{bent, lagged},
-    ridge::ridge_weights,
-    runs::ThermalRun,
+    record::{ThermalRecord, ThermalRun},
 };
 
+/// Number of columns of the moments before the features: 1 and the displacement.
+pub(super) const BEFORE: usize = 2;
+
+/// Splits rows into `parts` stretches that are as equal as possible.
+pub(super) fn split(rows: &[usize], parts: usize) -> impl Iterator<Item = &[usize]> {
+    let end = move |part: usize| rows.len() * part / parts.max(1);
+    (0..parts).map(move |part| &rows[end(part)..end(part + 1)])
+}
+
+/// Every lag of every sensor, relative to the first row: `columns[lag × sensors + sensor]`.
+pub(super) struct Features {
+    pub(super) sensors: usize,
+    pub(super) lags: usize,
+    pub(super) start_degc: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Features {
+    pub(super) fn new(record: &ThermalRecord, lags_s: &[f64]) -> Self {
+        let start_degc: Vec<f64> = record.degc.iter().map(|column| column[0]).collect();
+        let column = |lag_s: f64, sensor: usize| {
+            let difference: Vec<f64> = record.degc[sensor]
+                .iter()
+                .map(|t| t - start_degc[sensor])
+                .collect();
+            lagged(&record.time_s, &difference, lag_s)
+        };
+        let sensors = record.degc.len();
+        let columns = lags_s
+            .iter()
+            .flat_map(|&lag_s| (0..sensors).map(move |sensor| (lag_s, sensor)));
+        Self {
+            columns: columns
+                .map(|(lag_s, sensor)| column(lag_s, sensor))
+                .collect(),
+            sensors,
+            lags: lags_s.len(),
+            start_degc,
+        }
+    }
+
+    /// Σ z zᵀ over every `stride`-th row, z = (1, displacement, features).
+    pub(super) fn moments(
+        &self,
+        record: &ThermalRecord,
+        rows: &[usize],
+        stride: usize,
+    ) -> DMatrix<f64> {
+        let rows: Vec<usize> = rows.iter().copied().step_by(stride).collect();
+        let entry = |row: usize, column: usize| match column {
+            0 => 1.0,
+            1 => record.displacement[rows[row]],
+            _ => self.columns[column - BEFORE][rows[row]],
+        };
+        let z = DMatrix::from_fn(rows.len(), BEFORE + self.columns.len(), entry);
+        z.tr_mul(&z)
+    }
+}
+
 /// Maximum number of rows of a stretch in the sums: neighbouring rows are nearly equal, and more rows do not change the result.
-const MOST_ROWS: usize = 400;
-/// Number of columns before the candidates: 1 and the displacement.
-const BEFORE: usize = 2;
+const MAX_ROWS: usize = 400;
 
 /// Quantity that a coefficient multiplies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,7 +164,7 @@ pub(super) fn stretches(
         })
         .collect();
     let sums = |stretch: &[usize]| {
-        let step = stretch.len().div_ceil(MOST_ROWS * positions.len()).max(1);
+        let step = stretch.len().div_ceil(MAX_ROWS * positions.len()).max(1);
         let mut groups = Vec::new();
         for (place, zero) in zeros.iter().enumerate() {
             let of_place = stretch.iter().copied().filter(|row| places[*row] == place);
@@ -212,4 +267,62 @@ fn error_of(columns: &[usize], weights: &[f64]) -> Vec<(usize, f64)> {
         .into_iter()
         .chain(weighted.map(|(column, weight)| (BEFORE + column, -weight)))
         .collect()
+}
+
+/// Ridge regression: weights of the planned columns, and the constant.
+pub(super) struct Ridge {
+    pub(super) weights: Vec<f64>,
+    pub(super) constant: f64,
+}
+
+impl Ridge {
+    /// Sum of squared errors over the rows of some moments.
+    pub(super) fn squared_error(&self, moments: &DMatrix<f64>, plan: &[usize]) -> f64 {
+        // The error is v·z with v = (−constant, 1, −weights).
+        let v: Vec<(usize, f64)> = [(0, -self.constant), (1, 1.0)]
+            .into_iter()
+            .chain(plan.iter().copied().zip(self.weights.iter().map(|w| -w)))
+            .collect();
+        let product =
+            |&(i, a): &(usize, f64)| v.iter().map(|&(j, b)| a * b * moments[(i, j)]).sum::<f64>();
+        v.iter().map(product).sum::<f64>().max(0.0)
+    }
+}
+
+/// Ridge regression from moments, features scaled to unit variance; a constant feature gets the weight 0.
+pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Option<Ridge> {
+    let rows = moments[(0, 0)];
+    let mean = |column: usize| moments[(0, column)] / rows;
+    let covariance = |a: usize, b: usize| moments[(a, b)] / rows - mean(a) * mean(b);
+    let weights = ridge_weights(covariance, plan, penalty)?;
+    let constant = mean(1)
+        - weights
+            .iter()
+            .zip(plan)
+            .map(|(w, &column)| w * mean(column))
+            .sum::<f64>();
+    Some(Ridge { weights, constant })
+}
+
+/// Weights of a ridge regression of column 1 on the columns of a plan, from the covariance of any two columns; `None` if nothing moves.
+pub(super) fn ridge_weights(
+    covariance: impl Fn(usize, usize) -> f64,
+    plan: &[usize],
+    penalty: f64,
+) -> Option<Vec<f64>> {
+    // Movements below 1e-4 K count as none.
+    let scales: Vec<f64> = plan
+        .iter()
+        .map(|&c| covariance(c, c).max(0.0).sqrt())
+        .map(|s| if s > 1e-4 { 1.0 / s } else { 0.0 })
+        .collect();
+    if scales.iter().all(|scale| *scale == 0.0) {
+        return None;
+    }
+    let correlation = DMatrix::from_fn(plan.len(), plan.len(), |i, j| {
+        covariance(plan[i], plan[j]) * scales[i] * scales[j] + if i == j { penalty } else { 0.0 }
+    });
+    let right = DVector::from_fn(plan.len(), |i, _| covariance(plan[i], 1) * scales[i]);
+    let solved = Cholesky::new(correlation)?.solve(&right);
+    Some(solved.iter().zip(&scales).map(|(w, s)| w * s).collect())
 }

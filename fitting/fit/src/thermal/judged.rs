@@ -4,11 +4,10 @@ use std::ops::Range;
 
 use super::{
     fit_thermal,
-    fitted::ThermalSegment,
-    found::ThermalTerms,
     options::ThermalOptions,
-    runs::ThermalRun,
+    record::ThermalRun,
     search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows},
+    terms::{ThermalSegment, ThermalTerms},
 };
 use crate::{FitError, fit::rms};
 
@@ -321,7 +320,7 @@ mod tests {
     use super::{ThermalVerdict as Verdict, verdict};
 
     #[test]
-    fn what_cannot_be_told_apart_is_no_reason() {
+    fn indistinguishable_results_are_no_reason() {
         let none = [900.0, 800.0, 950.0, 1000.0];
         let plain = [0.048, 0.05, 0.047, 0.049];
         for (few, expected) in [

@@ -10,36 +10,29 @@ use crate::FitError;
 
 mod choice;
 mod columns;
-mod features;
-mod fitted;
-mod found;
-mod gaps;
 mod judged;
 mod lagged;
 mod options;
 mod record;
-mod ridge;
-mod runs;
 mod search;
 mod sensors;
+mod terms;
 
 pub use choice::ThermalChoice;
 pub use columns::ThermalEffect;
-pub use fitted::{ThermalFit, ThermalSegment, ThermalTerm};
-pub use found::{ThermalNumber, ThermalSeen, ThermalSize, ThermalTerms};
-pub use gaps::ThermalGap;
 pub use judged::{
     CoarseRows, JudgedThermal, ThermalPrediction, ThermalVerdict, judge_thermal_rows,
     judge_thermal_runs,
 };
 pub use options::ThermalOptions;
-pub use record::ThermalRecord;
-pub use runs::ThermalRun;
+pub use record::{ThermalGap, ThermalRecord, ThermalRun};
 pub use search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows};
+pub use terms::{
+    TestedRange, ThermalFit, ThermalNumber, ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms,
+};
 
 use choice::{BLOCKS, best_choices};
-use features::Features;
-use ridge::ridge;
+use columns::{Features, ridge};
 
 /// Fits the rows `train` of a record: lags, penalty and sensors by forward validation among them.
 ///
@@ -73,15 +66,15 @@ fn checked(
 /// Rejects rows that are not in the record, and too few rows.
 fn enough_rows(
     record: &ThermalRecord,
-    asked: &Range<usize>,
+    requested: &Range<usize>,
     known: &[usize],
     needed: usize,
 ) -> Result<(), FitError> {
-    if asked.end <= record.len() && known.len() >= needed {
+    if requested.end <= record.len() && known.len() >= needed {
         return Ok(());
     }
     Err(FitError::TooFew {
-        what: if known.len() < asked.len().min(record.len()) {
+        what: if known.len() < requested.len().min(record.len()) {
             "rows that are not behind a gap in the log"
         } else {
             "rows"

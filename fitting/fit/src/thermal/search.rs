@@ -7,21 +7,21 @@ use std::ops::Range;
 use super::{
     columns::{Between, Column, Stretch, Sums, ThermalEffect, stretches},
     enough_rows,
-    found::{ThermalNumber, ThermalSize, ThermalTerms},
     options::ThermalOptions,
-    runs::ThermalRun,
+    record::ThermalRun,
     sensors::representative_sensors,
+    terms::{ThermalNumber, ThermalSize, ThermalTerms},
 };
 use crate::FitError;
 
 /// Number of stretches of a single run. The first two are used for training only.
 const STRETCHES: usize = 10;
 /// Penalty that only keeps the equations solvable.
-const LEAST_PENALTY: f64 = 1e-9;
+const MIN_PENALTY: f64 = 1e-9;
 /// Minimum number of stretches over all runs, for the uncertainties.
-const LEAST_STRETCHES: usize = 8;
+const MIN_STRETCHES: usize = 8;
 /// Minimum number of rows of a stretch.
-const LEAST_ROWS: usize = 20;
+const MIN_ROWS: usize = 20;
 
 /// Limits of a search for thermal terms.
 #[derive(Clone, Debug, PartialEq)]
@@ -155,12 +155,12 @@ fn search_rows(
     let stretches_of_run = if runs.len() == 1 {
         STRETCHES
     } else {
-        LEAST_STRETCHES.div_ceil(runs.len().max(1))
+        MIN_STRETCHES.div_ceil(runs.len().max(1))
     };
     for (run, rows) in runs.iter().zip(rows) {
         run.check(sensors)?;
         let known = run.record.known_rows(rows, &search.lags_s);
-        enough_rows(&run.record, rows, &known, stretches_of_run * LEAST_ROWS)?;
+        enough_rows(&run.record, rows, &known, stretches_of_run * MIN_ROWS)?;
     }
     let known: Vec<(&ThermalRun, Range<usize>)> = runs.iter().zip(rows.iter().cloned()).collect();
     let chosen = representative_sensors(&known, search.most_sensors);
@@ -351,7 +351,7 @@ impl Space {
             .ridge(&choice.columns, choice.penalty)
             .ok_or_else(undetermined)?;
         // The penalty shrinks every coefficient towards zero: include the shrinkage in the uncertainty.
-        let drawn = sums.ridge(&choice.columns, LEAST_PENALTY);
+        let drawn = sums.ridge(&choice.columns, MIN_PENALTY);
         let drawn = drawn.unwrap_or_else(|| weights.clone());
         let drawn = drawn.iter().zip(&weights).map(|(free, value)| free - value);
         // The temperatures between two rows are unknown in every run.

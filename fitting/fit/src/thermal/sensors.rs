@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::runs::ThermalRun;
+use super::record::ThermalRun;
 
 /// Mean movement of a sensor, K, below which it has less weight: the level of noise.
 const NOISE_K: f64 = 0.05;
 /// Movement, K, below which a sensor counts as constant.
 const STILL_K: f64 = 1e-3;
 /// A sensor is redundant, and not chosen, if the chosen ones leave less than this share of its variance.
-const LEAST_SHARE: f64 = 1e-6;
-const MOST_ROWS: usize = 2000;
+const MIN_SHARE: f64 = 1e-6;
+const MAX_ROWS: usize = 2000;
 
 /// Chooses sensors one by one: each time the one which, together with those before it, explains most of the movement of all sensors, each scaled to
 /// its own. Displacements are ignored: among many sensors that move alike they would select by chance the one whose noise fits best.
@@ -24,7 +24,7 @@ pub(super) fn representative_sensors(
     let mut columns: Vec<DVector<f64>> = (0..sensors)
         .map(|sensor| {
             let moved = runs.iter().flat_map(|(run, rows)| {
-                let step = rows.len().div_ceil(MOST_ROWS).max(1);
+                let step = rows.len().div_ceil(MAX_ROWS).max(1);
                 let degc = &run.record.degc[sensor];
                 let taken: Vec<f64> = rows.clone().step_by(step).map(|row| degc[row]).collect();
                 let mean = taken.iter().sum::<f64>() / taken.len().max(1) as f64;
@@ -41,11 +41,11 @@ pub(super) fn representative_sensors(
         })
         .collect();
     let mut chosen = Vec::new();
-    let begun: Vec<f64> = columns.iter().map(DVector::norm_squared).collect();
+    let initial: Vec<f64> = columns.iter().map(DVector::norm_squared).collect();
     while chosen.len() < most {
         let products = DMatrix::from_fn(sensors, sensors, |i, j| columns[i].dot(&columns[j]));
         let left = |&sensor: &usize| {
-            !chosen.contains(&sensor) && products[(sensor, sensor)] > LEAST_SHARE * begun[sensor]
+            !chosen.contains(&sensor) && products[(sensor, sensor)] > MIN_SHARE * initial[sensor]
         };
         let explains =
             |sensor: usize| products.column(sensor).norm_squared() / products[(sensor, sensor)];

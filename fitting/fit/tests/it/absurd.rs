@@ -88,7 +88,7 @@ proptest! {
             fit_thermal(&record, start..end, &options),
             fit_thermal(&record, 0..end, &ThermalOptions::plain()),
         ];
-        // Terms that somebody wrote, for other sensors than the record has.
+        // Terms for other sensors than those of the record.
         let term = ThermalTerm { lag_s: penalty, per_k: values.clone() };
         fits.push(Ok(ThermalFit {
             terms: vec![term],

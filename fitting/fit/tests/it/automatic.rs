@@ -166,7 +166,7 @@ fn few_targets_get_simpler_curves() {
     ));
 }
 
-/// The setting for two directions is the one that predicts best what is left out when each curve is fitted anew without it.
+/// The setting for two directions is the one that best predicts the omitted targets when each curve is refitted.
 #[test]
 fn the_setting_of_both_directions_is_that_of_refits() {
     let mut noise = 7_u32;

@@ -15,7 +15,7 @@ fn of_side(side: &Side, targets: &[f64], method: Method, at: &[f64]) -> Band {
 
 /// The share of places at which bands hold the truth, of lines with the choice of their own.
 #[test]
-fn they_hold_the_truth_of_generated_lines() {
+fn bands_cover_the_truth_of_generated_lines() {
     let mut all = [0_u32; 2];
     for (number, family) in (0_u32..).zip(FAMILIES) {
         let mut pooled = [0_u32; 2];
@@ -56,7 +56,7 @@ fn they_hold_the_truth_of_generated_lines() {
 /// Drawn at the targets and between them, bands hold the truth of a hundred lines, a fifth of them with targets too sparse for their screw; of these
 /// those of the targets alone hold hardly anything.
 #[test]
-fn it_holds_the_truth_between_targets() {
+fn bands_cover_the_truth_between_targets() {
     let mut all = [Covered::default(); 2];
     for index in 0..100 {
         let is_sparse = index % 5 == 4;
@@ -75,7 +75,7 @@ fn it_holds_the_truth_between_targets() {
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
     // The curves of a fifth are warned of, but for a few that look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
-    // So few of them tell little of the share: a hundred.
+    // A few of them do not determine the share: a hundred.
     for index in (104..500).step_by(5) {
         sparse.add(covered(&undersampled(29, index), 100));
     }
@@ -84,7 +84,7 @@ fn it_holds_the_truth_between_targets() {
 
 /// Of a line through many runs the textbook knows the band: ±1.96 σ √(h/m).
 #[test]
-fn of_many_runs_of_a_line_it_is_that_of_the_textbook() {
+fn the_band_of_many_runs_matches_the_textbook() {
     let x = targets(11);
     let runs: Vec<Vec<f64>> = (0..200)
         .map(|seed| noisy(&x, 1.0, seed, |x| x / 800.0))
@@ -107,7 +107,7 @@ fn of_many_runs_of_a_line_it_is_that_of_the_textbook() {
 
 /// Of one run: ±t s √h with the residual standard deviation s, and a part for the shape, but for what chance the resampling has.
 #[test]
-fn of_one_run_of_a_line_it_is_that_of_the_textbook() {
+fn the_band_of_one_run_matches_the_textbook() {
     let x = targets(21);
     let u = noisy(&x, 1.0, 5, |x| x / 800.0);
     let at = [0.0, 4000.0];
@@ -133,7 +133,7 @@ fn of_one_run_of_a_line_it_is_that_of_the_textbook() {
 }
 
 #[test]
-fn what_cannot_be_resampled_is_refused_or_unknown() {
+fn sets_without_resamples_are_refused_or_unknown() {
     let x = targets(2);
     let line = Method::Polynomial { order: 1 };
     let none = BandOptions {

@@ -1,4 +1,4 @@
-//! What a curve does between targets that stand in irregular places, and the warnings of it.
+//! Curves between irregularly spaced targets, and the warnings about them.
 
 use volcomp_fit::{Between, Method, fit_polynomial};
 
@@ -6,9 +6,9 @@ use crate::gaps::{KINDS, NOISE, Warned, between, even, irregular, nearly_even};
 use crate::{noisy, targets};
 
 /// Of every kind, whatever misses the truth by more than 30 µm is warned of, whether the noise is known or not; the sets are the first ones of
-/// `examples/gaps.rs`, which looks at 500, and those of it in which few kinds miss as much. Of what is right hardly anything is warned of.
+/// `examples/gaps.rs`, which samples 500, and those of it in which few kinds miss as much. Of what is right hardly anything is warned of.
 #[test]
-fn every_kind_that_is_wrong_in_a_gap_is_warned_of_and_few_others_are() {
+fn curves_that_miss_the_truth_in_a_gap_are_warned_of() {
     let sets = || (0..40).chain([131, 161, 198, 248, 413]);
     for kind in KINDS {
         let (name, _) = kind;
@@ -94,7 +94,7 @@ fn targets_that_are_too_sparse_are_warned_of() {
 
 /// A parabola through waves of five gaps leaves nearly all of them; a table follows them, and a parabola follows a bend.
 #[test]
-fn a_curve_that_does_not_follow_its_readings_is_told() {
+fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
     let x = targets(31);
     let length = 5.0 * (x[1] - x[0]);
     let wave = |x: f64| 20.0 * (std::f64::consts::TAU * x / length).sin();
@@ -104,7 +104,7 @@ fn a_curve_that_does_not_follow_its_readings_is_told() {
         let u = noisy(&x, NOISE, 3, truth);
         between(&method.fit(&x, &u).expect("a curve"), &x, &u)
     };
-    // A slope beside the waves hides nothing.
+    // A slope in addition to the waves hides nothing.
     let steep = |x: f64| wave(x) + 0.3 * x;
     assert!(of(&steep, parabola).is_not_followed());
     let found = of(&wave, parabola);
@@ -118,9 +118,9 @@ fn a_curve_that_does_not_follow_its_readings_is_told() {
     }
 }
 
-/// Of one run nothing tells what readings repeat to: a curve is told that leaves much more than they scatter from target to target.
+/// A single run does not show the repeatability: the warning compares the residual with the scatter from target to target.
 #[test]
-fn a_curve_that_does_not_follow_one_run_is_told() {
+fn a_curve_that_does_not_follow_one_run_is_warned_of() {
     let x = targets(31);
     let wave = |gaps: f64| {
         let length = gaps * (x[1] - x[0]);
@@ -147,7 +147,7 @@ fn a_curve_that_does_not_follow_one_run_is_told() {
             "{count}"
         );
     }
-    // Three runs, each with a zero of its own, which they repeat to.
+    // Three runs with different zeros, which they repeat.
     let shifts = [-10.0, 0.0, 10.0];
     let u: Vec<f64> = (shifts.iter())
         .flat_map(|shift| x.iter().map(move |x| shift - 1e-6 * x * (x - 8000.0)))
@@ -157,10 +157,10 @@ fn a_curve_that_does_not_follow_one_run_is_told() {
     assert!(between(&fit, &of_runs, &u).is_not_followed());
     // A wave of three gaps looks like scatter.
     assert_eq!(of(&wave(3.0), line), None);
-    let told = (0..200).filter(|seed| {
+    let warned = (0..200).filter(|seed| {
         let u = noisy(&x, NOISE, *seed, |_| 0.0);
         let fit = line.fit(&x, &u).expect("a line");
         Between::of(&fit, &x, &u, None).is_not_followed()
     });
-    assert!(told.count() <= 1);
+    assert!(warned.count() <= 1);
 }

@@ -72,7 +72,7 @@ fn noise_gives_nearly_a_constant() {
 
 /// Between targets, even or with a wide gap, no curve leaves the band of the readings by more than a quarter of its height.
 #[test]
-fn nothing_swings_out_of_the_band() {
+fn no_chosen_curve_leaves_the_band() {
     for seed in 0..40_u32 {
         let count = 5 + seed % 17;
         let mut x = targets(count);
@@ -88,7 +88,7 @@ fn nothing_swings_out_of_the_band() {
         let low = u.iter().copied().fold(f64::INFINITY, f64::min);
         let high = u.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let more = 0.25 * (high - low);
-        // A little more than at the places that the rule looks at.
+        // Slightly more than at the positions that the rule samples.
         for x in targets(1601) {
             let value = curve.value(x);
             assert!(
@@ -109,7 +109,7 @@ fn few_equal_and_repeated_targets() {
     assert_eq!(one.choice.reason, Reason::FewTargets);
     let two = chosen(&[0.0, 10.0], &[1.0, 3.0]);
     assert_eq!(two.choice.method, Method::Polynomial { order: 1 });
-    // Of three readings nothing tells a bend from scatter: a line.
+    // Three readings do not distinguish a bend from scatter: a line.
     let three = chosen(&[0.0, 10.0, 20.0], &[0.0, 6.0, 10.0]);
     assert_eq!(three.choice.method, Method::Polynomial { order: 1 });
     // Two runs that agree do.
@@ -153,7 +153,7 @@ fn a_known_scatter_decides_what_is_followed() {
 
 /// A scale error of a rotary axis that does not go all the way round: few targets far from one another are no full turn.
 #[test]
-fn targets_over_a_part_of_a_turn_are_no_full_turn() {
+fn targets_over_a_part_of_a_turn_get_no_fourier_series() {
     let round = FitOptions {
         period: Some(360.0),
         ..none()

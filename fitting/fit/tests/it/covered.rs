@@ -4,7 +4,7 @@ use volcomp_fit::{BandOptions, Between, FitOptions, Noise, band, band_places, ch
 
 use crate::generated::Generated;
 
-/// Places looked at, and how many of them the band holds that is drawn with straight lines between its places; with that of the targets alone.
+/// Sampled positions, and how many of them lie within the band interpolated between its positions; the same for the band of the targets alone.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Covered {
     pub(crate) places: u32,
@@ -57,7 +57,7 @@ fn noise_of_mean(runs: &[Vec<f64>], means: &[f64]) -> Option<Noise> {
     (deviation > 0.0 && deviation.is_finite()).then_some(Noise { deviation, freedom })
 }
 
-/// Of one line, with the curve that is chosen for it, at so many places.
+/// Of one line, with the curve that is chosen for it, at this number of positions.
 pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
     let readings = line.sides.iter().map(|s| s.readings(&line.targets));
     let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();

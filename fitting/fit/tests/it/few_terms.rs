@@ -19,7 +19,7 @@ fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
 /// Steps of a lag between two rows.
 const PARTS: u32 = 100;
 
-/// Record minus what the numbers make of the temperatures, by a loop of its own, from the mean of the first three rows.
+/// Record minus what the numbers make of the temperatures, by a separate loop, from the mean of the first three rows.
 fn rms_by_hand(terms: &ThermalTerms, run: &ThermalRun) -> f64 {
     let record = &run.record;
     let mut error = record.displacement.clone();
@@ -92,7 +92,7 @@ fn eight_runs_judged_by_runs_left_out() {
     assert_eq!(terms.numbers.len(), fewest);
 }
 
-/// A single run is chosen on its first part and judged on the rest: in the mean of forty machines better than a regression on all
+/// A single run is chosen on its first part and judged on the rest: on average over forty machines better than a regression on all
 /// temperatures without lags.
 #[test]
 fn one_run_is_judged_by_time() {
@@ -128,7 +128,7 @@ fn one_run_is_judged_by_time() {
 /// The displacement is 3 µm/K of one sensor with a lag of 900 s: the number is found, and its uncertainty is that of its
 /// scatter over many tests.
 #[test]
-fn a_number_is_as_uncertain_as_it_scatters() {
+fn coefficient_uncertainties_match_their_scatter() {
     let (mut values, mut uncertainties) = (Vec::new(), Vec::new());
     for seed in 0..12 {
         let mut runs = runs(200 + 10 * seed, 4);
@@ -175,11 +175,11 @@ fn an_expansion_is_found_where_the_position_was_varied() {
         .iter()
         .filter(|number| number.effect == ThermalEffect::Expansion)
         .collect();
-    // The upper column is next to the scale and may stand in for a part of it.
+    // The upper column is next to the scale and may replace a part of it.
     let sum: f64 = expansion.iter().map(|number| number.value * 1e3).sum();
     assert!(!expansion.is_empty());
     assert!((sum - 11.5).abs() < 0.6, "{sum}");
-    // A machine that stood still tells of no expansion.
+    // A machine at rest shows no expansion.
     let mut still = runs.clone();
     for run in &mut still {
         run.position_mm.fill(300.0);
@@ -193,9 +193,9 @@ fn an_expansion_is_found_where_the_position_was_varied() {
     );
 }
 
-/// What has no lag, in which the fixed point of an expansion shows, is one of the time constants that are counted.
+/// The drift without a lag, which contains the fixed point of an expansion, counts as one of the time constants.
 #[test]
-fn time_constants_are_counted_where_expansions_are_looked_for() {
+fn the_lag_free_drift_counts_as_a_time_constant() {
     let mut runs: Vec<ThermalRun> = (41..45).map(moving).collect();
     for run in &mut runs {
         // A drift with a lag on top, which every search would like to have.
@@ -218,7 +218,7 @@ fn time_constants_are_counted_where_expansions_are_looked_for() {
 }
 
 #[test]
-fn what_the_sensors_have_shown_is_told() {
+fn tested_sensor_ranges_are_reported() {
     let runs = runs(1, 3);
     let terms = search_thermal(&runs, &ThermalSearch::default()).unwrap();
     for seen in &terms.seen {
@@ -241,7 +241,7 @@ fn what_the_sensors_have_shown_is_told() {
 
 /// Ten sensors of which eight show what two others show: no more than two are taken.
 #[test]
-fn sensors_that_tell_nothing_new_are_left_out() {
+fn redundant_sensors_are_left_out() {
     let mut runs = runs(61, 3);
     for run in &mut runs {
         let [a, b] = [run.record.degc[0].clone(), run.record.degc[5].clone()];

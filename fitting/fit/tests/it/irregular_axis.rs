@@ -21,7 +21,7 @@ fn worst_between(curve: &Curve) -> f64 {
 }
 
 #[test]
-fn moving_least_squares_leaves_a_third_of_what_a_polynomial_leaves() {
+fn moving_least_squares_residual_is_a_third_of_a_polynomial() {
     let x = targets(21);
     let readings = noisy(&x, 0.2, 11, deviation);
     let polynomial = fit_polynomial(&x, &readings, 6, [0.0, 8000.0]).unwrap();

@@ -4,7 +4,7 @@ use volcomp_fit::{Choice, FitOptions, Method, choose};
 
 use crate::generated::{Generated, generated};
 
-/// Targets that are left out at the most, evenly spread.
+/// Maximum number of omitted targets, evenly spread.
 const LEFT_OUT: usize = 40;
 
 /// The method that was judged, and how it does.

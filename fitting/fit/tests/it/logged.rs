@@ -140,9 +140,9 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// What is claimed is what is left at run time, however often the logger wrote; and the number of the lag is found.
+/// The claimed error equals the residual at run time for any logging interval, and the time constant is identified.
 #[test]
-fn a_slow_logger_claims_no_more_than_it_knows() {
+fn the_claimed_error_is_met_at_run_time_for_any_logger() {
     for (every_s, is_regular) in [
         (30.0, true),
         (60.0, true),
@@ -199,7 +199,7 @@ fn a_slow_logger_claims_no_more_than_it_knows() {
 /// A logger that stops for an hour while the spindle goes on: what the temperature did meanwhile is unknown, and no row
 /// that would need it counts until it is forgotten.
 #[test]
-fn a_gap_is_not_driven_over() {
+fn a_gap_in_time_is_not_bridged() {
     let mut runs: Vec<ThermalRun> = (0..4).map(|s| logged(&world(s), 60.0, true, s)).collect();
     let search = ThermalSearch::default();
     let whole = search_thermal(&runs, &search).unwrap();

@@ -23,7 +23,6 @@ mod reproduction;
 #[cfg(feature = "serde")]
 mod serialised;
 mod shipped_runs;
-mod spline_in_gaps;
 mod thermal;
 mod thermal_verdict;
 

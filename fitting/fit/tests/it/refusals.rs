@@ -24,7 +24,7 @@ const ALL: [AnyFit; 9] = [
 ];
 
 #[test]
-fn readings_that_are_none() {
+fn invalid_readings_are_refused() {
     let x = targets(21);
     for fit in ALL {
         assert!(fit(&x, &x).is_ok());

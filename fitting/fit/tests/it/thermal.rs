@@ -102,9 +102,9 @@ fn a_sensor_without_part_is_left_out() {
     assert_eq!(fit.sensors(), [0, 1]);
 }
 
-/// What comes later must not reach back: a fit of the first part does not know the rest.
+/// A fit of the first part does not depend on later rows.
 #[test]
-fn the_rest_of_the_time_is_not_seen() {
+fn rows_outside_the_fitted_range_have_no_effect() {
     let mut record = record(3000, 0.1, 4);
     let before = fit_thermal(&record, 0..2100, &ThermalOptions::default()).unwrap();
     for row in 2100..3000 {

@@ -35,7 +35,7 @@ fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
 /// 3 µm/K, no lag: terms with lags predict as well as those without, and must never be refused for noise. Where temperatures move
 /// nothing, terms are good by chance only.
 #[test]
-fn good_terms_are_taken_and_worthless_ones_are_not() {
+fn useful_terms_are_accepted_and_useless_ones_rejected() {
     let search = ThermalSearch::default();
     let count = |um_per_k: f64| {
         let is_good = |seed: &u64| {

@@ -67,8 +67,8 @@ fn files_as_controls_put_them_out() {
         close(found.0, expected.0, 1e-12);
         close(found.1, expected.1, 1e-12);
     }
-    let told = warnings.concat();
-    assert!(told.contains("axis Y: no interval"), "{told}");
+    let message = warnings.concat();
+    assert!(message.contains("axis Y: no interval"), "{message}");
     let (_, warnings) = tables(Format::Fanuc, "p", &text.replace("A1P50.0", "A1P50"));
     assert!(
         warnings.concat().contains("no decimal point"),
@@ -78,13 +78,16 @@ fn files_as_controls_put_them_out() {
 
 #[test]
 fn refusals() {
-    let told = written(table([0.0, 0.0, 0.0, 200.0], None)).expect_err("refused");
-    assert!(told.contains("a step of -200 detection units"), "{told}");
+    let message = written(table([0.0, 0.0, 0.0, 200.0], None)).expect_err("refused");
+    assert!(
+        message.contains("a step of -200 detection units"),
+        "{message}"
+    );
     let mut shifted = table([0.0, 1.0, 2.0, 3.0], None);
     shifted.positions = vec![10.0, 110.0, 210.0, 310.0];
-    let told = written(shifted).expect_err("refused");
+    let message = written(shifted).expect_err("refused");
     let expected = "no point at machine zero, between 10 and 310";
-    assert!(told.contains(expected), "{told}");
+    assert!(message.contains(expected), "{message}");
     for [text, expected] in &cases(
         r"
 hello\n | p.txt:1: found 
@@ -97,7 +100,7 @@ N03620A7P0\nN03621A7P0\nN03622A7P1\nN03624A7P1.0\n | --axis-numbers X=7
 N03620A1P9\nN03621A1P0\nN03622A1P1\nN03624A1P1.0\n | reference 9
 ",
     ) {
-        let told = refused(Format::Fanuc, "p.txt", text);
-        assert!(told.contains(expected.as_str()), "{told}");
+        let message = refused(Format::Fanuc, "p.txt", text);
+        assert!(message.contains(expected.as_str()), "{message}");
     }
 }

@@ -35,11 +35,14 @@ fn the_cma_says_which_axis_is_the_input() {
     let found = read(Format::HeidenhainTnc640, &files, &options()).expect("read");
     let found = of_axes(found.content);
     assert!(found.iter().all(|table| table.input == AxisName::Y));
-    for (line, expected) in [("* OTHER", "does not name it"), ("- AXIS_X", "ACTIVE")] {
+    for (line, expected) in [
+        ("* OTHER", "does not name this table"),
+        ("- AXIS_X", "ACTIVE"),
+    ] {
         let cma = format!("BEGIN C.CMA MM\nNR ACTIVE X\n0 {line}\n[END]\n");
         let files = [file("CONFIG.CMA", &cma), file("AXIS_X.COM", COM)];
-        let told = read(Format::HeidenhainTnc640, &files, &options()).expect_err(line);
-        assert!(told.to_string().contains(expected), "{told}");
+        let message = read(Format::HeidenhainTnc640, &files, &options()).expect_err(line);
+        assert!(message.to_string().contains(expected), "{message}");
     }
 }
 
@@ -51,10 +54,10 @@ fn table(step: f64, count: u32, input: AxisName, slope: f64) -> AxisTable {
 }
 
 #[test]
-fn every_control_of_the_maker_has_these_limits() {
+fn limits_of_the_control() {
     use AxisName::{C, X};
     for (step, most, axis, slope, expected) in [
-        (1.0, 256, X, 1e-4, "257 positions, expected 256"),
+        (1.0, 256, X, 1e-4, "257 positions, expected at most 256"),
         (15.0, 25, C, 1e-5, "0 to 360 deg"),
     ] {
         let written = |count: u32| {
@@ -62,25 +65,25 @@ fn every_control_of_the_maker_has_these_limits() {
             write(Format::HeidenhainTnc640, &content, &WriteOptions::default())
         };
         written(most).expect("written");
-        let told = written(most + 1).expect_err("refused").to_string();
-        assert!(told.contains(expected), "{told}");
+        let message = written(most + 1).expect_err("refused").to_string();
+        assert!(message.contains(expected), "{message}");
     }
 }
 
 #[test]
 fn refusals_name_line_found_and_expected() {
     let format = Format::HeidenhainTnc640;
-    let told = |text: &str| refused(format, "AXIS_X.COM", text);
-    assert!(told("hello\n").starts_with("AXIS_X.COM:1: found `hello`"));
+    let message = |text: &str| refused(format, "AXIS_X.COM", text);
+    assert!(message("hello\n").starts_with("AXIS_X.COM:1: found `hello`"));
     for [right, wrong, expected] in &cases(
         "
-+50.0000 | +0.0000 | :4: found a position that does not rise
++50.0000 | +0.0000 | :4: found a position that does not increase
 -0.0020 | | :4: found 4 cells, expected 5
 -0.0020 | x | :4: found `x`, expected a number
 COM MM | COM INCH | found INCH
 ",
     ) {
-        let found = told(&COM.replace(right.as_str(), wrong));
+        let found = message(&COM.replace(right.as_str(), wrong));
         assert!(found.contains(expected.as_str()), "{found}");
     }
     let no_play = COM.replace("+0.0010", "+0").replace("+0.0050", "+0");
@@ -106,10 +109,10 @@ fn turning(modulo: &str, travel: &str) -> Machine {
 }
 
 #[test]
-fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
+fn a_turn_from_minus_180_deg_is_written_from_0_to_360() {
     use AxisName::{A, C};
     let format = Format::HeidenhainTnc640;
-    // Where A stands at 0, C turns about the tool, and corrects nothing: A does not go there.
+    // With A at 0, C turns about the tool and corrects nothing: A does not go there.
     let tilted = TableOptions {
         at: vec![(A, 30.0)],
         ..TableOptions::default()
@@ -123,8 +126,11 @@ fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
         let content = sampled(&machine, &Temperatures::new(), &tilted, format).expect("tables");
         let made = write(format, &content, &WriteOptions::default()).expect("written");
         assert_eq!(made.left_out, [], "{format} {:?}", made.notes);
-        let told = |note: &String| note.contains("written from 0 to 360 deg");
-        assert!(made.notes.iter().any(told), "{format} {travel} {content:?}");
+        let message = |note: &String| note.contains("written from 0 to 360 deg");
+        assert!(
+            made.notes.iter().any(message),
+            "{format} {travel} {content:?}"
+        );
         let back = read(format, &made.files, &options()).expect("read");
         let (back, given) = (of_axes(back.content), of_axes(content));
         let (back, given) = (over(&back, C, C), over(&given, C, C));
@@ -148,7 +154,7 @@ fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
             axes: AxisNumbers::of_machine(&machine),
             ..WriteOptions::default()
         };
-        let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("told");
+        let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("compared");
         let of_c = lost.axes.iter().find(|found| found.axis == C);
         let of_c = of_c.expect("it is there");
         assert!(of_c.correction > 25.0, "{of_c:?}");
@@ -179,7 +185,7 @@ fn steps_that_miss_0_begin_there() {
 }
 
 #[test]
-fn what_is_no_turn_or_does_not_close_is_left_out_and_told() {
+fn tables_that_are_not_a_closed_turn_are_left_out() {
     let format = Format::HeidenhainTnc640;
     let given = |from: f64, last: f64| AxisTable {
         positions: (0..25)

@@ -36,7 +36,10 @@ fn the_csv_of_tf5280() {
         ("EXX\n", 1),
         ("X EXX\n0 0\n1 0\n#\nX EXX\n0 0\n1 0\n", 7),
     ] {
-        let told = refused(Format::IsgCsv, "e.csv", text);
-        assert!(told.starts_with(&format!("e.csv:{line}: found ")), "{told}");
+        let message = refused(Format::IsgCsv, "e.csv", text);
+        assert!(
+            message.starts_with(&format!("e.csv:{line}: found ")),
+            "{message}"
+        );
     }
 }

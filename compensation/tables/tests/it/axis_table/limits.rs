@@ -21,7 +21,7 @@ fn made(errors: &str, format: Format, limit_um: f64) -> Result<Content, Exchange
 }
 
 #[test]
-fn a_slip_of_units_makes_no_table_of_any_format() {
+fn implausible_errors_make_no_table_of_any_format() {
     for format in Format::ALL {
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
@@ -51,7 +51,7 @@ fn a_slip_of_units_makes_no_table_of_any_format() {
 
 /// Tables that are made by hand are refused beyond 2 mm and 2 mrad, whatever the format.
 #[test]
-fn no_format_writes_what_no_machine_has() {
+fn no_format_writes_implausible_values() {
     let table = |output: AxisName, value: f64| {
         Content::Axes(vec![AxisTable {
             input: AxisName::X,

@@ -18,7 +18,7 @@ fn trims(table: &AxisTable) -> Vec<[f64; 2]> {
 }
 
 #[test]
-fn the_examples_of_its_documentation_do_not_mean_the_same() {
+fn the_two_file_types_have_opposite_signs() {
     let zero = "0.000 0.002 -0.003\n1.000 1.003 0.998\n";
     let one = "0 0.002 -0.003\n1 0.003 -0.004\n";
     // trim = nominal − actual.
@@ -34,14 +34,14 @@ fn the_examples_of_its_documentation_do_not_mean_the_same() {
 }
 
 #[test]
-fn it_stops_silently_and_we_do_not() {
+fn numbers_after_a_foreign_line_are_reported() {
     let text = "0 0 0\n1 1.1 1.1\n\n2 2.2 2.2\n# end\n3 3 3\n";
     let (found, warnings) = tables(Format::Linuxcnc, "X.comp", text);
     assert_eq!(found[0].positions.len(), 2);
     assert_eq!(
         warnings,
         [
-            "X.comp:3: LinuxCNC stops reading here, as this is no line of three numbers; 2 lines of numbers behind it do not count"
+            "X.comp:3: LinuxCNC stops reading here, because this is not a line of three numbers; 2 lines of numbers after it are ignored"
         ]
     );
     let (_, warnings) = tables(Format::Linuxcnc, "X.comp", "0 0 0\n1 1 1\n\n");
@@ -52,12 +52,12 @@ fn it_stops_silently_and_we_do_not() {
     assert_eq!(found[0].positions, [-10.0, 0.0]);
     assert_eq!(found[0].forward, [-0.5, 0.5]);
     // A comment in front takes everything.
-    let told = refused(Format::Linuxcnc, "X.comp", "# head\n0 0 0\n1 1 1\n");
-    assert!(told.contains("0 lines of three numbers"), "{told}");
+    let message = refused(Format::Linuxcnc, "X.comp", "# head\n0 0 0\n1 1 1\n");
+    assert!(message.contains("0 lines of three numbers"), "{message}");
 }
 
 #[test]
-fn its_limits() {
+fn limits_of_the_format() {
     let lines = |count: u32| -> String {
         let lines = (0..count).map(|n| format!("{n} {n}.001 {n}\n"));
         lines.collect()
@@ -66,16 +66,16 @@ fn its_limits() {
     assert_eq!(found[0].positions.len(), 256);
     assert_eq!(
         refused(Format::Linuxcnc, "X.comp", &lines(257)),
-        "X.comp:257: found a line 257, expected 256 at the most"
+        "X.comp:257: found a line 257, expected at most 256"
     );
-    assert!(refused(Format::Linuxcnc, "X.comp", "0 0 0\n0 0 0\n").contains("strictly rising"));
-    let told = refused(Format::Linuxcnc, "table.comp", "0 0 0\n1 1 1\n");
-    assert!(told.contains("the letter of the axis"), "{told}");
+    assert!(refused(Format::Linuxcnc, "X.comp", "0 0 0\n0 0 0\n").contains("strictly increasing"));
+    let message = refused(Format::Linuxcnc, "table.comp", "0 0 0\n1 1 1\n");
+    assert!(message.contains("the letter of the axis"), "{message}");
     let positions = (0..257).map(f64::from).collect();
     let content = Content::Axes(vec![own(AxisName::X, positions, vec![0.01; 257])]);
-    let told = write(Format::Linuxcnc, &content, &WriteOptions::default()).expect_err("refused");
-    let expected = "found 257 positions, expected 256 at the most";
-    assert!(told.to_string().contains(expected), "{told}");
+    let message = write(Format::Linuxcnc, &content, &WriteOptions::default()).expect_err("refused");
+    let expected = "found 257 positions, expected at most 256";
+    assert!(message.to_string().contains(expected), "{message}");
 }
 
 /// control.c and usrmotintf.cc in a few lines: what LinuxCNC adds to the motor's command.
@@ -107,7 +107,7 @@ for point in sys.argv[3:]:
 ";
 
 #[test]
-fn what_its_formula_adds_is_the_models_correction() {
+fn its_formula_adds_the_correction_of_the_model() {
     let Some(python) = peers::python() else {
         return;
     };

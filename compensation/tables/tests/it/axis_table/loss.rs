@@ -29,7 +29,7 @@ fn lost(machine: &Machine, format: Format, step_mm: f64) -> Loss {
 
 fn lost_by(machine: &Machine, format: Format, options: &TableOptions) -> Loss {
     let none = Temperatures::new();
-    loss(machine, &none, options, format, &writing(machine)).expect("told")
+    loss(machine, &none, options, format, &writing(machine)).expect("compared")
 }
 
 fn writing(machine: &Machine) -> WriteOptions {
@@ -57,7 +57,7 @@ fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
     of_axis(axes, axis).largest
 }
 
-/// What tables every 100 mm lose of a category at the most, µm.
+/// Maximum loss of a category in tables with a step of 100 mm, µm.
 fn loses(machine: &Machine, format: Format, what: Category, axis: AxisName, by: f64, within: f64) {
     close(
         um(&lost(machine, format, 100.0), Some(what), axis),
@@ -89,10 +89,10 @@ fn straight_lines_lose_the_bend_between_nodes() {
     assert!(finer.axes[0].rms > 0.05, "{:?}", finer.axes[0]);
 }
 
-/// An error that is zero at every position of a table is lost as a whole, and that is told; a model with nothing else is refused,
+/// An error that is zero at every position of a table is lost entirely, and that is reported; a model with nothing else is refused,
 /// with the reason.
 #[test]
-fn an_error_that_repeats_with_the_step_is_lost() {
+fn an_error_with_the_period_of_the_step_is_lost() {
     let screw = "EXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n";
     let machine = machine(&format!(
         "[errors]\n{screw}EYX = {{ poly = [0.0, 0.01] }}\n"
@@ -103,11 +103,11 @@ fn an_error_that_repeats_with_the_step_is_lost() {
     let write = writing(&alone);
     let none = Temperatures::new();
     let content = sampled(&alone, &none, &options, Format::Csv).expect("tables");
-    let told = volcomp_tables::axis_table::write(Format::Csv, &content, &write);
-    let told = told.expect_err("refused").to_string();
+    let message = volcomp_tables::axis_table::write(Format::Csv, &content, &write);
+    let message = message.expect_err("refused").to_string();
     assert!(
-        told.contains("at its positions") && told.contains("--step"),
-        "{told}"
+        message.contains("at its positions") && message.contains("--step"),
+        "{message}"
     );
 }
 
@@ -125,7 +125,7 @@ fn squareness_is_a_table_over_another_axis() {
 }
 
 #[test]
-fn levers_stand_at_the_reference() {
+fn levers_are_those_of_the_reference_position() {
     // EBX = 0.05 µrad/mm: 60 µrad at the end, times 1200 mm of Z away from where the tables hold: 72 µm.
     let machine = machine("[errors]\nEBX = { poly = [0.0, 0.05] }\n");
     for format in [
@@ -162,7 +162,7 @@ fn reversal_is_lost_where_a_format_has_one_value() {
 }
 
 #[test]
-fn a_second_coordinate_is_lost_beside_the_line() {
+fn a_second_coordinate_is_lost_away_from_the_line() {
     let machine = machine(
         "[errors]\nEZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 1200], [0, 1200]], values = [[0.0, 0.0], [10.0, 18.0]] } }\n",
     );
@@ -177,7 +177,7 @@ fn a_second_coordinate_is_lost_beside_the_line() {
 }
 
 #[test]
-fn thermal_terms_are_what_a_kelvin_changes() {
+fn the_thermal_loss_is_the_effect_of_1_k() {
     let machine = machine(
         "[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 11.5\nfixed_mm = 0.0\n[errors]\nEXX = 0.0\nEYX = { poly = [0.0, 0.001] }\n",
     );
@@ -186,7 +186,7 @@ fn thermal_terms_are_what_a_kelvin_changes() {
 }
 
 #[test]
-fn every_format_tells_of_every_example() {
+fn every_format_is_compared_for_every_example() {
     for name in ["gantry.toml", "mill.toml", "five-axis.toml"] {
         let machine = example(name);
         for format in Format::ALL {
@@ -208,7 +208,7 @@ fn every_format_tells_of_every_example() {
                 assert!(texts.contains(words), "{name} {format}: {words}");
             }
             let found = loss(&machine, &Temperatures::new(), &options, format, &write);
-            let found = found.unwrap_or_else(|told| panic!("{name} {format}: {told}"));
+            let found = found.unwrap_or_else(|message| panic!("{name} {format}: {message}"));
             assert!(found.poses > 1000, "{name} {format}");
             for axis in &found.axes {
                 let is_whole = axis.at.len() == machine.axes().len();
@@ -220,7 +220,7 @@ fn every_format_tells_of_every_example() {
 
 /// The bend between nodes is lost at whatever step: where poses of the comparison and nodes of the tables fall together, too.
 #[test]
-fn the_bend_is_seen_where_poses_stand_on_nodes() {
+fn the_bend_between_nodes_is_found_at_any_step() {
     let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
     for step_mm in [200.0, 100.0, 50.0] {
         // c h² / 4.
@@ -235,7 +235,7 @@ fn the_bend_is_seen_where_poses_stand_on_nodes() {
 
 /// The last middle of a turn that begins within the travel lies beyond it: the pose is that of the turned position.
 #[test]
-fn the_middle_beyond_the_end_of_a_turn_is_looked_at() {
+fn the_midpoint_beyond_the_end_of_a_turn_is_compared() {
     let tops = 15.0;
     let (sin, cos) = f64::to_radians(tops).sin_cos();
     let (sin_2, cos_2) = f64::to_radians(2.0 * tops).sin_cos();

@@ -20,7 +20,7 @@ fn tables(machine: &Machine, options: &TableOptions) -> Vec<AxisTable> {
 }
 
 #[test]
-fn on_lines_through_the_reference_the_sum_is_the_models_correction() {
+fn on_lines_through_the_reference_the_tables_sum_to_the_correction() {
     use AxisName::{A, B, C, X, Y, Z};
     let cases: [(&str, Vec<(AxisName, f64)>); 4] = [
         ("gantry.toml", vec![(X, 3000.0), (Y, 1250.0), (Z, 500.0)]),
@@ -47,7 +47,7 @@ fn on_lines_through_the_reference_the_sum_is_the_models_correction() {
             let [low, high] = machine.axes()[along].travel;
             for direction in Direction::BOTH {
                 for &node in &table.positions {
-                    let edge = table.input_at_edge(node);
+                    let edge = table.input_in_file_unit(node);
                     if edge < low || edge > high {
                         continue;
                     }
@@ -117,40 +117,25 @@ fn reversal_makes_two_directions() {
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn invalid_table_options_are_refused() {
+    type Change = fn(&mut TableOptions);
     let machine = example("five-axis.toml");
-    let told = |options: TableOptions| {
-        sampled(&machine, &Temperatures::new(), &options, Format::Csv)
-            .expect_err("refused")
-            .to_string()
-    };
-    let base = TableOptions::default();
-    assert!(
-        told(TableOptions {
-            step_mm: 0.0,
-            ..base.clone()
-        })
-        .contains("--step: found 0")
-    );
-    assert!(
-        told(TableOptions {
-            step_mm: 0.001,
-            ..base.clone()
-        })
-        .contains("10000 steps at the most")
-    );
-    assert!(
-        told(TableOptions {
-            step_deg: 7.0,
-            ..base.clone()
-        })
-        .contains("expected a whole part of 360")
-    );
-    let beyond = told(TableOptions {
-        at: vec![(AxisName::X, 900.0)],
-        ..base
-    });
-    assert_eq!(beyond, "--at X: found 900, expected 0 to 800, its travel");
+    let cases: [(Change, &str); 4] = [
+        (|o| o.step_mm = 0.0, "--step: found 0"),
+        (|o| o.step_mm = 0.001, "at most 10000 steps"),
+        (|o| o.step_deg = 7.0, "expected a whole part of 360"),
+        (
+            |o| o.at = vec![(AxisName::X, 900.0)],
+            "--at X: found 900, expected 0 to 800, its travel",
+        ),
+    ];
+    for (change, expected) in cases {
+        let mut options = TableOptions::default();
+        change(&mut options);
+        let refused = sampled(&machine, &Temperatures::new(), &options, Format::Csv);
+        let message = refused.expect_err(expected).to_string();
+        assert!(message.contains(expected), "{message}");
+    }
 }
 
 #[test]
@@ -171,7 +156,7 @@ fn back_to_curves_of_the_machine_file() {
         "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{text}"
     );
     let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
-    // 20 µm per metre; and the pitch, 0.05 µrad/mm, through 530 mm from the table surface up to the tool where Z stands at 0.
+    // 20 µm per metre; and the pitch, 0.05 µrad/mm, through 530 mm from the table surface up to the tool where Z is at 0.
     let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
     close(
         exx.value(0, &[300.0, 0.0, 0.0], None),
@@ -180,10 +165,10 @@ fn back_to_curves_of_the_machine_file() {
     );
 }
 
-/// Tables of an axis that goes round are zero where their head says that it stood, or the format is refused; at the nodes the sum is
-/// the model's.
+/// Tables of an axis with modulo are zero at the reference position in their header, or the format is refused; at the nodes the sum is
+/// that of the model.
 #[test]
-fn tables_of_a_turn_are_zero_where_it_stood() {
+fn tables_of_a_turn_are_zero_at_the_reference() {
     let machine = Machine::parse(
         "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\nC = { travel = [0.0, 360.0], modulo = 360.0 }\n[errors]\nEXC = { fourier = [0.0, 0.0, 10.0], period = 360.0 }\n",
         "m.toml",
@@ -222,7 +207,10 @@ fn tables_of_a_turn_are_zero_where_it_stood() {
         Format::Linuxcnc,
     ] {
         assert!(tables(format, 45.0).is_ok(), "{format}");
-        let told = tables(format, 40.0).expect_err("no node").to_string();
-        assert!(told.contains("--at C") && told.contains("40"), "{told}");
+        let message = tables(format, 40.0).expect_err("no node").to_string();
+        assert!(
+            message.contains("--at C") && message.contains("40"),
+            "{message}"
+        );
     }
 }

@@ -103,7 +103,12 @@ pub(crate) fn refused(format: Format, name: &str, text: &str) -> String {
 pub(crate) fn edges(table: &AxisTable) -> Vec<(f64, f64)> {
     let nodes = table.positions.iter().zip(&table.forward);
     nodes
-        .map(|(at, value)| (table.input_at_edge(*at), table.output_at_edge(*value)))
+        .map(|(at, value)| {
+            (
+                table.input_in_file_unit(*at),
+                table.output_in_file_unit(*value),
+            )
+        })
         .collect()
 }
 

@@ -113,7 +113,7 @@ fn comes_back(
         for at in positions.into_iter().chain(ends) {
             for direction in [Some(Direction::Positive), Some(Direction::Negative), None] {
                 let [a, b] = [found, &expected].map(|of| of.deviation(at, direction));
-                let off = expected.output_at_edge(a - b);
+                let off = expected.output_in_file_unit(a - b);
                 let is_near = off.abs() <= within + 1e-9;
                 prop_assert!(is_near, "{format} {expected:?} at {at}: {off}");
             }

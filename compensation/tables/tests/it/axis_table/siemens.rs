@@ -42,7 +42,7 @@ fn framed(text: &str) -> String {
 }
 
 #[test]
-fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
+fn a_length_of_no_whole_number_of_steps_is_read_with_a_warning() {
     let values: Vec<f64> = (0..15)
         .map(|n| if n < 10 { 0.001 * f64::from(n) } else { 0.0 })
         .collect();
@@ -54,7 +54,7 @@ fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
     let nodes = edges(&found[0]);
     assert_eq!(nodes.len(), 10);
     assert_eq!(nodes[0], (-850.0, 0.0));
-    // Point 9 would stand at 50; at MAX the straight line towards it counts.
+    // Point 9 would be at 50; at MAX the straight line towards it applies.
     close(nodes[9].0, 0.0, 1e-12);
     close(nodes[9].1, 0.0085, 1e-12);
     close(found[0].deviation(400.0, None), 0.0085, 1e-12);
@@ -65,7 +65,7 @@ fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
 }
 
 #[test]
-fn allocated_points_that_are_not_used_are_passed_over() {
+fn unused_allocated_points_are_ignored() {
     let mut values = vec![0.001, 0.002, 0.003];
     values.resize(17, 0.0);
     let (found, warnings) = read_cec(&values, ["AX1", "AX2"], [50.0, 0.0, 100.0]);
@@ -74,7 +74,7 @@ fn allocated_points_that_are_not_used_are_passed_over() {
     assert!(warnings.is_empty(), "{warnings:?}");
     values[16] = 0.5;
     let (_, warnings) = read_cec(&values, ["AX1", "AX2"], [50.0, 0.0, 100.0]);
-    let expected = "1 values behind point 2";
+    let expected = "1 values after point 2";
     assert!(warnings[0].contains(expected), "{warnings:?}");
 }
 
@@ -89,7 +89,7 @@ fn a_table_that_is_not_defined_is_left_out() {
 }
 
 #[test]
-fn rotary_axes_are_in_degrees_whichever_side_they_are_on() {
+fn rotary_axes_are_in_degrees_as_input_and_output() {
     let text = framed(
         &(cec(6, &[0.0, -0.0005], ["AX5", "AX4"], [30.0, 0.0, 30.0], "")
             + &cec(5, &[0.0, 0.004], ["AX5", "AX3"], [30.0, 0.0, 30.0], "")),
@@ -134,14 +134,14 @@ fn spellings_of_programs_and_manuals() {
     assert_eq!(edges(&found[0]), [(0.0, 0.0), (100.0, 0.0), (200.0, 0.003)]);
     assert!(found[0].modulo);
     assert!(found[0].forward.iter().all(|by| by.is_sign_positive()));
-    let told = warnings.join("\n");
-    for words in "IS_MODULO is -1,$MA_ENC_COMP_ENABLE,METRIC does not stand".split(',') {
-        assert!(told.contains(words), "{told}");
+    let message = warnings.join("\n");
+    for words in "IS_MODULO is -1,$MA_ENC_COMP_ENABLE,METRIC is missing".split(',') {
+        assert!(message.contains(words), "{message}");
     }
 }
 
 #[test]
-fn a_missing_equals_sign_is_told_once() {
+fn a_missing_equals_sign_is_reported_once() {
     let text = framed(
         "$AA_ENC_COMP[1,0,X] 0.003\n$AA_ENC_COMP[1,1,X] 0.004\n$AA_ENC_COMP_STEP[1,X] 50\n$AA_ENC_COMP_MIN[1,X] -50\n$AA_ENC_COMP_MAX[1,X] 0\n",
     );
@@ -204,7 +204,7 @@ fn machine_axes_may_be_named_by_letter_and_number() {
     );
     let both = format!("{}{}", leadscrew("X1"), leadscrew("X2"));
     let error = refused(F, "a.ini", &both);
-    assert!(error.contains("axis `X2` besides `X1`"), "{error}");
+    assert!(error.contains("axis `X2` in addition to `X1`"), "{error}");
     for name in ["Q1", "X1Y", "1", "XX1"] {
         let error = refused(F, "a.ini", &leadscrew(name));
         assert!(error.contains("a letter with a number"), "{name}: {error}");
@@ -227,8 +227,8 @@ fn refusals_name_line_found_and_expected() {
     let wrong =
         "$AN_CEC[0,0]=x y;$AN_CEC[0,0=1;hello;$AN_CEC[a,0]=1;$AN_CEC[0,0]=nan;$AN_CEC[0,0]=1e300";
     for text in wrong.split(';') {
-        let told = refused(F, "a.ini", &format!("{text}\n"));
-        assert!(told.starts_with("a.ini:1: found "), "{told}");
+        let message = refused(F, "a.ini", &format!("{text}\n"));
+        assert!(message.starts_with("a.ini:1: found "), "{message}");
     }
     let both = (0..2)
         .map(|e| format!("$AA_ENC_COMP[{e},0,X]=0.1\n$AA_ENC_COMP[{e},1,X]=0.1\n$AA_ENC_COMP_STEP[{e},X]=1\n$AA_ENC_COMP_MIN[{e},X]=0\n$AA_ENC_COMP_MAX[{e},X]=1\n"))
@@ -243,7 +243,7 @@ fn refusals_name_line_found_and_expected() {
 }
 
 #[test]
-fn what_is_written_has_none_of_it() {
+fn written_files_follow_the_documented_form() {
     let (values, modulo) = ([0.0, -0.0, 0.002], "$AN_CEC_IS_MODULO[0]=-1\n");
     let text = cec(0, &values, ["AX5", "AX3"], [30.0, 0.0, 60.0], modulo);
     let (found, _) = tables(F, "a", &framed(&text));

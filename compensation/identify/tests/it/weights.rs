@@ -1,4 +1,4 @@
-//! Curves whose bending is chosen from the observations.
+//! Curves with penalties chosen from the observations, and robust weights.
 
 use crate::lab::{Lab, Noise, csv};
 
@@ -53,7 +53,7 @@ fn a_straight_line_takes_two_coefficients_and_a_wave_takes_what_it_needs() {
 }
 
 #[test]
-fn noise_is_found_where_it_was_stated_too_small() {
+fn noise_above_the_stated_uncertainty_is_noted() {
     let lab = Lab::new(MACHINE);
     lab.write("x.csv", &readings(|x| 0.01 * x, 5.0));
     let found = lab.identify(TEXT).expect("found");
@@ -69,4 +69,36 @@ fn noise_is_found_where_it_was_stated_too_small() {
         "{:?}",
         found.warnings
     );
+}
+
+const THREE_AXES: &str = "structure = \"w b X Y Z t\"
+axes.X.travel = [0.0, 600.0]
+axes.Y.travel = [0.0, 600.0]
+axes.Z.travel = [0.0, 600.0]
+";
+
+#[test]
+fn a_robust_fit_of_many_curves_converges() {
+    let lab = Lab::new(THREE_AXES);
+    let curves = ["EXX", "EYX", "EYY", "EZY", "EZZ", "EXZ"]
+        .map(|error| format!("{{ error = \"{error}\", bspline = 10 }}"));
+    let text = format!(
+        "robust = true\nfolds = 0\nunknown = [\"EC0Y\", \"EA0Z\", \"EB0Z\", {}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\nuncertainty_um = 2.0\n",
+        curves.join(", ")
+    );
+    for seed in 0..12 {
+        let mut noise = Noise::new(seed);
+        let rows = (0..60).map(|_| {
+            let at = [(); 3].map(|()| noise.between(0.0, 600.0));
+            // EC0Y = 20 µrad.
+            let tip = [at[0] - 20e-6 * at[1], at[1], at[2]];
+            let is_slip = noise.between(0.0, 1.0) < 0.15;
+            let [x, y, z] = tip.map(|q| q + noise.normal(if is_slip { 0.05 } else { 0.002 }));
+            [at[0], at[1], at[2], x, y, z]
+        });
+        lab.write("t.csv", &csv("X,Y,Z,x,y,z", rows));
+        let found = lab.identify(&text);
+        let found = found.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        assert!(found.variance.is_finite());
+    }
 }

@@ -20,7 +20,7 @@ use crate::{
 /// (JCGM 101, propagation of distributions). An error that the observations do not determine is the same in every
 /// sample.
 #[derive(Clone, Debug)]
-pub struct Draws {
+pub struct MachineSampler {
     system: System,
     /// Identified coefficients, µm and µrad.
     found: Vec<f64>,
@@ -30,7 +30,7 @@ pub struct Draws {
     root: DMatrix<f64>,
 }
 
-impl Draws {
+impl MachineSampler {
     /// Prepares samples from observations and their identification.
     ///
     /// # Errors

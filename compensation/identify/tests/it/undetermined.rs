@@ -1,4 +1,4 @@
-//! What observations leave open: combinations that nothing sees, and unknowns of which only noise is seen.
+//! Undetermined unknowns: combinations without effect, and unknowns below the noise.
 
 use std::fmt::Write as _;
 
@@ -63,13 +63,17 @@ frame = [0, 0, 0, 0, 0, 0]
 /// One target at 50 mm from the line of Z: a yaw of 1 µrad and a straightness of −0.05 µm are one. At a tool at 150 mm the yaw is the
 /// difference of the levers, 100 mm, times it.
 #[test]
-fn what_goes_unseen_is_told_with_its_lever() {
+fn undetermined_combinations_state_their_lever() {
     let lab = lab(0.0, 1e-3);
     let (observations, found) = identified(&lab, 1.0);
-    let names: Vec<&str> = found.left_open.iter().map(|of| of.name.as_str()).collect();
+    let names: Vec<&str> = found
+        .undetermined
+        .iter()
+        .map(|of| of.name.as_str())
+        .collect();
     assert_eq!(names, ["ECZ legendre 1", "ECZ legendre 2"]);
     let none = Temperatures::default();
-    for open in &found.left_open {
+    for open in &found.undetermined {
         assert_eq!(open.unit, "urad");
         let of = |name: &str| {
             let moves = open.moves.iter().find(|(moved, _)| moved == name);
@@ -114,10 +118,10 @@ fn what_goes_unseen_is_told_with_its_lever() {
     }
 }
 
-/// Two targets 0.05 mm apart tell a yaw from a straightness, but with noise of 5 µm only to some 0.1 rad/√n: that is nothing, and said
-/// so with its figure. With targets 100 mm apart, or without noise, both are found.
+/// Two targets 0.05 mm apart distinguish a yaw from a straightness, but with noise of 5 µm only to some 0.1 rad/√n: it is reported as
+/// undetermined with this number. With targets 100 mm apart, or without noise, both are found.
 #[test]
-fn what_only_noise_is_known_of_is_not_determined() {
+fn unknowns_below_the_noise_are_undetermined() {
     let is_determined = |found: &Identification| {
         let own = found
             .parameters
@@ -146,9 +150,14 @@ fn what_only_noise_is_known_of_is_not_determined() {
             "{figure} {expected}"
         );
     }
-    assert!(close.left_open.iter().any(|of| of.name == "ECZ legendre 2"));
+    assert!(
+        close
+            .undetermined
+            .iter()
+            .any(|of| of.name == "ECZ legendre 2")
+    );
     for (differ_mm, noise_mm, uncertainty_um) in [(100.0, 5e-3, 5.0), (0.05, 1e-7, 1e-4)] {
-        let (_, told) = identified(&lab(differ_mm, noise_mm), uncertainty_um);
-        assert_eq!(is_determined(&told), [true; 2], "{differ_mm}");
+        let (_, found) = identified(&lab(differ_mm, noise_mm), uncertainty_um);
+        assert_eq!(is_determined(&found), [true; 2], "{differ_mm}");
     }
 }

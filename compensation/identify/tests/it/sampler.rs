@@ -1,6 +1,6 @@
 //! Machines drawn from the covariance, against the whole identification repeated with new readings.
 
-use volcomp_identify::{Draws, Identification, IdentifyError};
+use volcomp_identify::{Identification, IdentifyError, MachineSampler};
 use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName::{X, Y};
@@ -62,13 +62,13 @@ fn spread(rows: &[Vec<f64>]) -> (Vec<f64>, f64) {
 }
 
 #[test]
-fn drawn_machines_spread_as_repeated_identifications_do() {
+fn samples_spread_like_repeated_identifications() {
     let truth = Machine::parse(&format!("{MACHINE}{TRUTH}"), "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
     let mut noise = Noise::new(11);
     let once = found(&lab, &truth, &mut noise);
     let observations = lab.read(KEYS).expect("read");
-    let draws = Draws::new(&observations, &once).expect("of these observations");
+    let draws = MachineSampler::new(&observations, &once).expect("of these observations");
     let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
     // Twice the stated uncertainty is left of the rows: the machines lie twice as far apart.
     assert_eq!(once.excess, 1.0);
@@ -76,7 +76,7 @@ fn drawn_machines_spread_as_repeated_identifications_do() {
         excess: 2.0,
         ..once.clone()
     };
-    let wide = Draws::new(&observations, &more).expect("of these observations");
+    let wide = MachineSampler::new(&observations, &more).expect("of these observations");
     let wide = errors(&wide.machine(3, 0).expect("drawn"));
     for ((wide, drawn), found) in wide.iter().zip(drawn(0)).zip(errors(&once.machine)) {
         let [wide, drawn] = [wide - found, drawn - found];
@@ -108,12 +108,12 @@ fn drawn_machines_spread_as_repeated_identifications_do() {
 }
 
 #[test]
-fn a_draw_is_the_same_whatever_was_drawn_before_and_of_its_own_observations() {
+fn samples_are_reproducible_and_belong_to_their_observations() {
     let truth = Machine::parse(&format!("{MACHINE}{TRUTH}"), "truth").expect("a machine");
     let lab = Lab::new(MACHINE);
     let once = found(&lab, &truth, &mut Noise::new(12));
     let observations = lab.read(KEYS).expect("read");
-    let draws = Draws::new(&observations, &once).expect("of these observations");
+    let draws = MachineSampler::new(&observations, &once).expect("of these observations");
     let fifth = errors(&draws.machine(1, 5).expect("drawn"));
     let _ = draws.machine(1, 4);
     assert_eq!(errors(&draws.machine(1, 5).expect("drawn")), fifth);
@@ -121,7 +121,7 @@ fn a_draw_is_the_same_whatever_was_drawn_before_and_of_its_own_observations() {
     assert_ne!(errors(&draws.machine(2, 5).expect("drawn")), fifth);
     let other = lab.read(&KEYS.replace("\"EC0Y\", ", "")).expect("read");
     assert!(matches!(
-        Draws::new(&other, &once),
+        MachineSampler::new(&other, &once),
         Err(IdentifyError::OtherObservations)
     ));
 }

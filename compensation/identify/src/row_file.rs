@@ -1,20 +1,165 @@
-//! The rows of a file of observations.
+//! Row files: columns by name, and the rows that they contain.
 
-use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted};
+use volcomp_document::{Column, CsvRow, CsvTable, InputError, quoted, split_head, unit_named};
 use volcomp_kinematics::{
     State,
     nalgebra::{Matrix3, Vector3},
 };
-use volcomp_model::{Machine, ModelError};
+use volcomp_model::{Machine, ModelError, axis_of_head};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     checks::input::standard_uncertainty_um,
-    columns::Columns,
-    observations::{Quantity, Row, Seen, Stand},
-    setup_keys::Reading,
+    observations::{MachinePose, Quantity, Row, RowReading},
+    setup_keys::ReadState,
     timeline::Approach,
 };
+
+/// Columns of a table by exact name: `X` is an axis, `x` a coordinate of a target.
+pub(crate) struct Columns<'t> {
+    pub(crate) table: &'t CsvTable,
+    /// Names requested so far.
+    pub(crate) used: Vec<String>,
+}
+
+impl Columns<'_> {
+    pub(crate) fn get(&mut self, name: &str) -> Result<Option<Column>, InputError> {
+        self.used.push(name.to_owned());
+        let mut named = self.table.columns().filter(|(_, found)| *found == name);
+        let first = named.next().map(|(column, _)| column);
+        match named.next() {
+            Some(_) => Err(self
+                .table
+                .header_error(format!("column `{name}` occurs twice"))),
+            None => Ok(first),
+        }
+    }
+
+    /// Column of an axis: its letter, alone or with the unit (`X`, `X mm`, `X_mm`, `C [deg]`).
+    pub(crate) fn axis(&mut self, axis: AxisName) -> Result<Option<Column>, InputError> {
+        self.alone_or(&axis.to_string(), |found| axis_of_head(found) == Some(axis))
+    }
+
+    /// Name of the column of an axis, alone or with any unit, requested or not.
+    pub(crate) fn named_like(&self, axis: AxisName) -> Option<&str> {
+        let letter = axis.to_string();
+        let is_axis = |found: &str| without_unit(found) == Some(letter.as_str());
+        let mut names = self.table.names().map(|(_, name)| name);
+        names.find(|name| is_axis(name))
+    }
+
+    /// Column of a name, alone or with its fixed unit.
+    fn with_unit(&mut self, name: &str, unit: &str) -> Result<Option<Column>, InputError> {
+        self.alone_or(name, |found| {
+            let (stem, found) = split_head(found);
+            stem == name && unit_named(found) == Some(unit)
+        })
+    }
+
+    /// Column of this name, or of an equivalent one according to `means_it`.
+    fn alone_or(
+        &mut self,
+        name: &str,
+        means_it: impl Fn(&str) -> bool,
+    ) -> Result<Option<Column>, InputError> {
+        let names = || self.table.names().map(|(_, name)| name);
+        let mut others = names()
+            .filter(|found| *found != name && means_it(found))
+            .map(str::to_owned);
+        let Some(with_unit) = others.next() else {
+            return self.get(name);
+        };
+        let alone = names().find(|found| *found == name).map(str::to_owned);
+        if let Some(other) = alone.or_else(|| others.next()) {
+            return Err(self.table.header_error(format!(
+                "found columns `{other}` and `{with_unit}`, expected one of them"
+            )));
+        }
+        self.get(&with_unit)
+    }
+
+    /// Columns that were not requested.
+    pub(crate) fn unused(&self) -> Vec<&str> {
+        let names = self.table.names().map(|(_, name)| name);
+        names
+            .filter(|name| !self.used.iter().any(|used| used == name))
+            .collect()
+    }
+
+    /// Rejects an unused column whose name resembles a missing one, in other letters or with another unit: `a` for `A`,
+    /// `X [mm]` for `X`, `dx_mm` for `dx_um`. If it were ignored, its axis would be taken as zero.
+    pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
+        let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
+        for found in self.unused() {
+            // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever follows the letter.
+            let axis = axis_named_first(found).filter(|axis| {
+                let mut names = self.table.names().map(|(_, name)| name);
+                self.used.contains(&axis.to_string())
+                    && !names.any(|name| axis_of_head(name) == Some(*axis))
+            });
+            if let Some(axis) = axis {
+                return Err(self.table.header_error(format!(
+                    "found a column {}, expected `{axis}`, alone or with its unit: otherwise the axis would be taken as 0",
+                    quoted(found)
+                )));
+            }
+            let Some(stem) = without_unit(found) else {
+                continue;
+            };
+            let missing = || self.used.iter().filter(|name| !is_there(name));
+            let stem_of = |name: &String| split_head(name).0.to_owned();
+            // `z_mm` matches a target's `z` before the axis `Z`.
+            let meant = missing()
+                .find(|name| stem_of(name) == stem)
+                .or_else(|| missing().find(|name| stem_of(name).eq_ignore_ascii_case(stem)));
+            if let Some(meant) = meant {
+                return Err(self.table.header_error(format!(
+                    "found a column {}, expected `{meant}`: names and units of columns must match exactly",
+                    quoted(found)
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Column of a required name.
+    pub(crate) fn require(&mut self, name: &str) -> Result<Column, InputError> {
+        let column = self.get(name)?;
+        self.found(name, column)
+    }
+
+    /// Column of a required length, alone or with its unit: `x`, `x mm`, `x_mm`.
+    pub(crate) fn require_mm(&mut self, name: &str) -> Result<Column, InputError> {
+        let column = self.with_unit(name, "mm")?;
+        self.found(name, column)
+    }
+
+    /// Returns a column that was searched for under a name, or rejects the file if it is missing.
+    pub(crate) fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
+        if column.is_none() {
+            self.refuse_lookalikes()?;
+        }
+        column.ok_or_else(|| {
+            let found: Vec<&str> = self.table.names().map(|(_, name)| name).collect();
+            let found = quoted(&found.join(","));
+            self.table
+                .header_error(format!("found {found}, expected a column `{name}`"))
+        })
+    }
+}
+
+/// Name of a column without its unit; `None` if the suffix is not a unit.
+fn without_unit(head: &str) -> Option<&str> {
+    let (name, unit) = split_head(head);
+    (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
+}
+
+/// The axis whose letter begins a head, followed by a unit or by no letter or digit: `X_actual`, `X MCS`, `Xmm`.
+fn axis_named_first(head: &str) -> Option<AxisName> {
+    let (letter, behind) = head.split_at_checked(1)?;
+    let is_word = behind.starts_with(char::is_alphanumeric) && unit_named(behind).is_none();
+    letter.parse().ok().filter(|_| !is_word)
+}
 
 /// Kind of the rows of a file, with the parts of the set-up that they refer to.
 pub(crate) enum RowKind {
@@ -53,9 +198,9 @@ pub(crate) struct ReadRows {
 }
 
 /// Maximum distance of a coordinate outside the travel, in travels; beyond it, it is not a pose of this machine.
-const NEVER_BEYOND: f64 = 1.0;
+const MAX_OVERTRAVEL: f64 = 1.0;
 /// Maximum number of rows outside travel that a message names.
-const SHOWN: usize = 5;
+const MAX_LISTED: usize = 5;
 
 pub(crate) fn read_rows(
     table: &CsvTable,
@@ -63,7 +208,7 @@ pub(crate) fn read_rows(
     machine: &Machine,
     uncertainty_mm: f64,
     judge: bool,
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<ReadRows, InputError> {
     let mut columns = Columns {
         table,
@@ -77,22 +222,22 @@ pub(crate) fn read_rows(
     };
     let order = columns.get("order")?;
     let uncertainty = columns.get("uncertainty_um")?;
-    let what = SeenColumns::new(&mut columns, kind)?;
+    let reading_columns = ReadingColumns::new(&mut columns, kind)?;
     columns.refuse_lookalikes()?;
-    let mut poses: Vec<(String, Stand)> = Vec::new();
+    let mut poses: Vec<(String, MachinePose)> = Vec::new();
     // The machine moved to the named poses in the order in which they are listed.
     let mut approach = Approach::default();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
     let mut outside = Vec::new();
     for (number, row) in table.rows().enumerate() {
-        refuse_endless(&columns, &row)?;
-        let is_pair = what.is_pair(&row, &axes)?;
+        refuse_absurd_numbers(&columns, &row)?;
+        let is_pair = reading_columns.is_pair(&row, &axes)?;
         let tool_name = tool.map_or("", |column| row.cell(column).text());
-        let stand = if is_pair {
+        let pose = if is_pair {
             None
         } else {
-            Some(read_stand(
+            Some(read_pose(
                 &row,
                 &axes,
                 tool.map(|c| row.cell(c)),
@@ -102,16 +247,16 @@ pub(crate) fn read_rows(
                 &mut outside,
             )?)
         };
-        if let (SeenColumns::Pair { .. }, Some(mut stand)) = (&what, stand) {
-            approach.to(&mut stand.state, machine);
+        if let (ReadingColumns::Pair { .. }, Some(mut pose)) = (&reading_columns, pose) {
+            approach.to(&mut pose.state, machine);
             let column = name.ok_or_else(|| {
                 table.header_error("expected a column `pose` with the names of the poses")
             })?;
             let cell = row.cell(column);
             if poses.iter().any(|(known, _)| known == cell.text()) {
-                return Err(cell.error(format!("pose {} stands twice", quoted(cell.text()))));
+                return Err(cell.error(format!("pose {} is listed twice", quoted(cell.text()))));
             }
-            poses.push((cell.text().to_owned(), stand));
+            poses.push((cell.text().to_owned(), pose));
             continue;
         }
         let at = match order {
@@ -121,14 +266,15 @@ pub(crate) fn read_rows(
         if let (Some(&last), Some(column)) = (orders.last(), order)
             && at < last
         {
-            return Err(row.cell(column).error(format!("found {at} after {last}, expected rising numbers: rows stand in the order in which they were taken")));
+            return Err(row.cell(column).error(format!("found {at} after {last}, expected increasing numbers: rows are listed in the order in which they were measured")));
         }
-        let (stand, seen) = what.read(&row, stand, tool_name, &poses, reading, judge)?;
+        let (pose, reading) =
+            reading_columns.decode(&row, pose, tool_name, &poses, state, judge)?;
         orders.push(at);
         rows.push(Row {
             line: row.line(),
-            stand,
-            seen,
+            pose,
+            reading,
             run: None,
             time: 0.0,
             uncertainty_mm: match uncertainty {
@@ -145,9 +291,9 @@ pub(crate) fn read_rows(
         return Err(table.header_error("found no rows, expected at least one below the header"));
     }
     let file = table.header_error("").file;
-    let mut note = |text: String| reading.notes.push(format!("{file}: {text}"));
-    let more = outside.len().saturating_sub(SHOWN);
-    outside.into_iter().take(SHOWN).for_each(&mut note);
+    let mut note = |text: String| state.notes.push(format!("{file}: {text}"));
+    let more = outside.len().saturating_sub(MAX_LISTED);
+    outside.into_iter().take(MAX_LISTED).for_each(&mut note);
     if more > 0 {
         note(format!("{more} more rows outside travel"));
     }
@@ -155,8 +301,10 @@ pub(crate) fn read_rows(
     if !unused.is_empty() {
         note(format!("columns that are not used: {}", unused.join(", ")));
     }
-    let odd = common_pose(&rows).into_iter().chain(too_small(&rows));
-    odd.for_each(note);
+    let anomalies = shared_pose(&rows)
+        .into_iter()
+        .chain(below_uncertainty(&rows));
+    anomalies.for_each(note);
     Ok(ReadRows {
         rows,
         orders,
@@ -167,7 +315,7 @@ pub(crate) fn read_rows(
 
 /// Rejects a number that no coordinate and no reading can have, at its place in the file: in an equation it would make
 /// the rows of all others look wrong.
-fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
+fn refuse_absurd_numbers(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
     /// Maximum magnitude: 1000 km in mm, 1 km in µm.
     const MOST: f64 = 1e9;
     let is_read = |name: &str| name != "order" && columns.used.iter().any(|used| used == name);
@@ -178,7 +326,7 @@ fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputEr
             && found.abs() > MOST
         {
             return Err(cell.error(format!(
-                "found {found:e}, expected {MOST:e} at the most: nothing on a machine is so large"
+                "found {found:e}, expected at most {MOST:e}: no quantity of a machine is larger"
             )));
         }
     }
@@ -186,37 +334,39 @@ fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputEr
 }
 
 /// Note on lengths between poses if several of them share a pose.
-fn common_pose(rows: &[Row]) -> Option<String> {
-    let pairs = |place: usize| match &rows[place].seen {
-        Seen::Pair { from, .. } => Some([*from, rows[place].stand]),
+fn shared_pose(rows: &[Row]) -> Option<String> {
+    let pairs = |place: usize| match &rows[place].reading {
+        RowReading::Pair { from, .. } => Some([*from, rows[place].pose]),
         _ => None,
     };
     let shared = (0..rows.len()).find_map(|later| {
         let own = pairs(later)?;
         let earlier = (0..later).find(|earlier| {
-            pairs(*earlier).is_some_and(|other| own.iter().any(|stand| other.contains(stand)))
+            pairs(*earlier).is_some_and(|other| own.iter().any(|pose| other.contains(pose)))
         })?;
         Some((earlier, later))
     });
     shared.map(|(earlier, later)| {
         format!(
-            "lengths have a pose in common, those of lines {} and {} first: they count as independent. Where each length is the difference of two readings, the one at the common pose is in several of them, and the uncertainties are too small, by up to a factor of √2 where every pose is in two lengths; where each was measured by itself (a step gauge probed anew, a ballbar between two balls), they are right",
+            "several lengths share a pose, first those of lines {} and {}: they count as independent. Where each length is the difference of two readings, the one at the common pose is in several of them, and the uncertainties are too small, by up to a factor of √2 where every pose is in two lengths; where each was measured separately (a step gauge probed again, a ballbar between two balls), they are correct",
             rows[earlier].line, rows[later].line
         )
     })
 }
 
 /// Note if readings in µm are all smaller than their uncertainty: they are either insignificant or in mm.
-fn too_small(rows: &[Row]) -> Option<String> {
+fn below_uncertainty(rows: &[Row]) -> Option<String> {
     let readings = rows.iter().filter_map(|row| {
-        let largest_mm = match &row.seen {
-            Seen::Sphere { offset_mm, .. } => offset_mm.amax(),
-            Seen::Line { deviation_mm, .. } => deviation_mm.abs(),
-            Seen::Ball { offset_mm, .. } => {
+        let largest_mm = match &row.reading {
+            RowReading::Sphere { offset_mm, .. } => offset_mm.amax(),
+            RowReading::Line { deviation_mm, .. } => deviation_mm.abs(),
+            RowReading::Ball { offset_mm, .. } => {
                 let read = offset_mm.iter().flatten();
                 read.fold(0.0_f64, |largest, reading| largest.max(reading.abs()))
             }
-            Seen::Point { .. } | Seen::Distance { .. } | Seen::Pair { .. } => return None,
+            RowReading::Point { .. } | RowReading::Distance { .. } | RowReading::Pair { .. } => {
+                return None;
+            }
         };
         Some((largest_mm, row.uncertainty_mm))
     });
@@ -259,14 +409,14 @@ fn axis_columns(
             .map(|axis| axis.name.to_string())
             .collect();
         return Err(columns.table.header_error(format!(
-            "found no column of an axis, expected the letters of the machine's axes: {}",
+            "found no column of an axis, expected the letters of the machine axes: {}",
             letters.join(", ")
         )));
     }
     Ok(found)
 }
 
-fn read_stand(
+fn read_pose(
     row: &CsvRow<'_>,
     axes: &[(Column, AxisName, usize)],
     tool_cell: Option<volcomp_document::Cell<'_>>,
@@ -274,26 +424,29 @@ fn read_stand(
     kind: &RowKind,
     machine: &Machine,
     outside: &mut Vec<String>,
-) -> Result<Stand, InputError> {
-    let mut state = State::default();
+) -> Result<MachinePose, InputError> {
+    let mut axes_state = State::default();
     for &(column, axis, index) in axes {
         let cell = row.cell(column);
         let found = cell.number()?;
         let stated = &machine.axes()[index];
         if let Err(what) = stated.check_coordinate(found) {
             let [low, high] = stated.travel;
-            if stated.beyond_travel(found) > NEVER_BEYOND * (high - low) {
+            if stated.beyond_travel(found) > MAX_OVERTRAVEL * (high - low) {
                 return Err(cell.error(format!("{what}: is it another unit, or another machine?")));
             }
             outside.push(format!("line {}: {axis}: {what}", row.line()));
         }
-        state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
+        axes_state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
     }
     let tip_mm = match (tool, tool_cell) {
         ("", _) | (_, None) => machine.chain().tool_tip_mm(),
         (name, Some(cell)) => tip_of(name, kind, machine).map_err(|message| cell.error(message))?,
     };
-    Ok(Stand { state, tip_mm })
+    Ok(MachinePose {
+        state: axes_state,
+        tip_mm,
+    })
 }
 
 /// Tip of a tool of the machine file; a tool that only `target` names has the tip of `[tool]`.
@@ -325,7 +478,7 @@ fn tip_of(name: &str, kind: &RowKind, machine: &Machine) -> Result<Vector3<f64>,
 const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
 
 /// Columns of the readings, and the parts of the set-up that the rows refer to.
-enum SeenColumns<'k> {
+enum ReadingColumns<'k> {
     Points {
         at: [Column; 3],
         frame: usize,
@@ -363,7 +516,7 @@ enum SeenColumns<'k> {
     },
 }
 
-impl<'k> SeenColumns<'k> {
+impl<'k> ReadingColumns<'k> {
     fn new(columns: &mut Columns<'_>, kind: &'k RowKind) -> Result<Self, InputError> {
         Ok(match *kind {
             RowKind::Points { frame, ref targets } => Self::Points {
@@ -456,16 +609,16 @@ impl<'k> SeenColumns<'k> {
         Ok(is_pair)
     }
 
-    /// Reading of a row, at a pose or between two named poses.
-    fn read(
+    /// ReadState of a row, at a pose or between two named poses.
+    fn decode(
         &self,
         row: &CsvRow<'_>,
-        stand: Option<Stand>,
+        pose: Option<MachinePose>,
         tool: &str,
-        poses: &[(String, Stand)],
-        reading: &mut Reading,
+        poses: &[(String, MachinePose)],
+        state: &mut ReadState,
         judge: bool,
-    ) -> Result<(Stand, Seen), InputError> {
+    ) -> Result<(MachinePose, RowReading), InputError> {
         let numbers = |columns: &[Column; 3]| -> Result<Vector3<f64>, InputError> {
             let mut vector = Vector3::zeros();
             for (place, column) in columns.iter().enumerate() {
@@ -473,8 +626,8 @@ impl<'k> SeenColumns<'k> {
             }
             Ok(vector)
         };
-        let mut stand = stand;
-        let seen = match *self {
+        let mut pose = pose;
+        let reading = match *self {
             Self::Pair {
                 from,
                 to,
@@ -482,8 +635,8 @@ impl<'k> SeenColumns<'k> {
                 dead,
             } => {
                 let [from, to] = pair(row, [from, to], poses)?;
-                stand = Some(to);
-                Seen::Pair {
+                pose = Some(to);
+                RowReading::Pair {
                     from,
                     dead,
                     length_mm: row.cell(length).number()?,
@@ -496,7 +649,7 @@ impl<'k> SeenColumns<'k> {
             } => {
                 let mut targets = targets.iter();
                 let target = targets.find(|(name, _)| name == tool || name.is_empty());
-                Seen::Point {
+                RowReading::Point {
                     frame,
                     target: target.and_then(|(_, place)| *place),
                     at_mm: numbers(at)?,
@@ -508,18 +661,18 @@ impl<'k> SeenColumns<'k> {
                 drift,
             } => {
                 let name = sphere.map_or("", |column| row.cell(column).text());
-                let centre = centre_of(name, drift, judge, row, reading)?;
+                let centre = centre_of(name, drift, judge, row, state)?;
                 let offset_mm = match offset {
                     Some(columns) => numbers(columns)? * 1e-3,
                     None => Vector3::zeros(),
                 };
-                Seen::Sphere { centre, offset_mm }
+                RowReading::Sphere { centre, offset_mm }
             }
             Self::Distance {
                 length,
                 point,
                 dead,
-            } => Seen::Distance {
+            } => RowReading::Distance {
                 point,
                 dead,
                 length_mm: row.cell(length).number()?,
@@ -529,7 +682,7 @@ impl<'k> SeenColumns<'k> {
                 direction,
                 offset,
                 slope,
-            } => Seen::Line {
+            } => RowReading::Line {
                 direction,
                 offset,
                 slope,
@@ -543,10 +696,10 @@ impl<'k> SeenColumns<'k> {
                 tilts,
             } => {
                 let cell = row.cell(ball);
-                let distance = reading.rows_of_balls[balls]
-                    .distance_of(cell.text(), &mut reading.setup)
+                let distance = state.rows_of_balls[balls]
+                    .distance_of(cell.text(), &mut state.setup)
                     .map_err(|message| cell.error(message))?;
-                Seen::Ball {
+                RowReading::Ball {
                     origin,
                     tilts,
                     distance,
@@ -556,8 +709,8 @@ impl<'k> SeenColumns<'k> {
                 }
             }
         };
-        let stand = stand.ok_or_else(|| row.error("expected the coordinates of a pose"))?;
-        Ok((stand, seen))
+        let pose = pose.ok_or_else(|| row.error("expected the coordinates of a pose"))?;
+        Ok((pose, reading))
     }
 }
 
@@ -565,12 +718,12 @@ impl<'k> SeenColumns<'k> {
 fn pair(
     row: &CsvRow<'_>,
     columns: [Column; 2],
-    poses: &[(String, Stand)],
-) -> Result<[Stand; 2], InputError> {
+    poses: &[(String, MachinePose)],
+) -> Result<[MachinePose; 2], InputError> {
     let find = |column: Column| {
         let cell = row.cell(column);
         let pose = poses.iter().find(|(name, _)| name == cell.text());
-        pose.map(|(_, stand)| *stand).ok_or_else(|| {
+        pose.map(|(_, pose)| *pose).ok_or_else(|| {
             cell.error(format!(
                 "found {}, expected the name of a pose above this row",
                 quoted(cell.text())
@@ -615,9 +768,9 @@ fn centre_of(
     drift: usize,
     judge: bool,
     row: &CsvRow<'_>,
-    reading: &mut Reading,
+    state: &mut ReadState,
 ) -> Result<usize, InputError> {
-    if let Some((_, place)) = reading.spheres.iter().find(|(known, _)| known == name) {
+    if let Some((_, place)) = state.spheres.iter().find(|(known, _)| known == name) {
         return Ok(*place);
     }
     if judge {
@@ -631,7 +784,7 @@ fn centre_of(
     } else {
         format!("sphere {name}")
     };
-    let place = reading.setup.add_point(Quantity::new(full, None, drift));
-    reading.spheres.push((name.to_owned(), place));
+    let place = state.setup.add_point(Quantity::new(full, None, drift));
+    state.spheres.push((name.to_owned(), place));
     Ok(place)
 }
