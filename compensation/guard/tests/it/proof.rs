@@ -18,16 +18,16 @@ const SECOND: Duration = Duration::from_secs(1);
 #[derive(Clone, Copy, Default)]
 struct Axis {
     contains: bool,
-    /// The position that is told is this one, whatever happens.
+    /// The reported position, whatever happens.
     frozen: Option<f64>,
-    /// The position is told so many cycles late.
+    /// Delay of the reported position, cycles.
     lag: usize,
     creep_mm_per_s: f64,
-    /// A count of so much goes to and fro.
+    /// Amplitude of a flickering count.
     flicker: f64,
-    /// The axis does not move by itself before the proof.
+    /// The axis is stationary before the proof.
     stood: bool,
-    /// So many times what is sent is applied: another unit than the configuration says. `None`: once.
+    /// Factor of the applied correction: another unit than configured. `None`: 1.
     factor: Option<f64>,
     /// The position begins anew after a turn.
     rolls_over: bool,
@@ -152,7 +152,7 @@ fn each_axis_has_its_own_result() {
     };
     assert_eq!(proven([plain, contains]), [NotContained, Contained]);
     assert_eq!(proven([stood, frozen]), [NotProven, NotProven]);
-    // What follows both ways contains it, whether it moved by itself or not.
+    // A position that follows in both directions contains it, even on a stationary axis.
     let stood_contains = Axis {
         stood: true,
         ..contains
@@ -396,7 +396,7 @@ fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     world
         .guard
         .take_path(limits, &same_places())
-        .expect("good limits");
+        .expect("valid limits");
     world.positions = axes(100.2, 100.2);
     world.run(PERIOD);
     world.request(Request::Arm);
@@ -500,7 +500,7 @@ fn slow_positions_prove_what_they_contain() {
                 while world.now < end && output.state != State::Compensating {
                     output = world.cycle_after(limits.period, None);
                 }
-                // It moves by itself before it is armed.
+                // The machine moves before it is armed.
                 world.positions = axes(1.0, -1.0);
                 (output, world.guard.verdict().axes)
             };

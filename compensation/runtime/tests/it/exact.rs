@@ -16,7 +16,7 @@ const PLACES: [[f64; 5]; 4] = [
     [-250.0, 0.0, 300.0, 0.0, 300.0],
 ];
 
-/// Tip (mm) and tool axis by the exact chain when the axes stand at a place (mm, deg) with a correction (mm, rad in
+/// Tip (mm) and tool axis by the exact chain with the axes at a position (mm, deg) and a correction (mm, rad in
 /// machine order), against where the place commands them.
 fn exact(place: [f64; 5], correction: &PerAxis<f64>) -> [Vector3<f64>; 2] {
     let machine = machine();
@@ -133,11 +133,11 @@ fn compare(machine: &Machine, seed: u64) {
         let options = CorrectionOptions::of(&correct);
         let exact = machine.correction_at(&state, &Temperatures::new(), &options);
         let correctors = model.correctors_among(&names);
-        let told = model.correction_of(&state, &correctors);
-        let found = told.delta;
+        let reported = model.correction_of(&state, &correctors);
+        let found = reported.delta;
         let partial = exact.tool_axis_partial && correctors.rotary().len() >= 2;
         assert_eq!(
-            (told.singular, told.near_singular),
+            (reported.singular, reported.near_singular),
             (partial, exact.near_singular)
         );
         for (index, axis) in machine.axes().iter().enumerate() {
@@ -205,9 +205,7 @@ fn the_written_axes_correct_the_tip() {
         [-250.0, 1.0, 300.0, 0.0, 300.0],
     ] {
         let mut rig = Rig::writing(place, &[AxisName::Z, AxisName::X, AxisName::Y]);
-        rig.run(10);
-        rig.step(Some(Request::Arm));
-        let report = rig.run(2000);
+        let report = rig.arm(2000);
         assert_eq!(report.state.name(), "compensating");
         let (error, residual) = (
             report.error.expect("known"),

@@ -154,7 +154,7 @@ fn positions_of_a_silent_reader_expire() {
     );
     reader.set_silent(false);
     assert_eq!(moving.run(500).state, State::Compensating);
-    // What it says of the machine holds the correction as what the path itself says.
+    // Its interlocks hold the correction like those of the path itself.
     reader.set_stopped(true);
     let report = moving.run(5);
     assert!(
@@ -164,7 +164,7 @@ fn positions_of_a_silent_reader_expire() {
     );
     let held = report.correction;
     assert_eq!(moving.run(50).correction, held);
-    // Nobody who falls silent lifts it.
+    // Silence does not lift it.
     reader.set_silent(true);
     let report = moving.run(5);
     assert!(

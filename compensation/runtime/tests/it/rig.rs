@@ -9,14 +9,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_model::Machine;
+use volcomp_model::{Fading, Machine};
 use volcomp_port::{
     Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
     simulated,
 };
 use volcomp_runtime::{
     AxisSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings,
-    PlanError, Report, Sensors, WithoutBarrier,
+    PlanError, Replacement, Report, Sensors, WithoutBarrier,
     guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
@@ -30,10 +30,15 @@ pub(crate) const NAMES: [AxisName; 5] = [
     AxisName::Y,
 ];
 
+/// The file of the five-axis machine of the examples.
+pub(crate) fn machine_file() -> String {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+    std::fs::read_to_string(file).expect("shipped")
+}
+
 /// The five-axis machine of the examples.
 pub(crate) fn machine() -> Machine {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
-    Machine::read(&file).expect("shipped")
+    Machine::parse(&machine_file(), "five-axis.toml").expect("shipped")
 }
 
 pub(crate) fn guard() -> GuardSettings {
@@ -47,7 +52,7 @@ pub(crate) fn guard() -> GuardSettings {
     guard
 }
 
-/// A control without a barrier that tells all it can, with these axes in steps of 1 µm, whose positions are without the
+/// A control without a barrier, with read-back, and these axes in steps of 1 µm, whose positions are without the
 /// correction.
 pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     let axis = |&name: &AxisName| Axis {
@@ -70,7 +75,7 @@ pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     }
 }
 
-/// What a referenced control without a barrier tells.
+/// The reading of a referenced control without a barrier.
 pub(crate) fn referenced(
     positions: PerChannel<f64>,
     taken: Instant,
@@ -91,12 +96,12 @@ pub(crate) fn referenced(
     }
 }
 
-/// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
+/// A stationary control, coordinates in mm and deg in the order of [`NAMES`].
 pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
     control_of(&NAMES, &place, clock)
 }
 
-/// A control with these axes, which stand at these coordinates (mm, deg).
+/// A stationary control with these axes and coordinates (mm, deg).
 fn control_of(
     names: &[AxisName],
     coordinates: &[f64],
@@ -170,7 +175,7 @@ impl<C: Controller> Controller for Writes<C> {
     }
 }
 
-/// What a test does to a controller that a cycle holds.
+/// Faults of a controller held by a cycle.
 #[derive(Clone, Default)]
 pub(crate) struct Injected(Arc<Injections>);
 
@@ -179,7 +184,7 @@ struct Injections {
     silent: AtomicBool,
     stopped: AtomicBool,
     unreferenced: AtomicBool,
-    /// How far from where it stands the first axis is told, mm or rad, as bits.
+    /// Error of the reported position of the first axis, mm or rad, as bits.
     displaced: AtomicU64,
 }
 
@@ -196,17 +201,17 @@ impl Injected {
         self.0.silent.store(silent, Ordering::Relaxed);
     }
 
-    /// It says that the emergency stop is pressed.
+    /// Its emergency stop is pressed.
     pub(crate) fn set_stopped(&self, stopped: bool) {
         self.0.stopped.store(stopped, Ordering::Relaxed);
     }
 
-    /// It says that its axes are not referenced.
+    /// Its axes are not referenced.
     pub(crate) fn set_unreferenced(&self, unreferenced: bool) {
         self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
-    /// It tells its first axis so far, mm or rad, from where that stands.
+    /// The reported position of its first axis is wrong by this, mm or rad.
     pub(crate) fn displace(&self, by: f64) {
         self.0.displaced.store(by.to_bits(), Ordering::Relaxed);
     }
@@ -238,7 +243,7 @@ impl<C: Controller> Controller for Disturbed<C> {
     }
 }
 
-/// Settings for a control that nobody else reaches.
+/// Settings for a control without other gateways.
 pub(crate) fn alone() -> PathSettings {
     PathSettings {
         watch: Duration::ZERO,
@@ -277,11 +282,11 @@ pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -
 
 /// One cycle at the present time of the clock.
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
-    let asked = CycleInput {
+    let input = CycleInput {
         request,
         ..CycleInput::default()
     };
-    cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+    cycle.run(clock.now(), &input, &mut || Duration::ZERO);
     *cycle.report()
 }
 
@@ -298,7 +303,7 @@ impl Rig {
         Self::writing(place, &NAMES)
     }
 
-    /// With a control to which a test does something.
+    /// With a faulty control.
     pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
         Self::injected_of(&NAMES, &place, by)
     }
@@ -310,7 +315,7 @@ impl Rig {
         Self::on(&machine(), &guard(), control, clock)
     }
 
-    /// With a control that writes only the axes named; where the others stand it tells.
+    /// With a control that writes only these axes, and reports the positions of the others.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         Self::of(&machine(), &guard(), place, names)
     }
@@ -335,7 +340,7 @@ impl Rig {
         Self::on(machine, guard, Writes::first(names.len(), control), clock)
     }
 
-    /// A control that writes all of these axes, which stand at these coordinates (mm, deg).
+    /// A control that writes all of these axes at these coordinates (mm, deg).
     pub(crate) fn with(
         machine: &Machine,
         guard: &GuardSettings,
@@ -361,6 +366,21 @@ impl Rig {
             clock,
             limits,
         }
+    }
+
+    /// Arms after some readings, and runs for `cycles`.
+    pub(crate) fn arm(&mut self, cycles: u32) -> Report {
+        self.run(20);
+        self.step(Some(Request::Arm));
+        self.run(cycles)
+    }
+
+    /// Takes another machine with the same axes.
+    pub(crate) fn swap(&mut self, machine: &Machine) {
+        let model = Model::new(machine, Fading::default()).expect("compiles");
+        let mut replacement = Replacement::new(Box::new(model), &[]);
+        let swapped = self.cycle.swap_model(&mut replacement);
+        swapped.expect("the same axes");
     }
 
     /// One cycle.

@@ -1,4 +1,4 @@
-//! A control that sends by itself and becomes silent: its driver goes on telling what came last, with its age. What is too
+//! A control that sends cyclically and becomes silent: its driver repeats the last message with its age. What is too
 //! old the guard decides, by `hold` and `zero_after` alone.
 
 use std::time::Duration;
@@ -57,18 +57,18 @@ struct Control {
 impl Plant for Control {
     fn read(&mut self, _: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
         let sends = referenced(PerChannel::ZERO, clock.now(), Some(self.words));
-        let mut told = self.came.unwrap_or(sends);
+        let mut reported = self.came.unwrap_or(sends);
         if !self.silent.positions {
-            (told.positions, told.taken) = (sends.positions, sends.taken);
+            (reported.positions, reported.taken) = (sends.positions, sends.taken);
         }
         if !self.silent.state {
-            (told.state, told.state_taken) = (sends.state, sends.state_taken);
+            (reported.state, reported.state_taken) = (sends.state, sends.state_taken);
         }
         if !self.silent.correction {
-            (told.applied, told.correction_taken) = (sends.applied, sends.correction_taken);
+            (reported.applied, reported.correction_taken) = (sends.applied, sends.correction_taken);
         }
-        self.came = Some(told);
-        Ok(told)
+        self.came = Some(reported);
+        Ok(reported)
     }
 
     fn apply(
