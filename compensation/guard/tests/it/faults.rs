@@ -9,9 +9,7 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-use crate::world::{MACHINE, PERIOD, STEP, World, axes, layout, limits};
-
-const SECOND: Duration = Duration::from_secs(1);
+use crate::world::{MACHINE, PERIOD, SECOND, STEP, World, axes, layout, limits};
 
 #[test]
 fn stale_positions_hold_then_ramp_out_then_back_in() {
@@ -244,8 +242,7 @@ fn a_continuing_program_is_not_left_with_the_test_shift() {
         assert!(world.applied[0].abs() > 4.5 * STEP, "{:?}", world.applied);
         let shifted = goes_on(&mut world, 2000);
         assert!(PERIOD * shifted < SECOND, "{shifted}");
-        let output = world.run(4 * SECOND);
-        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        let output = world.run_to(4 * SECOND, State::Compensating);
         assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
     }
 }
@@ -437,7 +434,6 @@ fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
         }
         assert_eq!(world.applied, PerChannel::ZERO);
         (world.answers, world.hides_correction, world.sticks) = (true, false, true);
-        let output = world.run(Duration::from_secs(3));
-        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        world.run_to(Duration::from_secs(3), State::Compensating);
     }
 }

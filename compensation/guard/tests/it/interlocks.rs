@@ -5,18 +5,7 @@ use std::time::Duration;
 use volcomp_guard::{Hold, Interlock, Interlocks, Limits, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
-use crate::world::{PERIOD, World, axes, limits};
-
-const CLEAR: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: false,
-});
-const STOP: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: true,
-});
+use crate::world::{CLEAR, PERIOD, STOP, World, axes, limits};
 
 #[test]
 fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {

@@ -2,14 +2,12 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{
-    Cause, Interlock, Limits, ReadBack, Request, RequestedCorrection, State, Vector,
-};
+use volcomp_guard::{Cause, Limits, ReadBack, Request, RequestedCorrection, State, Vector};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
     vector::{five, of, three},
-    world::{self, PERIOD, World, axes},
+    world::{self, CLEAR, PERIOD, STOP, World, axes},
 };
 
 const CYCLE_S: f64 = 0.004;
@@ -208,16 +206,12 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
                 world.request(Request::Arm);
                 world.run(after * PERIOD);
                 world.lower_limits(limit);
-                let stop = |emergency_stop| {
-                    Some(Interlock {
-                        emergency_stop,
-                        ..Interlock::default()
-                    })
-                };
-                world.interlocks.update(1, stop(emergency_stop));
+                world
+                    .interlocks
+                    .update(1, if emergency_stop { STOP } else { CLEAR });
                 world.request(Request::Switched);
                 world.run(Duration::from_secs(1));
-                world.interlocks.update(1, stop(false));
+                world.interlocks.update(1, CLEAR);
                 let state = world.run(Duration::from_secs(3)).state;
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}, {emergency_stop}");
@@ -265,7 +259,7 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
             (axis.limit, axis.warn) = (0.030, 0.030);
         }
         let places = PerChannel::leading([Some(1), Some(0)]);
-        world.guard.take_path(lower, &places).expect("valid limits");
+        world.guard.take_path(lower, &places).expect("valid");
         world.read_back = ReadBack::plain(Duration::ZERO);
         world.applied = found;
         world.target = Some(axes(-0.070, 0.140));
@@ -298,10 +292,7 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     }
     let places = PerChannel::leading([Some(1), Some(0)]);
     for limits in [world::limits(), lower] {
-        world
-            .guard
-            .take_path(limits, &places)
-            .expect("valid limits");
+        world.guard.take_path(limits, &places).expect("valid");
         world.read_back.take_over(world.now, false);
     }
     world.request(Request::TakeOver);
@@ -312,7 +303,7 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     world.target = Some(axes(0.140, -0.020));
     world.run(Duration::from_secs(2));
     let places = PerChannel::leading([None, Some(1)]);
-    world.guard.take_path(lower, &places).expect("valid limits");
+    world.guard.take_path(lower, &places).expect("valid");
     world.read_back.take_over(world.now, false);
     world.request(Request::TakeOver);
     let state = world.run(Duration::from_secs(3)).state;
@@ -335,7 +326,7 @@ fn limits_lowered_before_arming_apply_while_the_machine_moves() {
         world.run(Duration::from_secs(1));
         let mut lower = limits;
         (lower.axes[0].limit, lower.axes[0].warn) = (0.030, 0.030);
-        world.guard.set_limits(lower).expect("valid limits");
+        world.guard.set_limits(lower).expect("valid");
         world.target = Some(axes(0.010, 0.0));
         world.request(Request::Arm);
         assert_eq!(world.guard.state().name(), "arming");

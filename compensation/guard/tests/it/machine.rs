@@ -185,7 +185,7 @@ fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) ->
         time_out_scans: 100,
     };
     let held = Counts::from_fn(|i| counts(i, applied[i]));
-    Barrier::start(settings, epoch, tick, &held).expect("valid settings")
+    Barrier::start(settings, epoch, tick, &held).expect("valid")
 }
 
 impl Machine {
@@ -210,7 +210,7 @@ impl Machine {
             .then(|| barrier(&full_limits(axes), tick, epoch, &PerChannel::ZERO));
         let mut machine = Self {
             kind,
-            guard: Guard::new(limits).expect("valid limits"),
+            guard: Guard::new(limits).expect("valid"),
             limits,
             random,
             ways: Vec::new(),
@@ -467,7 +467,7 @@ impl Machine {
             self.ways[choice.active].read_back.take_over(now, false);
             self.guard
                 .take_path(self.limits, &same_places())
-                .expect("valid limits");
+                .expect("valid");
             self.seen.began = true;
         }
         choice.switched
@@ -714,7 +714,7 @@ impl Machine {
             };
         }
         self.limits.ramp = full.ramp;
-        self.guard.set_limits(self.limits).expect("valid limits");
+        self.guard.set_limits(self.limits).expect("valid");
         (self.really_includes, self.seen.began) = (self.limits.axes[0].includes_correction, true);
     }
 
@@ -781,7 +781,7 @@ impl Machine {
         self.seen.began = true;
         let ramp_ms = self.random.random_range(0..500);
         self.limits.ramp = Duration::from_millis(ramp_ms);
-        self.guard.set_limits(self.limits).expect("valid limits");
+        self.guard.set_limits(self.limits).expect("valid");
     }
 
     /// The control starts anew. Its words are kept.
@@ -803,7 +803,7 @@ impl Machine {
         let age = self.now.saturating_sub(self.got);
         let owner = self.random.random_range(1..60_000);
         self.seen.began = true;
-        self.guard = Guard::new(self.limits).expect("valid limits");
+        self.guard = Guard::new(self.limits).expect("valid");
         self.selector = Selector::new(Duration::from_millis(500));
         self.interlocks = Interlocks::default();
         for index in 0..self.ways.len() {

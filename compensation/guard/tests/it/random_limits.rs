@@ -69,7 +69,7 @@ fn random_changes_of_limits_are_no_fault() {
             match random.random_range(0..120) {
                 0 | 1 => {
                     let limits = any_limits(&world, &mut random);
-                    world.guard.set_limits(limits).expect("valid limits");
+                    world.guard.set_limits(limits).expect("valid");
                     request = Some(Request::Switched);
                 }
                 2 if !world.emergency_stop => {
@@ -89,10 +89,7 @@ fn random_changes_of_limits_are_no_fault() {
                     let limits = any_limits(&world, &mut random);
                     if is_clear && !matches!(world.guard.state(), State::Faulted(_)) {
                         let places = same_places();
-                        world
-                            .guard
-                            .take_path(limits, &places)
-                            .expect("valid limits");
+                        world.guard.take_path(limits, &places).expect("valid");
                         std::mem::swap(&mut world.read_back, &mut standby);
                         request = world.guard.state().is_armed().then_some(Request::TakeOver);
                         word = None;
@@ -184,7 +181,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
                     for axis in &mut limits.axes {
                         (axis.slew_per_s, axis.accel_per_s2) = (slew_per_s, accel_per_s2);
                     }
-                    world.guard.set_limits(limits).expect("valid limits");
+                    world.guard.set_limits(limits).expect("valid");
                     request = Some(Request::Switched);
                 }
                 3 | 4 => {
@@ -197,10 +194,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
                 10 if seed % 2 == 1 && world.interlocks.reasons().is_empty() => {
                     let limits = any_limits(&world, &mut random);
                     let places = PerChannel::leading([Some(1), Some(0)]);
-                    world
-                        .guard
-                        .take_path(limits, &places)
-                        .expect("valid limits");
+                    world.guard.take_path(limits, &places).expect("valid");
                     world.read_back = ReadBack::plain(Duration::ZERO);
                     world.read_back.take_over(world.now, false);
                     world.applied = axes(world.applied[1], world.applied[0]);

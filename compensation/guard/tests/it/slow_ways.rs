@@ -3,16 +3,11 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Interlock, Limits, Request, State};
+use volcomp_guard::{Limits, Request, State};
 
-use crate::world::{PERIOD, SLEW, STEP, World, axes, limits};
+use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
-const STOP: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: true,
-});
 
 /// What is seen of X from some time on, mm.
 #[derive(Debug, Default)]
@@ -73,7 +68,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
             for part in [0.5, 0.2, 0.1, 0.02] {
                 let mut world = World::ramping(late, after);
                 let lower = with_slew(world.guard.limits(), part);
-                world.guard.set_limits(lower).expect("valid limits");
+                world.guard.set_limits(lower).expect("valid");
                 let mut watch = Watch::of(&world);
                 watch.look(&mut world, 500, Some(Request::Switched));
                 let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
@@ -99,7 +94,7 @@ fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
             for axis in &mut limits.axes {
                 axis.accel_per_s2 = f64::INFINITY;
             }
-            world.guard.set_limits(limits).expect("valid limits");
+            world.guard.set_limits(limits).expect("valid");
             let mut watch = Watch::of(&world);
             for turn in 0..4 {
                 world.target = Some(axes(if turn % 2 == 0 { -0.140 } else { 0.140 }, 0.0));
@@ -124,14 +119,14 @@ fn another_path_to_the_same_barrier_takes_over_in_motion() {
                 let mut watch = Watch::of(&world);
                 if before < 1.0 {
                     let lower = with_slew(&limits, before);
-                    world.guard.set_limits(lower).expect("valid limits");
+                    world.guard.set_limits(lower).expect("valid");
                     watch.look(&mut world, 1, Some(Request::Switched));
                 }
                 world.take_other_path(&with_slew(&limits, then));
                 watch.look(&mut world, 300, Some(Request::TakeOver));
                 let case = format!("{late} late, after {after}, {before} {then}: {watch:?}");
                 assert!(watch.back <= 1e-9 && watch.jump <= 1e-9, "{case}");
-                world.guard.set_limits(limits).expect("valid limits");
+                world.guard.set_limits(limits).expect("valid");
                 let state = world.run(Duration::from_secs(2)).state;
                 assert_eq!(state, State::Compensating, "{case}");
             }

@@ -20,6 +20,17 @@ pub(crate) const SLEW: f64 = 0.5;
 pub(crate) const MOST: f64 = 0.002 + 1e-9;
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 pub(crate) const MACHINE: u16 = 4711;
+/// The flags of another path.
+pub(crate) const CLEAR: Option<Interlock> = Some(Interlock {
+    unreferenced: false,
+    alarm: false,
+    emergency_stop: false,
+});
+pub(crate) const STOP: Option<Interlock> = Some(Interlock {
+    unreferenced: false,
+    alarm: false,
+    emergency_stop: true,
+});
 
 pub(crate) fn limits() -> Limits {
     let axis = AxisLimits {
@@ -64,7 +75,7 @@ pub(crate) fn barrier_from(epoch: u16, tick: u16) -> Barrier {
         hold_scans: 25,
         time_out_scans: 100,
     };
-    Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("valid settings")
+    Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("valid")
 }
 
 /// A control, a guard and time.
@@ -176,7 +187,7 @@ impl World {
     fn of(limits: &Limits, read_back: ReadBack, barrier: Option<Barrier>) -> Self {
         let now = Duration::from_secs(1);
         let mut world = Self {
-            guard: Guard::new(*limits).expect("valid limits"),
+            guard: Guard::new(*limits).expect("valid"),
             read_back,
             interlocks: Interlocks::default(),
             now,
@@ -221,9 +232,7 @@ impl World {
     pub(crate) fn take_other_path(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
-        self.guard
-            .take_path(*limits, &places)
-            .expect("valid limits");
+        self.guard.take_path(*limits, &places).expect("valid");
         let before = std::mem::replace(&mut self.read_back, ReadBack::barrier(link));
         if let Some(frame) = before.last_frame() {
             self.read_back.also_sent(frame);
@@ -240,7 +249,7 @@ impl World {
         for axis in &mut lowered.axes {
             (axis.limit, axis.warn) = (limit, limit);
         }
-        self.guard.set_limits(lowered).expect("valid limits");
+        self.guard.set_limits(lowered).expect("valid");
     }
 
     fn is_stopped(&self) -> bool {

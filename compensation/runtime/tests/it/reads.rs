@@ -142,34 +142,19 @@ fn positions_of_a_silent_reader_expire() {
     assert_eq!(report.state.name(), "holding", "{:?}", report.reasons);
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
     let report = moving.run(400);
-    assert_eq!(
-        report.correction,
-        PerAxis::ZERO,
-        "after zero_after and a ramp"
-    );
-    assert!(
-        report.reasons.contains(Reasons::POSITIONS_LOST),
-        "{:?}",
-        report.reasons
-    );
+    // After `zero_after` and a ramp.
+    assert_eq!(report.correction, PerAxis::ZERO);
+    assert!(report.reasons.contains(Reasons::POSITIONS_LOST));
     reader.set_silent(false);
     assert_eq!(moving.run(500).state, State::Compensating);
     // Its interlocks hold the correction like those of the path itself.
     reader.set_stopped(true);
     let report = moving.run(5);
-    assert!(
-        report.reasons.contains(Reasons::EMERGENCY_STOP),
-        "{:?}",
-        report.reasons
-    );
+    assert!(report.reasons.contains(Reasons::EMERGENCY_STOP));
     let held = report.correction;
     assert_eq!(moving.run(50).correction, held);
     // Silence does not lift it.
     reader.set_silent(true);
     let report = moving.run(5);
-    assert!(
-        report.reasons.contains(Reasons::INTERLOCK_UNSEEN),
-        "{:?}",
-        report.reasons
-    );
+    assert!(report.reasons.contains(Reasons::INTERLOCK_UNSEEN));
 }

@@ -96,7 +96,7 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     let settings = bounds.settings;
     let begin = World {
         barrier: Barrier::start(settings, 0, 0, &Counts::default())
-            .expect("valid settings")
+            .expect("valid")
             .memory(),
         first: 0,
         senders: [None; 2],
@@ -205,7 +205,7 @@ fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
     };
     let tick = before.link.tick.wrapping_add_signed(tick);
     world.barrier = Barrier::start(bounds.settings, kept, tick, &before.applied)
-        .expect("valid settings")
+        .expect("valid")
         .memory();
     epoch_began(world);
 }
@@ -249,7 +249,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
             let sender = sender.as_mut()?;
             if does != Does::Sends {
                 let report = Barrier::resume(bounds.settings, world.barrier)
-                    .expect("valid settings")
+                    .expect("valid")
                     .report();
                 let report = Report {
                     owner: if bounds.without == Without::Owner {
@@ -319,7 +319,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     if bounds.without == Without::Owner {
         before.link.owner = 0;
     }
-    let start = || Barrier::resume(*settings, before).expect("valid settings");
+    let start = || Barrier::resume(*settings, before).expect("valid");
     let held = world.mailboxes.map(|place| {
         place.map(|flying| {
             let tick = before.link.tick.wrapping_add(1);

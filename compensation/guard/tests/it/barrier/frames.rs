@@ -228,7 +228,7 @@ proptest! {
         let settings = settings(1);
         let mut start = at_zero(settings).memory();
         (start.link.epoch, start.link.sequence) = (epoch, sequence);
-        let mut barrier = Barrier::resume(settings, start).expect("valid settings");
+        let mut barrier = Barrier::resume(settings, start).expect("valid");
         let mut ways = [Session::new(OWNER); 2];
         let (mut frames, mut reports) = (Vec::<Vec<u16>>::new(), vec![barrier.report()]);
         for step in steps {
@@ -257,7 +257,7 @@ proptest! {
                 }
                 Step::PowerUp(tick) => {
                     let before = barrier.memory();
-                    barrier = Barrier::start(settings, before.link.epoch, tick, &before.applied).expect("valid settings");
+                    barrier = Barrier::start(settings, before.link.epoch, tick, &before.applied).expect("valid");
                     reports.push(barrier.report());
                 }
             }

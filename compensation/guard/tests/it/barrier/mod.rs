@@ -36,7 +36,7 @@ pub(super) fn settings(axes: usize) -> Settings {
 }
 
 pub(super) fn at_zero(settings: Settings) -> Barrier {
-    Barrier::start(settings, 6, 1000, &Counts::default()).expect("valid settings")
+    Barrier::start(settings, 6, 1000, &Counts::default()).expect("valid")
 }
 
 pub(super) fn words(settings: &Settings, frame: &Frame) -> Vec<u16> {
