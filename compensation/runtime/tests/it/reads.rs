@@ -3,7 +3,6 @@
 
 use std::time::Duration;
 
-use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::{Clock, Controller, simulated::Move};
 use volcomp_runtime::{
     Cycle, Model, PathSettings, PositionReader, ReaderPlan, Report,
@@ -12,7 +11,7 @@ use volcomp_runtime::{
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel};
 
 use crate::rig::{
-    Injected, Writes, alone, cycle_of, guard, machine, path_of, simulated_control, step,
+    Injected, Writes, alone, cycle_of, guard, machine, path_of, simulated_control, step, tip_mm,
 };
 
 const WRITTEN: [AxisName; 3] = [AxisName::Z, AxisName::X, AxisName::Y];
@@ -110,9 +109,8 @@ fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
         for _ in 0..4500 {
             let report = moving.step(None);
             assert_eq!(report.state, State::Compensating, "{:?}", report.reasons);
-            let tip = |error: [f64; 3]| Vector3::from(error).norm();
-            with = with.max(tip(report.residual.expect("known").position_mm));
-            without = without.max(tip(report.error.expect("known").position_mm));
+            with = with.max(tip_mm(report.residual));
+            without = without.max(tip_mm(report.error));
             let at = report.positions[c];
             turned = [turned[0].min(at), turned[1].max(at)];
             for name in READ {

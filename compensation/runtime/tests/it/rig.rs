@@ -9,6 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{
     Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
@@ -16,7 +17,7 @@ use volcomp_port::{
 };
 use volcomp_runtime::{
     AxisSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings,
-    PlanError, Replacement, Report, Sensors, WithoutBarrier,
+    PlanError, Replacement, Report, Sensors, ToolError, WithoutBarrier,
     guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
@@ -274,6 +275,11 @@ pub(crate) fn cycle_of(
     Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
 }
 
+/// Deviation of the tool tip, mm.
+pub(crate) fn tip_mm(error: Option<ToolError>) -> f64 {
+    Vector3::from(error.expect("positions are known").position_mm).norm()
+}
+
 /// One cycle, a period after the last.
 pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     clock.advance(PERIOD);
@@ -346,10 +352,10 @@ impl Rig {
         guard: &GuardSettings,
         names: &[AxisName],
         coordinates: &[f64],
-        clock: &Clock,
     ) -> Self {
-        let control = control_of(names, coordinates, clock);
-        Self::on(machine, guard, control, clock.clone())
+        let clock = Clock::manual();
+        let control = control_of(names, coordinates, &clock);
+        Self::on(machine, guard, control, clock)
     }
 
     fn on(
@@ -373,6 +379,21 @@ impl Rig {
         self.run(20);
         self.step(Some(Request::Arm));
         self.run(cycles)
+    }
+
+    /// Arms, and compensates after some cycles. Returns the last report, and the largest excess of the residual error of the tip over the error
+    /// without correction, mm.
+    pub(crate) fn arm_and_compare(&mut self, cycles: u32) -> (Report, f64) {
+        self.run(20);
+        self.step(Some(Request::Arm));
+        let mut worst = f64::NEG_INFINITY;
+        for _ in 0..cycles {
+            let report = self.step(None);
+            worst = worst.max(tip_mm(report.residual) - tip_mm(report.error));
+        }
+        let report = self.step(None);
+        assert_eq!(report.state.name(), "compensating");
+        (report, worst)
     }
 
     /// Takes another machine with the same axes.

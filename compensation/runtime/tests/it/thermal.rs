@@ -222,23 +222,15 @@ fn a_path_for_thermal_terms_carries_these_alone_and_holds_longer() {
     let um = |report: &Report| report.correction.map(|mm| (mm * 1e3).round());
     let [received, silent] = run(&alone());
     assert_eq!(um(&received)[..3], [-15.0, 0.0, -10.0], "all terms");
-    assert!(
-        matches!(
-            silent.state,
-            GuardState::Holding(_) | GuardState::RampingOut(_)
-        ),
-        "{:?}",
-        silent.state
-    );
+    let state = silent.state;
+    assert!(matches!(
+        state,
+        GuardState::Holding(_) | GuardState::RampingOut(_)
+    ));
     let [received, silent] = run(&settings(Duration::from_secs(5)));
     for report in [&received, &silent] {
         assert_eq!(um(report)[..3], [0.0, 0.0, -10.0]);
-        assert_eq!(
-            report.state,
-            GuardState::Compensating,
-            "{:?}",
-            report.reasons
-        );
+        assert_eq!(report.state, GuardState::Compensating, "{report:?}");
     }
     // The residual error is reported as it is.
     let left = received.residual.expect("positions are known").position_mm[0];
