@@ -151,10 +151,7 @@ pub enum PlanError {
         largest: Displacement,
     },
     /// More temperatures than a cycle supports.
-    #[error(
-        "found {found} temperatures, expected {} at the most",
-        crate::MAX_SENSORS
-    )]
+    #[error("found {found} temperatures, expected at most {}", crate::MAX_SENSORS)]
     TooManySensors { found: usize },
     /// No controller, or more than a cycle supports.
     #[error(

@@ -44,16 +44,16 @@ fn one_wrong_position_causes_no_reversal() {
                 memory.at(position, 0.005, None);
             }
             for cycle in 0..100 {
-                let told = if cycle % 3 == 0 {
+                let reported = if cycle % 3 == 0 {
                     position + wrong
                 } else {
                     position
                 };
-                assert_eq!(memory.at(told, 0.005, None), Some(direction));
-                // It is no other reading for being told again.
+                assert_eq!(memory.at(reported, 0.005, None), Some(direction));
+                // A repeated reading counts once.
                 for _ in 0..5 {
                     let taken = PERIOD * memory.readings;
-                    memory.memory.at(taken, told, 0.005, None);
+                    memory.memory.at(taken, reported, 0.005, None);
                 }
             }
             // Nor where it is the first one.
@@ -262,23 +262,23 @@ fn many_turns_do_not_change_the_direction() {
     for sign in [1.0, -1.0] {
         let mut rolled = Memory::default();
         let mut position = 0.0_f64;
-        let told = |position: f64| position.rem_euclid(TAU);
+        let reported = |position: f64| position.rem_euclid(TAU);
         // 5000 turns of 20 readings.
         for _ in 0..100_000 {
             position += sign * TAU / 20.0;
-            rolled.at(told(position), THRESHOLD, Some(TAU));
+            rolled.at(reported(position), THRESHOLD, Some(TAU));
         }
         // Another one that begins a turn before the end of it.
         let mut fresh = Memory::default();
         for k in (0..20).rev() {
             let before = position - sign * TAU / 20.0 * f64::from(k);
-            fresh.at(told(before), THRESHOLD, Some(TAU));
+            fresh.at(reported(before), THRESHOLD, Some(TAU));
         }
         let mut turns = 0;
         let mut last = None;
         for _ in 0..10_000 {
             position += rng.random_range(-0.004..0.004);
-            let at = told(position);
+            let at = reported(position);
             let direction = rolled.at(at, THRESHOLD, Some(TAU));
             assert_eq!(direction, fresh.at(at, THRESHOLD, Some(TAU)), "at {at}");
             turns += usize::from(last.replace(direction) != Some(direction));
@@ -290,14 +290,14 @@ fn many_turns_do_not_change_the_direction() {
 /// Two wrong readings in five delay the first direction; half a turn from the first position, right readings used to give the opposite direction.
 #[test]
 fn the_first_direction_is_right_half_a_turn_away() {
-    let told = [
+    let reported = [
         0.0, 210.0, 40.0, 0.0, 80.0, 100.0, 120.0, 240.0, 260.0, 180.0,
     ];
     for (sign, direction) in [(1.0, Direction::Positive), (-1.0, Direction::Negative)] {
         let mut memory = Memory::default();
         let mut seen = None;
         // 20° a reading; wrong are the second, the fourth, the eighth and the ninth.
-        for position in told
+        for position in reported
             .into_iter()
             .chain((10..20).map(|k| 20.0 * f64::from(k)))
         {
@@ -332,9 +332,9 @@ fn with_two_wrong_readings_in_five_every_direction_is_a_real_one() {
                     && rng.random_range(0..3) == 0;
                 wrong.push(is_wrong);
                 let error = [-170.0, -60.0, -7.0, 6.0, 30.0, 100.0][rng.random_range(0..6)];
-                let told = position + if is_wrong { error } else { 0.0 };
-                let told = turn.map_or(told, |turn| told.rem_euclid(turn));
-                let found = memory.at(told, THRESHOLD, turn);
+                let reported = position + if is_wrong { error } else { 0.0 };
+                let reported = turn.map_or(reported, |turn| reported.rem_euclid(turn));
+                let found = memory.at(reported, THRESHOLD, turn);
                 if found == last {
                     continue;
                 }
@@ -389,7 +389,7 @@ proptest! {
         rolls_over in any::<bool>(),
     ) {
         let turn = rolls_over.then_some(TAU);
-        let told = |position: f64| turn.map_or(position, |turn| position.rem_euclid(turn));
+        let reported = |position: f64| turn.map_or(position, |turn| position.rem_euclid(turn));
         let direction = Direction::of(sign);
         let mut memory = Memory::default();
         let mut position = 3.0;
@@ -398,20 +398,20 @@ proptest! {
             // In four readings less than a quarter of a turn.
             position += way * sign;
             went += way;
-            let found = memory.at(told(position + wrong.unwrap_or(0.0)), 0.005, turn);
+            let found = memory.at(reported(position + wrong.unwrap_or(0.0)), 0.005, turn);
             prop_assert!(found.is_none() || found == direction, "{found:?} at {position}");
         }
         // It knows by then that it went, and a way back is seen with the fourth reading, if all are right.
         for _ in 0..8 {
             position += 0.01 * sign;
-            memory.at(told(position), 0.005, turn);
+            memory.at(reported(position), 0.005, turn);
         }
         prop_assert_eq!(memory.memory.at(Duration::ZERO, f64::NAN, 0.005, turn), direction, "{}", went);
         let mut readings = 0;
         loop {
             position -= 0.01 * sign;
             readings += 1;
-            let found = memory.at(told(position), 0.005, turn);
+            let found = memory.at(reported(position), 0.005, turn);
             if found != direction {
                 prop_assert_eq!(found, Direction::of(-sign));
                 break;

@@ -1,4 +1,4 @@
-//! One fault at a time, and what the guard makes of it.
+//! The guard's response to single faults.
 
 use std::time::Duration;
 
@@ -9,9 +9,7 @@ use volcomp_guard::{
 };
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-use crate::world::{MACHINE, PERIOD, STEP, World, axes, layout, limits};
-
-const SECOND: Duration = Duration::from_secs(1);
+use crate::world::{MACHINE, PERIOD, SECOND, STEP, World, axes, layout, limits};
 
 #[test]
 fn stale_positions_hold_then_ramp_out_then_back_in() {
@@ -86,7 +84,7 @@ fn a_cleared_correction_ramps_in_again() {
     assert_eq!(output.state.name(), "arming");
     assert!(world.largest_step <= STEP, "{}", world.largest_step);
     assert_eq!(world.run(2 * SECOND).state, State::Compensating);
-    // Once more, and again: each is an event of its own.
+    // Each further one is another event.
     for _ in 0..5 {
         world.applied = PerChannel::ZERO;
         world.largest_step = 0.0;
@@ -178,7 +176,7 @@ fn nan_positions_hold_then_ramp_out() {
     assert_eq!(world.applied, before);
     world.run(2 * SECOND);
     assert_eq!(world.applied, PerChannel::ZERO);
-    // A read-back that is no number says nothing: nothing is written.
+    // Nothing is written on a NaN read-back.
     world.positions[1] = 0.0;
     world.applied[0] = f64::NAN;
     assert!(!world.run(SECOND).write);
@@ -244,8 +242,7 @@ fn a_continuing_program_is_not_left_with_the_test_shift() {
         assert!(world.applied[0].abs() > 4.5 * STEP, "{:?}", world.applied);
         let shifted = goes_on(&mut world, 2000);
         assert!(PERIOD * shifted < SECOND, "{shifted}");
-        let output = world.run(4 * SECOND);
-        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        let output = world.run_to(4 * SECOND, State::Compensating);
         assert!(!output.reasons.contains(Reasons::NOT_PROVEN));
     }
 }
@@ -263,7 +260,11 @@ fn an_interrupted_proof_is_no_proof() {
         assert_eq!(world.guard.state(), State::Disarmed);
         assert_eq!(world.applied, PerChannel::ZERO);
         world.frozen_at = None;
-        assert_eq!(world.run(SECOND).state, State::Disarmed, "not by itself");
+        assert_eq!(
+            world.run(SECOND).state,
+            State::Disarmed,
+            "not without a request"
+        );
         world.request(Request::Arm);
         world.emergency_stop = true;
         world.run(SECOND);
@@ -351,7 +352,7 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
         let cycles = delay_ms / 20;
         let limits = Limits {
             period,
-            // Longer than a frame is on its way until it is told.
+            // Longer than a frame takes until it is reported.
             hold: Duration::from_millis(50).max(Duration::from_millis(
                 u64::try_from(delay_ms + 30).expect("few"),
             )),
@@ -370,10 +371,10 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
             hold_scans: a_second / 2,
             time_out_scans: a_second,
         };
-        let barrier = Barrier::start(settings, 17, 40, &Counts::default()).expect("sensible");
+        let barrier = Barrier::start(settings, 17, 40, &Counts::default()).expect("valid");
         let mut world = World::guarded_by(&limits, barrier, scan);
-        (world.sent_late, world.told_late) = (cycles, delay_ms / 10 - cycles);
-        world.tells_age = true;
+        (world.frame_delay, world.report_delay) = (cycles, delay_ms / 10 - cycles);
+        world.dates_reports = true;
         world.cycle_after(period, Some(Request::Arm));
         for cycle in 0..2600_u32 {
             // Creeps by a step in 20 to 300 ms, as a table that turns slowly or a machine that warms up asks for.
@@ -391,18 +392,18 @@ fn a_slow_path_is_not_reported_as_a_held_control() {
                 "{delay_ms} ms, {step_scans} of {scan:?}: cycle {cycle}"
             );
         }
-        // Now it stands by itself.
+        // Now the control holds.
         (world.holds, world.target) = (true, Some(axes(0.0, 0.0)));
         let begun = world.now;
         while world.cycle_after(period, None).state == State::Compensating {
             assert!(
                 world.now < begun + Duration::from_secs(2),
-                "{delay_ms} ms: not told"
+                "{delay_ms} ms: not reported"
             );
         }
         let step = scan * u32::from(step_scans.unsigned_abs());
         let most = limits.hold + 2 * limits.delay() + step + 8 * period;
-        assert!(world.now <= begun + most, "{delay_ms} ms: told late");
+        assert!(world.now <= begun + most, "{delay_ms} ms: reported late");
     }
 }
 
@@ -417,7 +418,7 @@ fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
     };
     let faults: [fn(&mut World); 3] = [
         |world| world.answers = false,
-        |world| world.hides_applied = true,
+        |world| world.hides_correction = true,
         |world| world.sticks = false,
     ];
     for fault in faults {
@@ -426,14 +427,13 @@ fn a_barrier_that_may_have_timed_out_is_not_reported_as_compensating() {
         for _ in 0..1000 {
             let stands = world.applied[0];
             let output = world.run(Duration::ZERO);
-            // The barrier's time-out is 200 ms, and one cycle passes until a report could have told.
+            // The barrier's timeout is 200 ms, and its report takes one cycle.
             let let_go = (stands - 0.040).abs() > 1e-9;
             let said = output.state == State::Compensating;
             assert!(!(let_go && said), "{:?} at {stands}", output.reasons);
         }
         assert_eq!(world.applied, PerChannel::ZERO);
-        (world.answers, world.hides_applied, world.sticks) = (true, false, true);
-        let output = world.run(Duration::from_secs(3));
-        assert_eq!(output.state, State::Compensating, "{:?}", output.reasons);
+        (world.answers, world.hides_correction, world.sticks) = (true, false, true);
+        world.run_to(Duration::from_secs(3), State::Compensating);
     }
 }

@@ -1,22 +1,11 @@
-//! Interlocks of several paths: what one of them says holds all.
+//! Interlocks of several paths.
 
 use std::time::Duration;
 
 use volcomp_guard::{Hold, Interlock, Interlocks, Limits, Reasons, Request, State};
 use volcomp_vocabulary::PerChannel;
 
-use crate::world::{PERIOD, World, axes, limits};
-
-const CLEAR: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: false,
-});
-const STOP: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: true,
-});
+use crate::world::{CLEAR, PERIOD, STOP, World, axes, limits};
 
 #[test]
 fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
@@ -27,8 +16,11 @@ fn an_interlock_on_one_path_holds_all_until_the_same_path_clears_it() {
     // Another path that sees nothing of it lifts nothing, and neither does silence.
     interlocks.update(0, CLEAR);
     interlocks.update(1, None);
-    let told = interlocks.reasons();
-    assert_eq!(told, Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN);
+    let reported = interlocks.reasons();
+    assert_eq!(
+        reported,
+        Reasons::EMERGENCY_STOP | Reasons::INTERLOCK_UNSEEN
+    );
     interlocks.update(1, CLEAR);
     assert_eq!(interlocks.reasons(), Reasons::NONE);
 }
@@ -76,7 +68,7 @@ fn an_acknowledgement_lifts_only_interlocks_of_silent_paths() {
 fn an_axis_holds_in_a_stop_reported_by_another_path() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
-            let mut world = World::in_motion(late, at);
+            let mut world = World::ramping(late, at);
             world.interlocks.update(1, STOP);
             // What was on its way lands, and is led back.
             world.run(20 * PERIOD);
@@ -99,7 +91,7 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
         read_back_cycles: 8,
         ..limits()
     });
-    (world.told_late, world.target) = (6, Some(axes(0.140, -0.070)));
+    (world.report_delay, world.target) = (6, Some(axes(0.140, -0.070)));
     world.request(Request::Arm);
     world.run(60 * PERIOD);
     world.emergency_stop = true;
@@ -124,9 +116,9 @@ fn the_correction_held_by_a_barrier_in_a_stop_is_adopted() {
 fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
     let slew = limits().axes[0].slew_per_s;
     for late in [0, 2, 4, 6] {
-        // The control holds, or only another path shows the stop; for a short while, or until it is told where it stands.
+        // The control holds, or only another path reports the stop; for a short time, or until its position is known.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
-            let mut world = World::in_motion(late, 60);
+            let mut world = World::ramping(late, 60);
             // Times, words, and where the axis was.
             let mut words = Vec::new();
             let mut furthest = 0.0_f64;
@@ -166,7 +158,7 @@ fn neither_word_nor_axis_moves_back_when_a_stop_begins() {
 
 /// A barrier some cycles away that holds by an emergency stop, which began in the middle of a ramp.
 fn stopped(late: usize) -> World {
-    let mut world = World::in_motion(late, 100);
+    let mut world = World::ramping(late, 100);
     world.emergency_stop = true;
     world.run(Duration::from_secs(1));
     assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
@@ -191,7 +183,7 @@ fn limits_lowered_in_a_stop_do_not_move_the_word() {
 #[test]
 fn limits_lowered_as_a_stop_begins_do_not_move_the_word() {
     for cycles in 0..40 {
-        let mut world = World::in_motion(4, 100);
+        let mut world = World::ramping(4, 100);
         world.emergency_stop = true;
         world.run(cycles * PERIOD);
         world.lower_limits(0.030);
@@ -255,7 +247,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
 #[test]
 fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
     for late in [0, 2, 4, 6] {
-        let mut world = World::in_motion(late, 100);
+        let mut world = World::ramping(late, 100);
         world.interlocks.update(1, STOP);
         world.lower_limits(0.030);
         let mut furthest = 0.0_f64;
@@ -271,14 +263,14 @@ fn limits_lowered_as_a_stop_begins_do_not_reverse_an_axis() {
 /// X of a control some cycles away that holds by a stop which nothing shows, in the middle of a ramp, so long that it was seen to
 /// stand.
 fn held_by_itself(late: usize) -> World {
-    let mut world = World::in_motion(late, 90);
+    let mut world = World::ramping(late, 90);
     world.holds = true;
     world.run(Duration::from_millis(180));
     assert!(world.guard.output()[0] > world.applied[0], "{late} late");
     world
 }
 
-/// How far X goes back at most in so many cycles, mm.
+/// Largest reversal of X within these cycles, mm.
 fn goes_back(world: &mut World, cycles: u32) -> f64 {
     let (mut highest, mut back) = (world.applied[0], 0.0_f64);
     for _ in 0..cycles {

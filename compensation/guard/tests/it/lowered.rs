@@ -2,20 +2,18 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{
-    Cause, Interlock, Limits, ReadBack, Request, RequestedCorrection, State, Vector,
-};
+use volcomp_guard::{Cause, Limits, ReadBack, Request, RequestedCorrection, State, Vector};
 use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
     vector::{five, of, three},
-    world::{self, PERIOD, World, axes},
+    world::{self, CLEAR, PERIOD, STOP, World, axes},
 };
 
 const CYCLE_S: f64 = 0.004;
 
 /// X follows A with 500 mm for each rad, and no position is wanted beside: the tip misses by X − 500·A.
-fn led_by_a() -> RequestedCorrection {
+fn following_a() -> RequestedCorrection {
     let mut follow = PerChannel::default();
     follow[3] = of([500.0]);
     RequestedCorrection {
@@ -67,7 +65,7 @@ fn a_lowered_linear_limit_reduces_the_rotary_shares_too() {
         let before = tilting(rotary_slew);
         let mut after = before;
         after.axes[0].limit = 0.030;
-        let (most, vector) = misses_most(&led_by_a(), &before, &after);
+        let (most, vector) = misses_most(&following_a(), &before, &after);
         assert!(most < 1e-4, "{rotary_slew}: {most}");
         let [x, a] = [vector.output()[0], vector.output()[3]];
         assert!(
@@ -82,7 +80,7 @@ fn a_lowered_rotary_limit_reduces_the_linear_shares_too() {
     let before = tilting(2000e-6);
     let mut after = before;
     after.axes[3].limit = 50e-6;
-    let (most, vector) = misses_most(&led_by_a(), &before, &after);
+    let (most, vector) = misses_most(&following_a(), &before, &after);
     assert!(most < 1e-4, "{most}");
     assert!((vector.output()[0] - 0.025).abs() < 1e-5);
 }
@@ -91,7 +89,7 @@ fn a_lowered_rotary_limit_reduces_the_linear_shares_too() {
 #[test]
 fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
     let before = tilting(2000e-6);
-    let to = led_by_a().full();
+    let to = following_a().full();
     for (linear, rotary) in [(1.0, 0.2), (0.2, 1.0), (0.3, 0.2)] {
         let mut after = before;
         after.axes[0].limit *= linear;
@@ -103,14 +101,14 @@ fn a_line_that_ends_beyond_a_lowered_limit_is_scaled_as_a_whole() {
             let output = vector.output();
             most = most.max((output[0] - 500.0 * output[3]).abs());
         }
-        // A step of A at its lever, since words are rounded towards zero on the way in, and one of X.
+        // A step of A at its lever, since words are rounded towards zero while they are reduced, and one of X.
         assert!(most <= 1e-7 * 500.0 + 1e-5, "{linear} {rotary}: {most}");
         let within = |i: usize| vector.output()[i].abs() <= after.axes[i].limit * (1.0 + 1e-9);
         assert!(within(0) && within(3), "{vector:?}");
     }
 }
 
-/// Also without rotary axes, on the way in.
+/// Also without rotary axes.
 #[test]
 fn a_lowered_limit_scales_every_share_equally() {
     let requested = RequestedCorrection::linear(of([0.100, -0.050, 0.020]));
@@ -176,7 +174,7 @@ fn limits_lowered_in_motion_on_a_slow_path_are_no_fault() {
     for late in [0, 1, 2, 4, 6] {
         for after in [60, 80, 100, 120, 140] {
             for limit in [0.100, 0.030] {
-                let mut world = World::in_motion(late, after);
+                let mut world = World::ramping(late, after);
                 world.largest_step = 0.0;
                 world.lower_limits(limit);
                 world.request(Request::Switched);
@@ -203,21 +201,17 @@ fn limits_lowered_in_motion_without_a_barrier_are_no_fault() {
                     read_back_cycles: late + 2,
                     ..world::limits()
                 });
-                world.told_late = late;
+                world.report_delay = late;
                 world.target = Some(axes(0.140, -0.070));
                 world.request(Request::Arm);
                 world.run(after * PERIOD);
                 world.lower_limits(limit);
-                let stop = |emergency_stop| {
-                    Some(Interlock {
-                        emergency_stop,
-                        ..Interlock::default()
-                    })
-                };
-                world.interlocks.update(1, stop(emergency_stop));
+                world
+                    .interlocks
+                    .update(1, if emergency_stop { STOP } else { CLEAR });
                 world.request(Request::Switched);
                 world.run(Duration::from_secs(1));
-                world.interlocks.update(1, stop(false));
+                world.interlocks.update(1, CLEAR);
                 let state = world.run(Duration::from_secs(3)).state;
                 let case = format!("{late} cycles late, after {after}, to {limit}");
                 assert_eq!(state, State::Compensating, "{case}, {emergency_stop}");
@@ -265,7 +259,7 @@ fn a_path_with_lower_limits_reduces_the_previous_correction_by_a_ramp() {
             (axis.limit, axis.warn) = (0.030, 0.030);
         }
         let places = PerChannel::leading([Some(1), Some(0)]);
-        world.guard.take_path(lower, &places).expect("good limits");
+        world.guard.take_path(lower, &places).expect("valid");
         world.read_back = ReadBack::plain(Duration::ZERO);
         world.applied = found;
         world.target = Some(axes(-0.070, 0.140));
@@ -298,7 +292,7 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     }
     let places = PerChannel::leading([Some(1), Some(0)]);
     for limits in [world::limits(), lower] {
-        world.guard.take_path(limits, &places).expect("good limits");
+        world.guard.take_path(limits, &places).expect("valid");
         world.read_back.take_over(world.now, false);
     }
     world.request(Request::TakeOver);
@@ -309,7 +303,7 @@ fn sent_corrections_are_carried_over_two_changes_of_path() {
     world.target = Some(axes(0.140, -0.020));
     world.run(Duration::from_secs(2));
     let places = PerChannel::leading([None, Some(1)]);
-    world.guard.take_path(lower, &places).expect("good limits");
+    world.guard.take_path(lower, &places).expect("valid");
     world.read_back.take_over(world.now, false);
     world.request(Request::TakeOver);
     let state = world.run(Duration::from_secs(3)).state;
@@ -332,7 +326,7 @@ fn limits_lowered_before_arming_apply_while_the_machine_moves() {
         world.run(Duration::from_secs(1));
         let mut lower = limits;
         (lower.axes[0].limit, lower.axes[0].warn) = (0.030, 0.030);
-        world.guard.set_limits(lower).expect("good limits");
+        world.guard.set_limits(lower).expect("valid");
         world.target = Some(axes(0.010, 0.0));
         world.request(Request::Arm);
         assert_eq!(world.guard.state().name(), "arming");

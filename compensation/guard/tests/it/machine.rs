@@ -1,8 +1,6 @@
 //! A machine with one to three ways to its control, as a gateway drives it, and everything that may go wrong on the way. What
 //! its axes get, write by write and scan by scan, is what counts.
 
-mod faults;
-
 use std::{collections::VecDeque, time::Duration};
 
 use rand::{RngExt, SeedableRng};
@@ -18,9 +16,9 @@ use volcomp_vocabulary::{AxisKind, AxisName, PerChannel};
 
 use crate::world::{MACHINE, PERIOD, SCAN, limits, same_places};
 
-/// A path that stands by is asked this often.
+/// Interval at which a standby path is read.
 const STANDBY_EVERY: Duration = Duration::from_millis(100);
-/// Lines that get nothing for so long go to zero by themselves, and take so long for it at the most.
+/// Timeout of lines, after which they go to zero, and the maximum time that this takes.
 const LINES_TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(300),
     to_zero: Duration::from_millis(300),
@@ -37,7 +35,7 @@ pub(crate) enum Kind {
     Late,
     /// Words that can be read back within the delay of the path; any of them may be lost.
     Lossy,
-    /// Lines, which cannot be asked.
+    /// Lines without read-back.
     Lines,
     /// Lines that go to zero by themselves when nothing comes.
     LinesWithTimeOut,
@@ -54,25 +52,25 @@ pub(crate) const KINDS: [Kind; 5] = [
 ];
 
 /// One way to the control.
-#[expect(clippy::struct_excessive_bools, reason = "each is a fault of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 struct Way {
     read_back: ReadBack,
     /// It answers and takes what is sent.
     online: bool,
     frozen_at: Option<Duration>,
-    /// What is told of the correction next, instead of what is so.
-    lie: Option<PerChannel<f64>>,
+    /// Reported next instead of the applied correction.
+    false_reading: Option<PerChannel<f64>>,
     /// A word of the next report, and what is wrong with its bits.
-    spoils_word: Option<(usize, u16)>,
-    /// How old what it tells of the correction is.
+    flipped_word: Option<(usize, u16)>,
+    /// Age of the reported correction.
     late: Duration,
-    hides_applied: bool,
+    hides_correction: bool,
     /// What is written is lost.
     loses: bool,
-    /// What is written fails, and is told to have failed, whether it is lost or not.
+    /// Writes return an error, whether they are lost or not.
     fails: bool,
     reading: Option<Reading>,
-    asked: Option<Duration>,
+    requested_at: Option<Duration>,
     sent: Option<Duration>,
 }
 
@@ -104,13 +102,13 @@ pub(crate) struct Machine {
     scanned: Duration,
     barrier: Option<Barrier>,
     mailboxes: Vec<Vec<u16>>,
-    air: Vec<Late>,
+    in_transit: Vec<Late>,
     channel: Channel,
     /// When words or lines were written last, and what.
     got: Duration,
     written: PerChannel<f64>,
     pub(crate) applied: PerChannel<f64>,
-    /// The largest correction that may have been there of each axis when its limit was lowered, or somebody else wrote.
+    /// Largest possible correction of each axis when its limit was lowered, or after a foreign write.
     beyond: PerChannel<f64>,
     /// What was applied, and from when on, for readings that are late.
     past: VecDeque<(Duration, PerChannel<f64>)>,
@@ -119,7 +117,7 @@ pub(crate) struct Machine {
     interlock: Interlock,
     really_includes: bool,
     forbids: Reasons,
-    /// Until then readings are of now, since somebody else changed what is applied.
+    /// Until then readings are not delayed, after a foreign change of the correction.
     prompt_until: Duration,
     pub(crate) seen: AxisMotion,
 }
@@ -130,10 +128,10 @@ pub(crate) struct AxisMotion {
     /// The largest change by one write or in one scan, as a part of what is allowed.
     pub(crate) step: f64,
     /// The largest correction that a write led further out, as a part of its limit, or of what was beyond it when the limit
-    /// was lowered or somebody else wrote.
+    /// was lowered or a foreign write.
     pub(crate) out: f64,
     pub(crate) not_finite: bool,
-    /// Somebody else changed what is applied.
+    /// A foreign change of the correction.
     pub(crate) changed: bool,
     /// Limits were changed, or another run of the gateway or another way began: windows of time begin anew.
     pub(crate) began: bool,
@@ -187,7 +185,7 @@ fn barrier(limits: &Limits, tick: u16, epoch: u16, applied: &PerChannel<f64>) ->
         time_out_scans: 100,
     };
     let held = Counts::from_fn(|i| counts(i, applied[i]));
-    Barrier::start(settings, epoch, tick, &held).expect("good settings")
+    Barrier::start(settings, epoch, tick, &held).expect("valid")
 }
 
 impl Machine {
@@ -212,7 +210,7 @@ impl Machine {
             .then(|| barrier(&full_limits(axes), tick, epoch, &PerChannel::ZERO));
         let mut machine = Self {
             kind,
-            guard: Guard::new(limits).expect("the limits of the tests are good"),
+            guard: Guard::new(limits).expect("valid"),
             limits,
             random,
             ways: Vec::new(),
@@ -222,7 +220,7 @@ impl Machine {
             scanned: now,
             barrier,
             mailboxes: vec![Vec::new(); ways],
-            air: Vec::new(),
+            in_transit: Vec::new(),
             channel: Channel::default(),
             got: now,
             written: PerChannel::ZERO,
@@ -238,7 +236,7 @@ impl Machine {
             seen: AxisMotion::default(),
         };
         machine.ways = (0..ways).map(|_| Way::new(machine.read_back(77))).collect();
-        machine.requested = Some(machine.any_wanted());
+        machine.requested = Some(machine.any_request());
         machine
     }
 
@@ -265,7 +263,7 @@ impl Machine {
     }
 
     /// What a wrong model may ask for.
-    fn any_wanted(&mut self) -> RequestedCorrection {
+    fn any_request(&mut self) -> RequestedCorrection {
         let count = self.limits.count;
         let random = &mut self.random;
         let mut requested = RequestedCorrection::default();
@@ -313,9 +311,9 @@ impl Machine {
             return;
         };
         let mut torn = None;
-        for place in (0..self.air.len()).rev() {
-            if self.air[place].at <= self.scanned {
-                let Late { way, words, .. } = self.air.swap_remove(place);
+        for place in (0..self.in_transit.len()).rev() {
+            if self.in_transit[place].at <= self.scanned {
+                let Late { way, words, .. } = self.in_transit.swap_remove(place);
                 if self.random.random_bool(self.channel.torn)
                     && self.mailboxes[way].len() == words.len()
                 {
@@ -396,23 +394,23 @@ impl Machine {
         }
         let limits = *self.guard.limits();
         let way = &mut self.ways[index];
-        way.asked = Some(now);
+        way.requested_at = Some(now);
         let mut words = [0; REPORT_WORDS];
         let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
-        if let Some((word, bits)) = way.spoils_word.take() {
+        if let Some((word, bits)) = way.flipped_word.take() {
             words[word % length.max(1)] ^= bits;
         }
-        let lie = way.lie.take();
-        let told = if !way.online || way.hides_applied {
+        let false_reading = way.false_reading.take();
+        let reported = if !way.online || way.hides_correction {
             CorrectionReport::Missing
         } else if barrier.is_some() {
             CorrectionReport::Barrier(&words[..length])
         } else if way.read_back.status().scheme == Scheme::NoReadBack {
             CorrectionReport::Missing
         } else {
-            CorrectionReport::Values(lie.unwrap_or(applied))
+            CorrectionReport::Values(false_reading.unwrap_or(applied))
         };
-        way.read_back.receive(now, self.now, &told, &limits);
+        way.read_back.receive(now, self.now, &reported, &limits);
         way.reading = way.online.then_some(Reading {
             taken: way.frozen_at.unwrap_or(self.now),
             positions,
@@ -453,7 +451,9 @@ impl Machine {
                     Some(reading) if index == self.active() => {
                         age(reading.taken) <= self.limits.hold
                     }
-                    Some(_) => way.asked.is_some_and(|at| age(at) <= 3 * STANDBY_EVERY),
+                    Some(_) => way
+                        .requested_at
+                        .is_some_and(|at| age(at) <= 3 * STANDBY_EVERY),
                     None => false,
                 };
                 PathHealth {
@@ -467,7 +467,7 @@ impl Machine {
             self.ways[choice.active].read_back.take_over(now, false);
             self.guard
                 .take_path(self.limits, &same_places())
-                .expect("good limits");
+                .expect("valid");
             self.seen.began = true;
         }
         choice.switched
@@ -514,10 +514,10 @@ impl Machine {
         self.send(&output);
         self.may_stop();
         let standby = (0..self.ways.len()).filter(|index| *index != self.active());
-        let next = standby.min_by_key(|index| self.ways[*index].asked);
+        let next = standby.min_by_key(|index| self.ways[*index].requested_at);
         if let Some(next) = next.filter(|next| {
-            let asked = self.ways[*next].asked;
-            asked.is_none_or(|at| begun.saturating_sub(at) >= STANDBY_EVERY)
+            let requested_at = self.ways[*next].requested_at;
+            requested_at.is_none_or(|at| begun.saturating_sub(at) >= STANDBY_EVERY)
         }) {
             self.read(next, begun);
         }
@@ -543,7 +543,7 @@ impl Machine {
             let frame = way.read_back.frame(&output.correction, &limits, &mut words);
             if let Some(length) = frame {
                 self.post(active, words[..length].to_vec(), lands);
-                // It may be on its way for any time after it was looked at.
+                // It may be in transit for any time.
                 self.may_stop();
             }
         } else if lands {
@@ -565,7 +565,7 @@ impl Machine {
         let late = Duration::from_millis(self.random.random_range(0..1000));
         if self.random.random_bool(self.channel.doubled) {
             let words = words.clone();
-            self.air.push(Late {
+            self.in_transit.push(Late {
                 at: now + late,
                 way,
                 words,
@@ -577,7 +577,7 @@ impl Machine {
         }
         let after = Duration::from_millis(self.random.random_range(0..1000));
         let at = if late { now + after } else { now };
-        self.air.push(Late { at, way, words });
+        self.in_transit.push(Late { at, way, words });
     }
 
     pub(crate) fn next_dt(&mut self) -> Duration {
@@ -601,15 +601,222 @@ impl Way {
             read_back,
             online: true,
             frozen_at: None,
-            lie: None,
-            spoils_word: None,
+            false_reading: None,
+            flipped_word: None,
             late: Duration::ZERO,
-            hides_applied: false,
+            hides_correction: false,
             loses: false,
             fails: false,
             reading: None,
-            asked: None,
+            requested_at: None,
             sent: None,
+        }
+    }
+}
+
+/// Random faults, and their repair.
+impl Machine {
+    /// A random thing happens: any fault, any request, or that all is well.
+    pub(crate) fn random_event(&mut self) -> Option<Request> {
+        let index = self.random.random_range(0..self.ways.len());
+        let now = self.now;
+        match self.random.random_range(0..64) {
+            0 | 1 => self.ways[index].online ^= true,
+            2 => self.interlock.emergency_stop ^= true,
+            3 => self.interlock.alarm ^= true,
+            4 => self.interlock.unreferenced ^= true,
+            5 => self.ways[index].frozen_at = self.ways[index].frozen_at.xor(Some(now)),
+            6..10 => self.requested = Some(self.any_request()),
+            10 => self.requested = None,
+            11 => {
+                let mut requested = self.any_request();
+                requested.position[0] = f64::NAN;
+                self.requested = Some(requested);
+            }
+            12 => {
+                let is_nan = self.random.random();
+                self.positions[0] = if is_nan { f64::NAN } else { f64::INFINITY };
+            }
+            13 => self.positions[0] = self.random.random_range(-1e3..1e3),
+            14 => self.foreign_write(),
+            15 => return Some(Request::Disarm),
+            16 => return Some(Request::Switched),
+            17 => return Some(Request::Acknowledge),
+            18 => {
+                self.forbids = if self.forbids.is_empty() {
+                    Reasons::AUDIT
+                } else {
+                    Reasons::NONE
+                }
+            }
+            19 => self.ways[index].loses = self.kind == Kind::Lossy || self.kind == Kind::Barrier,
+            20 => {
+                self.ways[index].fails = true;
+                self.ways[index].loses = match self.kind {
+                    Kind::Late => false,
+                    Kind::Lines | Kind::LinesWithTimeOut => true,
+                    Kind::Lossy | Kind::Barrier => self.random.random(),
+                };
+            }
+            21 => self.ways[index].hides_correction ^= true,
+            22 => self.really_includes ^= true,
+            23..27 => self.falsify(index),
+            27..31 => {
+                let most = match self.kind {
+                    Kind::Late => OLDEST,
+                    Kind::Lossy => self.limits.delay(),
+                    _ => Duration::ZERO,
+                };
+                self.ways[index].late = most.mul_f64(self.random.random());
+            }
+            31..34 => self.change_limits(),
+            34 => self.power_up(),
+            35 => self.restart(),
+            36 => {
+                let mut often = || [0.0, 0.05, 0.3][self.random.random_range(0..3)];
+                self.channel = Channel {
+                    lost: often(),
+                    late: often(),
+                    doubled: often(),
+                    torn: often(),
+                };
+            }
+            37..50 => return Some(Request::Arm),
+            50..56 => self.all_is_well(),
+            _ => {}
+        }
+        None
+    }
+
+    pub(crate) fn all_is_well(&mut self) {
+        self.interlock = Interlock::default();
+        self.channel = Channel::default();
+        self.forbids = Reasons::NONE;
+        self.positions[0] = 0.0;
+        self.requested = Some(self.any_request());
+        for way in &mut self.ways {
+            (way.online, way.hides_correction, way.loses, way.fails) = (true, false, false, false);
+            (way.frozen_at, way.false_reading, way.flipped_word) = (None, None, None);
+        }
+    }
+
+    /// All is well, readings come at once, and the axes may go as fast as they ever might.
+    pub(crate) fn repair(&mut self) {
+        self.all_is_well();
+        for way in &mut self.ways {
+            way.late = Duration::ZERO;
+        }
+        let full = full_limits(self.limits.count);
+        for i in self.axes() {
+            self.limits.axes[i] = AxisLimits {
+                includes_correction: self.limits.axes[i].includes_correction,
+                ..full.axes[i]
+            };
+        }
+        self.limits.ramp = full.ramp;
+        self.guard.set_limits(self.limits).expect("valid");
+        (self.really_includes, self.seen.began) = (self.limits.axes[0].includes_correction, true);
+    }
+
+    /// One reading is torn, of another axis, no number, or far off.
+    fn falsify(&mut self, index: usize) {
+        let mut false_reading = self.applied;
+        match self.random.random_range(0..4) {
+            0 => false_reading.swap(0, 1),
+            1 => false_reading[0] += 0.256,
+            2 => false_reading[0] = f64::NAN,
+            _ => false_reading[0] = self.random.random_range(-70.0..70.0),
+        }
+        self.ways[index].false_reading = Some(false_reading);
+        let bits = 1 << self.random.random_range(0..16_u16);
+        self.ways[index].flipped_word = Some((self.random.random_range(0..REPORT_WORDS), bits));
+    }
+
+    /// Foreign change of the correction, with undelayed readings.
+    fn foreign_write(&mut self) {
+        if self.kind != Kind::Lossy {
+            return;
+        }
+        let mut values = PerChannel::ZERO;
+        if self.random.random() {
+            for i in self.axes() {
+                let steps = f64::from(self.random.random_range(-40..40));
+                values[i] = steps * self.limits.axes[i].resolution;
+            }
+        }
+        self.seen.changed = true;
+        self.prompt_until = self.now + Duration::from_secs(2);
+        self.put(values);
+        self.may_be_beyond();
+    }
+
+    /// What stands now may lie beyond a limit.
+    fn may_be_beyond(&mut self) {
+        for i in self.axes() {
+            let axis = &self.limits.axes[i];
+            let reach = (axis.slew_per_s * PERIOD.as_secs_f64()).max(axis.resolution);
+            self.beyond[i] = self.applied[i].abs() + reach;
+        }
+    }
+
+    /// Limits, slews and accelerations change in the middle of whatever goes on.
+    fn change_limits(&mut self) {
+        let full = full_limits(self.limits.count);
+        for i in self.axes() {
+            let mut part = |least: f64| {
+                if self.random.random() {
+                    1.0
+                } else {
+                    self.random.random_range(least..1.0)
+                }
+            };
+            let axis = &mut self.limits.axes[i];
+            axis.limit = (full.axes[i].limit * part(0.05)).max(6.0 * axis.resolution);
+            axis.warn = 0.5 * axis.limit;
+            axis.slew_per_s = full.axes[i].slew_per_s * part(0.02);
+            axis.accel_per_s2 = [f64::INFINITY, full.axes[i].accel_per_s2 * part(0.01)]
+                [usize::from(self.random.random::<bool>())];
+        }
+        self.may_be_beyond();
+        self.seen.began = true;
+        let ramp_ms = self.random.random_range(0..500);
+        self.limits.ramp = Duration::from_millis(ramp_ms);
+        self.guard.set_limits(self.limits).expect("valid");
+    }
+
+    /// The control starts anew. Its words are kept.
+    fn power_up(&mut self) {
+        if let Some(before) = self.barrier {
+            let epoch = before.memory().link.epoch;
+            let tick = self.random.random();
+            let full = full_limits(self.limits.count);
+            self.barrier = Some(barrier(&full, tick, epoch, &self.applied));
+        }
+    }
+
+    /// The gateway starts anew, under another number.
+    fn restart(&mut self) {
+        let has_no_read_back = matches!(self.kind, Kind::Lines | Kind::LinesWithTimeOut);
+        if has_no_read_back && self.ways.len() > 1 {
+            return;
+        }
+        let age = self.now.saturating_sub(self.got);
+        let owner = self.random.random_range(1..60_000);
+        self.seen.began = true;
+        self.guard = Guard::new(self.limits).expect("valid");
+        self.selector = Selector::new(Duration::from_millis(500));
+        self.interlocks = Interlocks::default();
+        for index in 0..self.ways.len() {
+            let mut way = Way::new(self.read_back(owner));
+            way.late = self.ways[index].late;
+            way.online = self.ways[index].online;
+            self.ways[index] = way;
+        }
+        if has_no_read_back {
+            let values = self.written;
+            self.ways[0]
+                .read_back
+                .restore(self.now, &values, age, &self.limits);
         }
     }
 }

@@ -35,7 +35,11 @@ fn ms(ms: f64) -> Duration {
 }
 
 /// What is said of each reading: (ms, position, verdict).
-fn told(world: &str, limits: &PositionLimits, readings: &[(f64, f64, Result<(), PositionFlaw>)]) {
+fn reported(
+    world: &str,
+    limits: &PositionLimits,
+    readings: &[(f64, f64, Result<(), PositionFlaw>)],
+) {
     let mut check = PositionCheck::default();
     for (at, position, expected) in readings {
         let found = check.judge(limits, *position, ms(*at));
@@ -46,7 +50,7 @@ fn told(world: &str, limits: &PositionLimits, readings: &[(f64, f64, Result<(), 
 /// The reach is speed · (time + 50 ms): 100 mm after 10 ms, 83.3 mm for a second reading of the same time.
 #[test]
 fn accepted_positions_of_a_linear_axis() {
-    told(
+    reported(
         "the ends, and no way back from beyond but the way that was gone",
         &LINEAR,
         &[
@@ -56,12 +60,12 @@ fn accepted_positions_of_a_linear_axis() {
             (1e6, 90.0, OK),
         ],
     );
-    told(
+    reported(
         "4 m in 10 ms",
         &LINEAR,
         &[(0.0, 2.0, OK), (10.0, 4002.0, JUMP), (20.0, 2.1, OK)],
     );
-    told(
+    reported(
         "the reach",
         &LINEAR,
         &[
@@ -72,7 +76,7 @@ fn accepted_positions_of_a_linear_axis() {
             (20.0, 99.9, OK),
         ],
     );
-    told(
+    reported(
         "inches",
         &LINEAR,
         &[
@@ -82,13 +86,13 @@ fn accepted_positions_of_a_linear_axis() {
             (30.0, 572.7, OK),
         ],
     );
-    told(
+    reported(
         "mm where inches are meant",
         &LINEAR,
         &[(0.0, 100.0, OK), (10.0, 2540.0, JUMP)],
     );
-    told(
-        "one moment told twice, and what another path tells from before",
+    reported(
+        "a repeated timestamp, and an earlier one from another path",
         &LINEAR,
         &[(100.0, 50.0, OK), (90.0, 34.0, OK), (100.0, 50.0, OK)],
     );
@@ -128,7 +132,7 @@ fn a_jump_is_never_accepted_after_a_while() {
 #[test]
 fn repeated_small_jumps_reach_no_farther_than_one() {
     let step = RAPID * 0.030;
-    told(
+    reported(
         "each step has 10 ms of the 30 ms that it takes",
         &LINEAR,
         &[
@@ -156,7 +160,7 @@ fn an_alternating_position_is_accepted_at_one_place() {
 
 #[test]
 fn accepted_positions_of_a_rotary_axis() {
-    told(
+    reported(
         "a table that rolls over",
         &TABLE,
         &[
@@ -166,12 +170,12 @@ fn accepted_positions_of_a_rotary_axis() {
             (30.0, 3610.0, OK),
         ],
     );
-    told(
+    reported(
         "half a turn at once",
         &TABLE,
         &[(0.0, 0.0, OK), (10.0, 180.0, JUMP), (20.0, 71.9, OK)],
     );
-    told(
+    reported(
         "an axis that does not go round",
         &TILT,
         &[
@@ -197,12 +201,12 @@ proptest! {
             let goes = (RAPID * speed * passed / 1e3).clamp(-before, 4000.0 - before);
             at += passed;
             // As the position was, or will be, on the way with the same speed.
-            let told = (before + goes * (1.0 + late / passed)).clamp(
+            let reported = (before + goes * (1.0 + late / passed)).clamp(
                 (before + goes - RAPID * 0.025).max(0.0),
                 (before + goes + RAPID * 0.025).min(4000.0),
             );
             before += goes;
-            prop_assert_eq!(check.judge(&LINEAR, told, ms(at)), OK);
+            prop_assert_eq!(check.judge(&LINEAR, reported, ms(at)), OK);
         }
     }
 

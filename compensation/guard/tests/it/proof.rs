@@ -9,29 +9,43 @@ use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use AxisProof::{Contained, NotContained, NotProven};
 
-use crate::world::{PERIOD, STEP, World, axes, limits, same_places};
+use crate::world::{PERIOD, SECOND, STEP, World, axes, limits, same_places};
 
 const SHIFT: f64 = 5.0 * STEP;
-const SECOND: Duration = Duration::from_secs(1);
-
 /// What one axis of the machine does.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Axis {
     contains: bool,
-    /// The position that is told is this one, whatever happens.
+    /// The reported position, whatever happens.
     frozen: Option<f64>,
-    /// The position is told so many cycles late.
+    /// Delay of the reported position, cycles.
     lag: usize,
     creep_mm_per_s: f64,
-    /// A count of so much goes to and fro.
+    /// Amplitude of a flickering count.
     flicker: f64,
-    /// The axis does not move by itself before the proof.
+    /// The axis is stationary before the proof.
     stood: bool,
-    /// So many times what is sent is applied: another unit than the configuration says. `None`: once.
+    /// Factor of the applied correction: another unit than configured. `None`: 1.
     factor: Option<f64>,
     /// The position begins anew after a turn.
     rolls_over: bool,
 }
+
+/// A moving axis without the correction.
+const PLAIN: Axis = Axis {
+    contains: false,
+    frozen: None,
+    lag: 0,
+    creep_mm_per_s: 0.0,
+    flicker: 0.0,
+    stood: false,
+    factor: None,
+    rolls_over: false,
+};
+const CONTAINS: Axis = Axis {
+    contains: true,
+    ..PLAIN
+};
 
 struct Rig {
     limits: Limits,
@@ -136,11 +150,7 @@ fn proven(machine: [Axis; 2]) -> [AxisProof; 2] {
 
 #[test]
 fn each_axis_has_its_own_result() {
-    let plain = Axis::default();
-    let contains = Axis {
-        contains: true,
-        ..plain
-    };
+    let (plain, contains) = (PLAIN, CONTAINS);
     let stood = Axis {
         stood: true,
         ..plain
@@ -152,7 +162,7 @@ fn each_axis_has_its_own_result() {
     };
     assert_eq!(proven([plain, contains]), [NotContained, Contained]);
     assert_eq!(proven([stood, frozen]), [NotProven, NotProven]);
-    // What follows both ways contains it, whether it moved by itself or not.
+    // A position that follows in both directions contains it, even on a stationary axis.
     let stood_contains = Axis {
         stood: true,
         ..contains
@@ -173,9 +183,9 @@ fn a_position_that_follows_by_another_factor_is_a_contradiction() {
             let wrong = Axis {
                 contains: true,
                 factor: Some(factor),
-                ..Axis::default()
+                ..PLAIN
             };
-            let machine = [wrong, Axis::default()];
+            let machine = [wrong, PLAIN];
             let (verdict, reached) = Rig::new(&limits, machine, PerChannel::ZERO).prove(5 * SECOND);
             let verdict = verdict.expect("after the first attempt");
             let stays = factor == 0.1;
@@ -197,10 +207,10 @@ fn a_shift_across_the_roll_over_is_found() {
         let table = Axis {
             contains,
             rolls_over: true,
-            ..Axis::default()
+            ..PLAIN
         };
         for past in [-0.004, -0.001, 0.0, 0.001, 0.004] {
-            let mut rig = Rig::new(&limits, [table, Axis::default()], PerChannel::ZERO);
+            let mut rig = Rig::new(&limits, [table, PLAIN], PerChannel::ZERO);
             rig.place = 2.0 * TAU + past;
             let (verdict, _) = rig.prove(5 * SECOND);
             let verdict = verdict.expect("a verdict");
@@ -233,18 +243,15 @@ fn one_unsent_write_does_not_block_the_proof() {
 #[test]
 fn slow_creeping_and_flickering_positions() {
     for contains in [false, true] {
-        let axis = Axis {
-            contains,
-            ..Axis::default()
-        };
+        let axis = Axis { contains, ..PLAIN };
         let truth = if contains { Contained } else { NotContained };
         for lag in [1, 5, 25, 60] {
-            let [shown, _] = proven([Axis { lag, ..axis }, Axis::default()]);
+            let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             assert_eq!(shown, truth, "lag {lag}");
         }
         // Later than the axis stands: nothing is shown, and nothing wrong is believed.
         for lag in [65, 70, 80, 100, 120] {
-            let [shown, _] = proven([Axis { lag, ..axis }, Axis::default()]);
+            let [shown, _] = proven([Axis { lag, ..axis }, PLAIN]);
             let believed = [truth, NotProven];
             assert!(believed.contains(&shown), "lag {lag}: {shown:?}");
         }
@@ -252,15 +259,15 @@ fn slow_creeping_and_flickering_positions() {
             flicker: SHIFT / 4.0,
             ..axis
         };
-        assert_eq!(proven([flicker, Axis::default()])[0], truth);
+        assert_eq!(proven([flicker, PLAIN])[0], truth);
     }
     // As fast as the slowest shift looks in one leg: one way it fits, the other way it does not.
     for creep_mm_per_s in [0.002, 0.004, 0.01, 0.015, 0.02, -0.015] {
         let creeps = Axis {
             creep_mm_per_s,
-            ..Axis::default()
+            ..PLAIN
         };
-        let mut rig = Rig::new(&limits(), [creeps, Axis::default()], PerChannel::ZERO);
+        let mut rig = Rig::new(&limits(), [creeps, PLAIN], PerChannel::ZERO);
         let (verdict, _) = rig.prove(20 * SECOND);
         let shown = verdict.map_or(NotProven, |verdict| verdict.axes[0]);
         assert_ne!(shown, Contained, "{creep_mm_per_s} mm/s");
@@ -270,10 +277,7 @@ fn slow_creeping_and_flickering_positions() {
 /// Near the limit the shift goes inwards and back.
 #[test]
 fn the_shift_goes_both_ways_and_stays_within_the_limit() {
-    let machine = [Axis {
-        contains: true,
-        ..Axis::default()
-    }; 2];
+    let machine = [CONTAINS; 2];
     for (from, expected) in [
         (0.0, [-SHIFT, SHIFT]),
         (0.040, [0.035, 0.045]),
@@ -297,7 +301,7 @@ fn the_shift_goes_both_ways_and_stays_within_the_limit() {
 
 #[test]
 fn an_axis_without_a_shift_is_not_proven_and_does_not_block() {
-    let mut rig = Rig::new(&limits(), [Axis::default(); 2], PerChannel::ZERO);
+    let mut rig = Rig::new(&limits(), [PLAIN; 2], PerChannel::ZERO);
     rig.limits.test_shift[1] = 0.0;
     let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
     assert_eq!(verdict.axes[..2], [NotContained, NotProven]);
@@ -307,16 +311,13 @@ fn an_axis_without_a_shift_is_not_proven_and_does_not_block() {
 
 #[test]
 fn a_contradiction_names_its_axis() {
-    let contains = Axis {
-        contains: true,
-        ..Axis::default()
-    };
+    let contains = CONTAINS;
     let mut of_limits = limits();
     of_limits.axes[0].includes_correction = true;
     let mut rig = Rig::new(&of_limits, [contains, contains], PerChannel::ZERO);
     let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
     assert_eq!(verdict.contradicts[..2], [false, true]);
-    let mut rig = Rig::new(&of_limits, [Axis::default(); 2], PerChannel::ZERO);
+    let mut rig = Rig::new(&of_limits, [PLAIN; 2], PerChannel::ZERO);
     let verdict = rig.prove(5 * SECOND).0.expect("a verdict");
     assert_eq!(verdict.contradicts[..2], [true, false]);
 }
@@ -324,7 +325,7 @@ fn a_contradiction_names_its_axis() {
 #[test]
 fn only_motion_of_the_last_ten_seconds_counts() {
     for (wait, expected) in [(8, NotContained), (10, NotProven)] {
-        let mut rig = Rig::new(&limits(), [Axis::default(); 2], PerChannel::ZERO);
+        let mut rig = Rig::new(&limits(), [PLAIN; 2], PerChannel::ZERO);
         let end = rig.now + wait * SECOND;
         while rig.now < end {
             rig.reading();
@@ -341,7 +342,7 @@ fn a_correction_is_no_motion_of_the_axis() {
         let axis = Axis {
             contains,
             stood: true,
-            ..Axis::default()
+            ..PLAIN
         };
         let mut rig = Rig::new(&limits(), [axis; 2], PerChannel::ZERO);
         for cycle in 0..500 {
@@ -396,7 +397,7 @@ fn a_frozen_position_proves_nothing_after_a_change_of_paths() {
     world
         .guard
         .take_path(limits, &same_places())
-        .expect("good limits");
+        .expect("valid");
     world.positions = axes(100.2, 100.2);
     world.run(PERIOD);
     world.request(Request::Arm);
@@ -500,7 +501,7 @@ fn slow_positions_prove_what_they_contain() {
                 while world.now < end && output.state != State::Compensating {
                     output = world.cycle_after(limits.period, None);
                 }
-                // It moves by itself before it is armed.
+                // The machine moves before it is armed.
                 world.positions = axes(1.0, -1.0);
                 (output, world.guard.verdict().axes)
             };

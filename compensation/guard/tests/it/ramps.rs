@@ -293,7 +293,7 @@ fn tip_misses(requested: &RequestedCorrection, at: &PerChannel<f64>) -> f64 {
 }
 
 /// What is wanted of five axes, by any levers to 0.4 m.
-fn any_wanted(random: &mut ChaCha8Rng) -> RequestedCorrection {
+fn any_request(random: &mut ChaCha8Rng) -> RequestedCorrection {
     let mut share = |size: f64| random.random_range(-size..size);
     let mut follow = PerChannel::default();
     for rotary in [3, 4] {
@@ -320,7 +320,7 @@ fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
                 1e-8
             };
         }
-        let mut requested = any_wanted(&mut random);
+        let mut requested = any_request(&mut random);
         let mut vector = Vector::default();
         let mut begun = tip_misses(&requested, &vector.smooth());
         for cycle in 0..3000 {
@@ -338,7 +338,7 @@ fn the_tip_error_never_exceeds_that_at_the_start_of_the_ramp() {
                             axis.warn = axis.limit;
                         }
                     }
-                    1 => requested = any_wanted(&mut random),
+                    1 => requested = any_request(&mut random),
                     _ => vector = Vector::at(&vector.smooth()),
                 }
                 vector.begin_ramp();

@@ -1,4 +1,4 @@
-//! Limits, slews, ways and stops that change at random while the correction moves: no fault, no word faster than the slew, no axis
+//! Limits, slews, paths and stops that change at random while the correction moves: no fault, no word faster than the slew, no axis
 //! that moves in a stop.
 
 use std::time::Duration;
@@ -37,15 +37,15 @@ fn shows(world: &mut World, emergency_stop: bool) {
     world.interlocks.update(1, Some(interlock));
 }
 
-/// The way that stands by is asked.
-fn is_asked(standby: &mut ReadBack, world: &World) {
+/// Reads the standby path.
+fn read_standby(standby: &mut ReadBack, world: &World) {
     let Some(barrier) = &world.barrier else {
         return;
     };
     let mut words = [0; REPORT_WORDS];
     let length = barrier.report().encode(&mut words);
-    let told = CorrectionReport::Barrier(&words[..length]);
-    standby.receive(world.now, world.now, &told, world.guard.limits());
+    let reported = CorrectionReport::Barrier(&words[..length]);
+    standby.receive(world.now, world.now, &reported, world.guard.limits());
 }
 
 /// Behind a barrier some cycles away, with a second path to it.
@@ -55,7 +55,7 @@ fn random_changes_of_limits_are_no_fault() {
     for seed in (0..60).chain([81, 237, 320, 1473]) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let late = random.random_range(0..5);
-        let mut world = World::in_motion(late, random.random_range(20..150));
+        let mut world = World::ramping(late, random.random_range(20..150));
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
         standby.also_sent(world.read_back.last_frame().expect("it moves"));
@@ -69,7 +69,7 @@ fn random_changes_of_limits_are_no_fault() {
             match random.random_range(0..120) {
                 0 | 1 => {
                     let limits = any_limits(&world, &mut random);
-                    world.guard.set_limits(limits).expect("good limits");
+                    world.guard.set_limits(limits).expect("valid");
                     request = Some(Request::Switched);
                 }
                 2 if !world.emergency_stop => {
@@ -89,7 +89,7 @@ fn random_changes_of_limits_are_no_fault() {
                     let limits = any_limits(&world, &mut random);
                     if is_clear && !matches!(world.guard.state(), State::Faulted(_)) {
                         let places = same_places();
-                        world.guard.take_path(limits, &places).expect("good limits");
+                        world.guard.take_path(limits, &places).expect("valid");
                         std::mem::swap(&mut world.read_back, &mut standby);
                         request = world.guard.state().is_armed().then_some(Request::TakeOver);
                         word = None;
@@ -117,7 +117,7 @@ fn random_changes_of_limits_are_no_fault() {
                 (word, written) = (Some(now), cycle);
             }
             if cycle % 8 == 0 {
-                is_asked(&mut standby, &world);
+                read_standby(&mut standby, &world);
             }
             let is_clear = world.interlocks.reasons().is_empty();
             stopped = if is_clear { 0 } else { stopped + 1 };
@@ -145,7 +145,7 @@ impl Window {
         }
     }
 
-    /// It was slewed by so much at the most, and is here now; how far that is outside.
+    /// Widens by the largest slew. Returns how far the new value is outside.
     fn goes(&mut self, slewed: f64, value: f64) -> f64 {
         let (lowest, highest) = (self.lowest - slewed, self.highest + slewed);
         let about = Self::about(value);
@@ -165,7 +165,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
             read_back_cycles: late + 2,
             ..world::limits()
         });
-        world.told_late = late;
+        world.report_delay = late;
         world.target = Some(axes(0.140, -0.070));
         world.request(Request::Arm);
         let mut windows = [0, 1].map(|i| Window::about(world.applied[i]));
@@ -181,7 +181,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
                     for axis in &mut limits.axes {
                         (axis.slew_per_s, axis.accel_per_s2) = (slew_per_s, accel_per_s2);
                     }
-                    world.guard.set_limits(limits).expect("good limits");
+                    world.guard.set_limits(limits).expect("valid");
                     request = Some(Request::Switched);
                 }
                 3 | 4 => {
@@ -194,7 +194,7 @@ fn random_changes_of_limits_without_a_barrier_are_no_fault() {
                 10 if seed % 2 == 1 && world.interlocks.reasons().is_empty() => {
                     let limits = any_limits(&world, &mut random);
                     let places = PerChannel::leading([Some(1), Some(0)]);
-                    world.guard.take_path(limits, &places).expect("good limits");
+                    world.guard.take_path(limits, &places).expect("valid");
                     world.read_back = ReadBack::plain(Duration::ZERO);
                     world.read_back.take_over(world.now, false);
                     world.applied = axes(world.applied[1], world.applied[0]);

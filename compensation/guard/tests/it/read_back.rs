@@ -1,4 +1,4 @@
-//! The age of what a control tells of its correction, where it is told in messages of its own.
+//! The age of corrections that are reported in separate messages.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::world::{PERIOD, STEP, limits};
 const MS: Duration = Duration::from_millis(1);
 
 /// Hears the same values in each of some cycles, as of `late` before each of them. What is known then, and when that was.
-fn heard(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration) {
+fn received(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration) {
     let (limits, values) = (limits(), PerChannel::leading([5.0 * STEP]));
     let mut now = Duration::from_secs(1);
     for _ in 0..20 {
@@ -30,12 +30,12 @@ fn heard(read_back: &mut ReadBack, late: Duration) -> (ReadBackStatus, Duration)
 fn a_reading_confirms_as_of_its_own_time() {
     let hold = limits().hold;
     for late in [Duration::ZERO, 7 * MS, hold] {
-        let (known, now) = heard(&mut ReadBack::plain(Duration::ZERO), late);
+        let (known, now) = received(&mut ReadBack::plain(Duration::ZERO), late);
         let confirmed = known.confirmed.expect("three equal readings");
         assert_eq!(confirmed.at, now.saturating_sub(late));
         assert!((confirmed.values[0] - 5.0 * STEP).abs() < 1e-12);
     }
-    let (known, _) = heard(&mut ReadBack::plain(Duration::ZERO), hold + MS);
+    let (known, _) = received(&mut ReadBack::plain(Duration::ZERO), hold + MS);
     assert_eq!((known.confirmed, known.writable), (None, false));
 }
 
@@ -44,7 +44,7 @@ fn a_reading_confirms_as_of_its_own_time() {
 fn a_repeated_reading_ages() {
     let limits = limits();
     let mut read_back = ReadBack::plain(Duration::ZERO);
-    let (known, last) = heard(&mut read_back, Duration::ZERO);
+    let (known, last) = received(&mut read_back, Duration::ZERO);
     let values = known.confirmed.expect("confirmed").values;
     let mut now = last;
     for _ in 0..2000 {
@@ -73,9 +73,9 @@ fn late_readings_reveal_the_levels_of_lines() {
         let unknown = PerChannel::from_fn(|_| f64::NAN);
         read_back.restore(Duration::ZERO, &unknown, Duration::ZERO, &limits());
         assert_eq!(read_back.status().confirmed, None);
-        let (known, now) = heard(&mut read_back, 7 * MS);
+        let (known, now) = received(&mut read_back, 7 * MS);
         let at = known.confirmed.map(|confirmed| confirmed.at);
-        // Lines of a control that has gone to zero by itself say nothing of it.
+        // Lines do not show that their control has gone to zero.
         let expected = if control.is_none() {
             now.saturating_sub(7 * MS)
         } else {

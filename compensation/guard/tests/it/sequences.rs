@@ -1,5 +1,5 @@
-//! Random sequences of all faults in random order, on machines of three and five axes with one to three ways to their control:
-//! principle 2 holds at the axis. `VOLCOMP_SEQUENCES` says how many sequences are tried, `VOLCOMP_CYCLES` how long they are.
+//! Random sequences of all faults in random order, on machines of three and five axes with one to three paths to their control:
+//! principle 2 holds at the axis. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -10,14 +10,14 @@ use volcomp_vocabulary::PerChannel;
 use crate::machine::{KINDS, Kind, Machine};
 
 /// The number in a variable of the environment, or another one.
-fn asked(name: &str, otherwise: u32) -> u32 {
-    let asked = std::env::var(name).ok();
-    asked
-        .and_then(|asked| asked.parse().ok())
+fn environment(name: &str, otherwise: u32) -> u32 {
+    let environment = std::env::var(name).ok();
+    environment
+        .and_then(|environment| environment.parse().ok())
         .unwrap_or(otherwise)
 }
 
-/// What is looked at after each cycle.
+/// Checks after each cycle.
 #[derive(Default)]
 struct Watch {
     /// When, and what the axes had, since windows of time began last.
@@ -43,7 +43,7 @@ impl Watch {
         if seen.out > 1.0 + 1e-6 {
             return Err(format!("{} of the limit at {now} s", seen.out));
         }
-        // With a barrier the axis follows at the rate of that, which every scan was looked at for.
+        // With a barrier the axis follows at its rate, which every scan has checked.
         if matches!(machine.kind, Kind::Barrier | Kind::LinesWithTimeOut) {
             return Ok(());
         }
@@ -81,7 +81,7 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
     for cycle in 0..cycles {
         // A control with a barrier is watched for a second before it may be armed, one without for 0.7 s.
         let request = if cycle > 400 && cycle % 8 == 0 {
-            machine.happens()
+            machine.random_event()
         } else {
             (cycle % 100 == 0).then_some(Request::Arm)
         };
@@ -94,8 +94,8 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
             states.push(output.state);
         }
     }
-    // Whatever happened: once all is well and a person disarms, the correction comes to zero.
-    machine.is_mended();
+    // After repair, acknowledgement and disarming, the correction goes to zero.
+    machine.repair();
     for cycle in 0..1600 {
         let request = match cycle {
             // Three times: a disarming that finds a correction beyond the limit is a fault, and what was confirmed only
@@ -120,7 +120,7 @@ fn run(seed: u64, kind: Kind, axes: usize, ways: usize, cycles: u32) -> Result<V
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(asked("VOLCOMP_SEQUENCES", 96)))]
+    #![proptest_config(ProptestConfig::with_cases(environment("VOLCOMP_SEQUENCES", 96)))]
 
     #[test]
     fn nothing_leaves_its_bounds(
@@ -129,7 +129,7 @@ proptest! {
         axes in prop::sample::select(vec![3_usize, 5]),
         ways in 1..=3_usize,
     ) {
-        let cycles = asked("VOLCOMP_CYCLES", 2000);
+        let cycles = environment("VOLCOMP_CYCLES", 2000);
         if let Err(wrong) = run(seed, kind, axes, ways, cycles) {
             prop_assert!(false, "{wrong}");
         }

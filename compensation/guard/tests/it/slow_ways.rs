@@ -3,16 +3,11 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Interlock, Limits, Request, State};
+use volcomp_guard::{Limits, Request, State};
 
-use crate::world::{PERIOD, SLEW, STEP, World, axes, limits};
+use crate::world::{PERIOD, SLEW, STEP, STOP, World, axes, limits};
 
 const LATE: [usize; 5] = [0, 1, 2, 4, 6];
-const STOP: Option<Interlock> = Some(Interlock {
-    unreferenced: false,
-    alarm: false,
-    emergency_stop: true,
-});
 
 /// What is seen of X from some time on, mm.
 #[derive(Debug, Default)]
@@ -36,7 +31,7 @@ impl Watch {
         }
     }
 
-    /// So many cycles, which begin with a request.
+    /// Runs cycles, the first with a request.
     fn look(&mut self, world: &mut World, cycles: u32, mut request: Option<Request>) -> State {
         let mut state = world.guard.state();
         for _ in 0..cycles {
@@ -71,9 +66,9 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
     for late in LATE {
         for after in [60, 80, 100, 120] {
             for part in [0.5, 0.2, 0.1, 0.02] {
-                let mut world = World::in_motion(late, after);
+                let mut world = World::ramping(late, after);
                 let lower = with_slew(world.guard.limits(), part);
-                world.guard.set_limits(lower).expect("good limits");
+                world.guard.set_limits(lower).expect("valid");
                 let mut watch = Watch::of(&world);
                 watch.look(&mut world, 500, Some(Request::Switched));
                 let case = format!("{late} late, after {after}, slew x {part}: {watch:?}");
@@ -94,12 +89,12 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
 fn a_correction_that_reverses_at_full_rate_is_sent_in_every_cycle() {
     for late in [0, 1, 2, 3, 4, 6] {
         for cycles in [20, 21, 30, 45] {
-            let mut world = World::in_motion(late, 500);
+            let mut world = World::ramping(late, 500);
             let mut limits = *world.guard.limits();
             for axis in &mut limits.axes {
                 axis.accel_per_s2 = f64::INFINITY;
             }
-            world.guard.set_limits(limits).expect("good limits");
+            world.guard.set_limits(limits).expect("valid");
             let mut watch = Watch::of(&world);
             for turn in 0..4 {
                 world.target = Some(axes(if turn % 2 == 0 { -0.140 } else { 0.140 }, 0.0));
@@ -119,19 +114,19 @@ fn another_path_to_the_same_barrier_takes_over_in_motion() {
         for after in [60, 80, 100] {
             // With other limits than before, and the slew of before lowered a moment ago, too.
             for (before, then) in [(1.0, 1.0), (1.0, 0.1), (0.1, 0.1)] {
-                let mut world = World::in_motion(late, after);
+                let mut world = World::ramping(late, after);
                 let limits = *world.guard.limits();
                 let mut watch = Watch::of(&world);
                 if before < 1.0 {
                     let lower = with_slew(&limits, before);
-                    world.guard.set_limits(lower).expect("good limits");
+                    world.guard.set_limits(lower).expect("valid");
                     watch.look(&mut world, 1, Some(Request::Switched));
                 }
-                world.take_other_way(&with_slew(&limits, then));
+                world.take_other_path(&with_slew(&limits, then));
                 watch.look(&mut world, 300, Some(Request::TakeOver));
                 let case = format!("{late} late, after {after}, {before} {then}: {watch:?}");
                 assert!(watch.back <= 1e-9 && watch.jump <= 1e-9, "{case}");
-                world.guard.set_limits(limits).expect("good limits");
+                world.guard.set_limits(limits).expect("valid");
                 let state = world.run(Duration::from_secs(2)).state;
                 assert_eq!(state, State::Compensating, "{case}");
             }
@@ -142,16 +137,16 @@ fn another_path_to_the_same_barrier_takes_over_in_motion() {
 /// "compensating" is not reported before the ramp is complete, whatever is requested in the cycle of the take-over.
 #[test]
 fn another_path_starts_with_a_ramp_for_every_request() {
-    let asked = [
+    let requested_at = [
         None,
         Some(Request::Acknowledge),
         Some(Request::Arm),
         Some(Request::Switched),
     ];
-    for request in asked {
+    for request in requested_at {
         let mut world = World::guarded(&limits()).arm();
         let limits = *world.guard.limits();
-        world.take_other_way(&limits);
+        world.take_other_path(&limits);
         let output = world.cycle_after(PERIOD, request);
         assert_eq!(output.state.name(), "arming", "{request:?}");
         let output = world.run(Duration::from_secs(2));
@@ -163,9 +158,9 @@ fn another_path_starts_with_a_ramp_for_every_request() {
 #[test]
 fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
     for late in LATE {
-        let mut world = World::in_motion(late, 80);
+        let mut world = World::ramping(late, 80);
         let limits = *world.guard.limits();
-        world.take_other_way(&limits);
+        world.take_other_path(&limits);
         world.interlocks.update(1, STOP);
         let mut watch = Watch::of(&world);
         watch.look(&mut world, 200, Some(Request::TakeOver));
@@ -177,7 +172,7 @@ fn a_path_that_takes_over_in_a_stop_does_not_reverse_an_axis() {
 #[test]
 fn words_sent_long_before_a_take_over_are_not_carried_over() {
     for late in LATE {
-        let mut world = World::in_motion(late, 80);
+        let mut world = World::ramping(late, 80);
         let limits = *world.guard.limits();
         // The control takes no frame, and does not move.
         world.sticks = false;
@@ -185,7 +180,7 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
         world.run(Duration::from_millis(20));
         world.answers = false;
         world.run(Duration::from_millis(120));
-        world.take_other_way(&limits);
+        world.take_other_path(&limits);
         (world.answers, world.sticks, world.holds) = (true, true, false);
         let stood = world.applied[0];
         assert!(world.guard.output()[0] > stood, "{late} late");
@@ -199,7 +194,7 @@ fn words_sent_long_before_a_take_over_are_not_carried_over() {
 #[test]
 fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
     for late in LATE {
-        let mut world = World::in_motion(late, 80);
+        let mut world = World::ramping(late, 80);
         let mut watch = Watch::of(&world);
         let word = world.guard.output()[0];
         world.write_fails = true;
@@ -208,7 +203,7 @@ fn the_correction_continues_after_a_failed_frame_of_a_late_cycle() {
         assert_eq!(world.guard.output()[0], word, "{late} late");
         world.cycle_after(Duration::from_micros(250), None);
         watch.look(&mut world, 6, None);
-        // As long as the late cycle took, at the most.
+        // At most the duration of the late cycle.
         assert!(watch.unsent <= 5, "{late} late: {watch:?}");
         assert!(world.guard.output()[0] >= word, "{late} late");
         watch.look(&mut world, 300, None);

@@ -5,7 +5,7 @@ use volcomp_guard::{
     SensorCheck, SensorFlaw, SensorLimits, SensorReading, SensorReport, judge_temperatures,
 };
 
-/// Sensors of a machine, asked once in `pause` seconds.
+/// Sensors of a machine, read every `pause` seconds.
 struct Machine {
     limits: SensorLimits,
     checks: Vec<SensorCheck>,
@@ -23,13 +23,13 @@ impl Machine {
         }
     }
 
-    /// The next round: what is heard of each sensor, measured now.
+    /// The next round of readings, measured now.
     fn hears(&mut self, readings: &[SensorReading]) -> Vec<SensorReport> {
         self.now += self.pause;
         let now = Duration::from_secs_f64(self.now);
-        let mut told = vec![SensorReport::default(); readings.len()];
-        judge_temperatures(&mut self.checks, readings, now, &self.limits, &mut told);
-        told
+        let mut reported = vec![SensorReport::default(); readings.len()];
+        judge_temperatures(&mut self.checks, readings, now, &self.limits, &mut reported);
+        reported
     }
 
     fn reads(&mut self, degc: &[f64]) -> Vec<Option<SensorFlaw>> {
@@ -38,15 +38,15 @@ impl Machine {
             .iter()
             .map(|degc| SensorReading::Temperature { degc: *degc, taken })
             .collect();
-        let told = self.hears(&readings);
-        for (told, degc) in told.iter().zip(degc) {
-            let used = told.flaw.is_none_or(SensorFlaw::is_used);
-            assert_eq!(told.degc, used.then_some(*degc));
+        let reported = self.hears(&readings);
+        for (reported, degc) in reported.iter().zip(degc) {
+            let used = reported.flaw.is_none_or(SensorFlaw::is_used);
+            assert_eq!(reported.degc, used.then_some(*degc));
         }
-        told.iter().map(|told| told.flaw).collect()
+        reported.iter().map(|reported| reported.flaw).collect()
     }
 
-    /// The same temperatures for so many seconds: when the first sensor was used first.
+    /// Reads the same temperatures for some seconds. Returns when the first sensor was accepted.
     fn used_after(&mut self, degc: &[f64], seconds: f64) -> Option<f64> {
         let start = self.now;
         while self.now - start < seconds {
@@ -72,15 +72,15 @@ fn every_flaw() {
             degc,
             taken: Duration::from_secs(taken),
         };
-        let mut told = [SensorReport::default()];
+        let mut reported = [SensorReport::default()];
         judge_temperatures(
             checks,
             &[readings],
             Duration::from_secs(now),
             &limits,
-            &mut told,
+            &mut reported,
         );
-        (told[0].degc, told[0].flaw)
+        (reported[0].degc, reported[0].flaw)
     };
     let mut one = [SensorCheck::default()];
     assert_eq!(check(&mut one, 1, 21.0, 1), (Some(21.0), None));
@@ -94,10 +94,19 @@ fn every_flaw() {
     assert_eq!(check(&mut one, 66, 23.9, 65), (Some(23.9), None));
     assert_eq!(check(&mut one, 67, 25.0, 67), out(SensorFlaw::Jumped));
     for readings in [SensorReading::Silence, SensorReading::Fault] {
-        let mut told = [SensorReport::default()];
+        let mut reported = [SensorReport::default()];
         let mut new = [SensorCheck::default()];
-        judge_temperatures(&mut new, &[readings], Duration::ZERO, &limits, &mut told);
-        assert_eq!((told[0].degc, told[0].flaw), out(SensorFlaw::Broken));
+        judge_temperatures(
+            &mut new,
+            &[readings],
+            Duration::ZERO,
+            &limits,
+            &mut reported,
+        );
+        assert_eq!(
+            (reported[0].degc, reported[0].flaw),
+            out(SensorFlaw::Broken)
+        );
     }
 }
 
@@ -160,7 +169,7 @@ fn agreement_with_neighbours_readmits_a_sensor() {
         assert_eq!(flaws, [Some(SensorFlaw::Jumped), None, None]);
     }
     assert_eq!(machine.used_after(&[24.5, 16.0, 35.0], 3600.0), Some(601.0));
-    // Of two sensors nobody knows which one is right.
+    // Of two sensors either may be right.
     let mut two = Machine::new(2, SensorLimits::default());
     two.reads(&[30.0, 22.0]);
     two.reads(&[70.0, 22.0]);
@@ -204,8 +213,8 @@ fn an_old_temperature_does_not_outweigh_the_neighbours() {
         for _ in 0..3600 {
             let taken = Duration::from_secs_f64(machine.now + machine.pause);
             let wrong = SensorReading::Temperature { degc: 40.0, taken };
-            let told = machine.hears(&[wrong, SensorReading::Silence, SensorReading::Silence]);
-            assert_eq!(told[0].flaw, Some(SensorFlaw::Jumped));
+            let reported = machine.hears(&[wrong, SensorReading::Silence, SensorReading::Silence]);
+            assert_eq!(reported[0].flaw, Some(SensorFlaw::Jumped));
         }
         machine.acknowledge();
         assert_eq!(machine.reads(&[40.0, 25.0, 25.0])[0], None);
@@ -320,14 +329,14 @@ fn a_sensor_that_disagrees_is_reported() {
     assert_eq!(
         disagrees(&[20.0, 40.0]),
         [false; 2],
-        "two cannot tell who is wrong"
+        "of two, either may be wrong"
     );
     let many: Vec<f64> = (0..80).map(|k| if k == 5 { 30.0 } else { 20.0 }).collect();
     let limits = SensorLimits {
         neighbours_k: Some(3.0),
         ..SensorLimits::default()
     };
-    let told = Machine::new(80, limits).hears(
+    let reported = Machine::new(80, limits).hears(
         &many
             .iter()
             .map(|degc| SensorReading::Temperature {
@@ -336,9 +345,9 @@ fn a_sensor_that_disagrees_is_reported() {
             })
             .collect::<Vec<_>>(),
     );
-    assert_eq!(told[5].flaw, Some(SensorFlaw::Disagrees));
+    assert_eq!(reported[5].flaw, Some(SensorFlaw::Disagrees));
     assert_eq!(
-        told[79],
+        reported[79],
         SensorReport::default(),
         "beyond the largest number"
     );

@@ -41,7 +41,7 @@ pub(crate) fn of<const N: usize>(values: [f64; N]) -> PerChannel<f64> {
 }
 
 /// What no machine asks for, but a wrong model may: any shares, and levers to 0.6 m.
-fn any_wanted() -> impl Strategy<Value = RequestedCorrection> {
+fn any_request() -> impl Strategy<Value = RequestedCorrection> {
     let share = |size: f64| -size..size;
     let row = move || [share(600.0), share(600.0), share(600.0)];
     (
@@ -60,7 +60,7 @@ fn any_wanted() -> impl Strategy<Value = RequestedCorrection> {
         })
 }
 
-/// What is done with a vector, for so many cycles.
+/// A motion of a vector, with its number of cycles.
 #[derive(Clone, Debug)]
 enum Task {
     Follow(RequestedCorrection, usize),
@@ -78,8 +78,8 @@ fn any_task() -> impl Strategy<Value = Task> {
             .prop_map(|(x, y, z, a, c)| [x, y, z, a, c])
     };
     prop_oneof![
-        4 => (any_wanted(), 1..60_usize).prop_map(|(requested, cycles)| Task::Follow(requested, cycles)),
-        2 => (any_wanted(), 1..60_usize).prop_map(|(requested, cycles)| Task::Ramp(requested, cycles)),
+        4 => (any_request(), 1..60_usize).prop_map(|(requested, cycles)| Task::Follow(requested, cycles)),
+        2 => (any_request(), 1..60_usize).prop_map(|(requested, cycles)| Task::Ramp(requested, cycles)),
         1 => (Just([0.0; 5]), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
         1 => (places(), 1..80_usize).prop_map(|(to, cycles)| Task::Line(to, cycles)),
         1 => Just(Task::Stop),
@@ -179,7 +179,7 @@ proptest! {
     #[test]
     fn lowered_limits_are_not_exceeded(
         before in prop::collection::vec(any_task(), 1..5),
-        after in prop::collection::vec(any_wanted(), 1..5),
+        after in prop::collection::vec(any_request(), 1..5),
         parts in prop::array::uniform3(prop_oneof![Just(1.0), 0.02..1.0_f64]),
         accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
         dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
@@ -228,7 +228,7 @@ proptest! {
     /// They match the present rotary shares, unless reported as behind.
     #[test]
     fn linear_axes_follow_the_moving_shares(
-        requested in any_wanted(),
+        requested in any_request(),
         accel_s in prop_oneof![Just(0.0), 0.01..1.0_f64],
         dts in prop::collection::vec(prop_oneof![Just(0.004), 0.001..0.020_f64], 50),
     ) {
@@ -292,7 +292,7 @@ proptest! {
     /// Noise below the hysteresis changes each word at most once.
     #[test]
     fn no_chatter_at_standstill(
-        requested in any_wanted(),
+        requested in any_request(),
         noise in prop::collection::vec(prop::array::uniform5(-0.00004..0.00004_f64), 200),
     ) {
         let limits = five(0.0);

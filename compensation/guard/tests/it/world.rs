@@ -1,4 +1,4 @@
-//! A control as a guard sees it, with all that may go wrong: what its axes get is what counts.
+//! A control as seen by a guard, with injected faults; the tests judge what the axes get.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -16,7 +16,21 @@ pub(crate) const SCAN: Duration = Duration::from_millis(2);
 pub(crate) const STEP: f64 = 0.001;
 /// mm/s.
 pub(crate) const SLEW: f64 = 0.5;
+/// Slew per cycle, and the barrier's rate per scan, with rounding, mm.
+pub(crate) const MOST: f64 = 0.002 + 1e-9;
+pub(crate) const SECOND: Duration = Duration::from_secs(1);
 pub(crate) const MACHINE: u16 = 4711;
+/// The flags of another path.
+pub(crate) const CLEAR: Option<Interlock> = Some(Interlock {
+    unreferenced: false,
+    alarm: false,
+    emergency_stop: false,
+});
+pub(crate) const STOP: Option<Interlock> = Some(Interlock {
+    unreferenced: false,
+    alarm: false,
+    emergency_stop: true,
+});
 
 pub(crate) fn limits() -> Limits {
     let axis = AxisLimits {
@@ -45,7 +59,7 @@ pub(crate) fn layout() -> Layout {
     Layout::of([AxisName::X, AxisName::Y]).expect("each once")
 }
 
-/// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, time-out 200 ms.
+/// A barrier that fits the limits above: 1 µm/ms, hold 50 ms, timeout 200 ms.
 pub(crate) fn barrier() -> Barrier {
     barrier_from(17, 40)
 }
@@ -61,67 +75,66 @@ pub(crate) fn barrier_from(epoch: u16, tick: u16) -> Barrier {
         hold_scans: 25,
         time_out_scans: 100,
     };
-    Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("good settings")
+    Barrier::start(settings, epoch, tick, &PerChannel::default()).expect("valid")
 }
 
 /// A control, a guard and time.
-#[expect(clippy::struct_excessive_bools, reason = "each is a fault of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "separate faults")]
 pub(crate) struct World {
     pub(crate) guard: Guard,
     pub(crate) read_back: ReadBack,
     pub(crate) interlocks: Interlocks,
     pub(crate) now: Duration,
-    /// What the axes have, written, cleared, or moved by the barrier.
+    /// Correction of the axes.
     pub(crate) applied: PerChannel<f64>,
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Vec<u16>,
     scanned: Duration,
-    /// The control scans once in this time.
+    /// Scan period of the control.
     pub(crate) scan_time: Duration,
     pub(crate) target: Option<PerChannel<f64>>,
-    /// How linear axes follow rotary ones, as in [`RequestedCorrection`].
+    /// As in [`RequestedCorrection`].
     pub(crate) follow: PerChannel<PerChannel<f64>>,
-    /// The shares of the rotary axes, as in [`RequestedCorrection`].
     pub(crate) rotary: PerChannel<f64>,
     pub(crate) positions: PerChannel<f64>,
     pub(crate) referenced: bool,
     pub(crate) alarm: bool,
     pub(crate) emergency_stop: bool,
-    /// The control's barrier holds by a stop that nothing shows.
+    /// The barrier holds for a stop that no path reports.
     pub(crate) holds: bool,
     pub(crate) answers: bool,
-    /// What is told of the correction this time, instead of what is so.
-    pub(crate) lie: Option<PerChannel<f64>>,
-    /// A word of the barrier's report, and what is wrong with its bits.
-    pub(crate) spoils_word: Option<(usize, u16)>,
-    /// What is told of the correction is so many cycles old, but has a fresh time.
-    pub(crate) told_late: usize,
-    /// What is told of the correction has the time at which it held.
-    pub(crate) tells_age: bool,
-    /// So many frames to the barrier are on their way.
-    pub(crate) sent_late: usize,
-    air: VecDeque<Vec<u16>>,
-    told: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize, Duration)>,
-    /// The reading says nothing of the correction.
-    pub(crate) hides_applied: bool,
-    /// Lines whose device tells what its outputs carry.
-    pub(crate) tells_levels: bool,
-    /// Writes are taken.
+    /// Reported instead of the applied correction.
+    pub(crate) false_reading: Option<PerChannel<f64>>,
+    /// A word of the barrier's report, and its flipped bits.
+    pub(crate) flipped_word: Option<(usize, u16)>,
+    /// Delay of the reported correction, cycles; its timestamp is fresh.
+    pub(crate) report_delay: usize,
+    /// The reported correction has its own timestamp.
+    pub(crate) dates_reports: bool,
+    /// Delay of frames to the barrier, cycles.
+    pub(crate) frame_delay: usize,
+    in_transit: VecDeque<Vec<u16>>,
+    reported: VecDeque<(PerChannel<f64>, [u16; REPORT_WORDS], usize, Duration)>,
+    /// Readings do not contain the correction.
+    pub(crate) hides_correction: bool,
+    /// Lines whose device reports the levels of its outputs.
+    pub(crate) reports_levels: bool,
+    /// Writes have an effect.
     pub(crate) sticks: bool,
-    /// Writes fail, and are told to have failed.
+    /// Writes return an error.
     pub(crate) write_fails: bool,
-    /// Positions come anew only after so much time, each as it was when the one before came.
+    /// Interval of new positions, each one interval old.
     pub(crate) positions_every: Option<Duration>,
     shown: [Option<Reading>; 2],
-    /// Positions do not get younger.
+    /// Timestamp of frozen positions.
     pub(crate) frozen_at: Option<Duration>,
     pub(crate) really_includes: bool,
     pub(crate) forbids: Reasons,
-    /// The largest change of an axis from one write, or one scan, to the next since this was set to zero, mm.
+    /// Largest change of an axis by one write or scan since this was set to zero, mm.
     pub(crate) largest_step: f64,
 }
 
-/// Each axis has the place on this path that it had on the one before.
+/// The same axis order on both paths.
 pub(crate) fn same_places() -> PerChannel<Option<usize>> {
     PerChannel::from_fn(Some)
 }
@@ -133,12 +146,12 @@ pub(crate) fn axes(x: f64, y: f64) -> PerChannel<f64> {
 }
 
 impl World {
-    /// A control without a barrier that can be asked, found as it is.
+    /// A control without a barrier, with read-back.
     pub(crate) fn new(limits: &Limits) -> Self {
         Self::of(limits, ReadBack::plain(Duration::ZERO), None)
     }
 
-    /// Lines: a control that cannot be asked.
+    /// A control without read-back.
     pub(crate) fn lines(limits: &Limits) -> Self {
         Self::of(limits, ReadBack::no_read_back(None), None)
     }
@@ -148,23 +161,23 @@ impl World {
         Self::guarded_by(limits, barrier(), SCAN)
     }
 
-    /// A control with this barrier, which scans once in this time.
+    /// A control with this barrier and scan period.
     pub(crate) fn guarded_by(limits: &Limits, barrier: Barrier, scan: Duration) -> Self {
         let link = BarrierLink::new(99, MACHINE, layout(), scan);
         let mut world = Self::of(limits, ReadBack::barrier(link), Some(barrier));
         world.scan_time = scan;
-        // The scans of the control are counted.
+        // The scan rate is measured.
         world.run(Duration::from_secs(2));
         world
     }
 
-    /// A barrier some cycles away, so long after the begin of the ramp of a correction to 140 µm.
-    pub(crate) fn in_motion(late: usize, after: u32) -> Self {
+    /// A barrier with a delay of `late` cycles each way, `after` cycles into a ramp to 140 µm.
+    pub(crate) fn ramping(late: usize, after: u32) -> Self {
         let mut world = Self::guarded(&Limits {
             read_back_cycles: 2 * late + 2,
             ..limits()
         });
-        (world.sent_late, world.told_late) = (late, late);
+        (world.frame_delay, world.report_delay) = (late, late);
         world.target = Some(axes(0.140, -0.070));
         world.request(Request::Arm);
         world.run(after * PERIOD);
@@ -174,7 +187,7 @@ impl World {
     fn of(limits: &Limits, read_back: ReadBack, barrier: Option<Barrier>) -> Self {
         let now = Duration::from_secs(1);
         let mut world = Self {
-            guard: Guard::new(*limits).expect("the limits of the tests are good"),
+            guard: Guard::new(*limits).expect("valid"),
             read_back,
             interlocks: Interlocks::default(),
             now,
@@ -192,15 +205,15 @@ impl World {
             emergency_stop: false,
             holds: false,
             answers: true,
-            lie: None,
-            spoils_word: None,
-            told_late: 0,
-            tells_age: false,
-            sent_late: 0,
-            air: VecDeque::new(),
-            told: VecDeque::new(),
-            hides_applied: false,
-            tells_levels: false,
+            false_reading: None,
+            flipped_word: None,
+            report_delay: 0,
+            dates_reports: false,
+            frame_delay: 0,
+            in_transit: VecDeque::new(),
+            reported: VecDeque::new(),
+            hides_correction: false,
+            reports_levels: false,
             sticks: true,
             write_fails: false,
             positions_every: None,
@@ -210,23 +223,23 @@ impl World {
             forbids: Reasons::NONE,
             largest_step: 0.0,
         };
-        // Three readings that each tell something of their own.
+        // Three independent readings.
         world.run(2 * limits.delay() + 9 * PERIOD);
         world
     }
 
-    /// Another way to the same barrier, which was not heard yet, takes over with these limits.
-    pub(crate) fn take_other_way(&mut self, limits: &Limits) {
+    /// Another path to the same barrier, not read yet, takes over with these limits.
+    pub(crate) fn take_other_path(&mut self, limits: &Limits) {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
-        self.guard.take_path(*limits, &places).expect("good limits");
+        self.guard.take_path(*limits, &places).expect("valid");
         let before = std::mem::replace(&mut self.read_back, ReadBack::barrier(link));
         if let Some(frame) = before.last_frame() {
             self.read_back.also_sent(frame);
         }
     }
 
-    pub(crate) fn known(&self) -> &ReadBackStatus {
+    pub(crate) fn status(&self) -> &ReadBackStatus {
         self.read_back.status()
     }
 
@@ -236,14 +249,14 @@ impl World {
         for axis in &mut lowered.axes {
             (axis.limit, axis.warn) = (limit, limit);
         }
-        self.guard.set_limits(lowered).expect("good limits");
+        self.guard.set_limits(lowered).expect("valid");
     }
 
     fn is_stopped(&self) -> bool {
         !self.referenced || self.alarm || self.emergency_stop
     }
 
-    /// The scans of the control that are due.
+    /// Runs the due scans of the control.
     pub(crate) fn scan(&mut self) {
         while self.scanned + self.scan_time <= self.now {
             self.scanned += self.scan_time;
@@ -257,7 +270,7 @@ impl World {
         }
     }
 
-    /// The axes get this.
+    /// Moves the axes.
     pub(crate) fn apply(&mut self, values: PerChannel<f64>) {
         for (new, old) in values.iter().zip(&self.applied) {
             self.largest_step = self.largest_step.max((new - old).abs());
@@ -286,7 +299,7 @@ impl World {
         self.answers.then_some(reading)
     }
 
-    /// Positions come anew, where they do now.
+    /// Updates positions that come at intervals.
     fn show(&mut self) {
         let Some(every) = self.positions_every.take() else {
             return;
@@ -298,31 +311,32 @@ impl World {
         self.positions_every = Some(every);
     }
 
-    /// What a reading tells of the correction and of the machine.
-    pub(crate) fn hear(&mut self) {
+    /// Reads the control.
+    pub(crate) fn read(&mut self) {
         self.show();
         let limits = *self.guard.limits();
         let mut words = [0; REPORT_WORDS];
         let barrier = self.barrier.as_ref();
         let length = barrier.map_or(0, |barrier| barrier.report().encode(&mut words));
-        self.told.push_back((self.applied, words, length, self.now));
-        while self.told.len() > self.told_late + 1 {
-            self.told.pop_front();
+        self.reported
+            .push_back((self.applied, words, length, self.now));
+        while self.reported.len() > self.report_delay + 1 {
+            self.reported.pop_front();
         }
-        let (applied, mut words, length, then) = self.told[0];
-        let taken = if self.tells_age { then } else { self.now };
-        if let Some((word, bits)) = self.spoils_word {
+        let (applied, mut words, length, then) = self.reported[0];
+        let taken = if self.dates_reports { then } else { self.now };
+        if let Some((word, bits)) = self.flipped_word {
             words[word % length.max(1)] ^= bits;
         }
-        let told = match &self.barrier {
-            _ if !self.answers || self.hides_applied => CorrectionReport::Missing,
+        let reported = match &self.barrier {
+            _ if !self.answers || self.hides_correction => CorrectionReport::Missing,
             Some(_) => CorrectionReport::Barrier(&words[..length]),
-            None if self.known().scheme == Scheme::NoReadBack && !self.tells_levels => {
+            None if self.status().scheme == Scheme::NoReadBack && !self.reports_levels => {
                 CorrectionReport::Missing
             }
-            None => CorrectionReport::Values(self.lie.unwrap_or(applied)),
+            None => CorrectionReport::Values(self.false_reading.unwrap_or(applied)),
         };
-        self.read_back.receive(self.now, taken, &told, &limits);
+        self.read_back.receive(self.now, taken, &reported, &limits);
         let interlock = Interlock {
             unreferenced: !self.referenced,
             alarm: self.alarm,
@@ -331,7 +345,7 @@ impl World {
         self.interlocks.update(0, self.answers.then_some(interlock));
     }
 
-    /// What the guard makes of it.
+    /// Runs the guard.
     pub(crate) fn decide(&mut self, request: Option<Request>) -> Output {
         if request == Some(Request::Acknowledge) {
             self.interlocks.acknowledge();
@@ -340,7 +354,7 @@ impl World {
         self.guard.cycle(&Inputs {
             now: self.now,
             reading: self.reading(),
-            read_back: *self.known(),
+            read_back: *self.status(),
             interlocks: self.interlocks.reasons(),
             requested: self.target.map(|target| RequestedCorrection {
                 follow: self.follow,
@@ -353,7 +367,7 @@ impl World {
         })
     }
 
-    /// Sends an output, if it is still young enough at `now`.
+    /// Sends an output, unless it has expired.
     pub(crate) fn send(&mut self, output: &Output) {
         if !output.write {
             return;
@@ -371,9 +385,9 @@ impl World {
                 .read_back
                 .frame(&output.correction, &limits, &mut words);
             if let (Some(length), true) = (frame, lands) {
-                self.air.push_back(words[..length].to_vec());
-                if self.air.len() > self.sent_late {
-                    self.mailbox = self.air.pop_front().unwrap_or_default();
+                self.in_transit.push_back(words[..length].to_vec());
+                if self.in_transit.len() > self.frame_delay {
+                    self.mailbox = self.in_transit.pop_front().unwrap_or_default();
                 }
             }
         } else if lands {
@@ -388,22 +402,21 @@ impl World {
     pub(crate) fn cycle_after(&mut self, dt: Duration, request: Option<Request>) -> Output {
         self.now += dt;
         self.scan();
-        self.hear();
+        self.read();
         let output = self.decide(request);
         self.send(&output);
         output
     }
 
-    /// Somebody else changes what the axes have, on a control that lets them.
+    /// Foreign change of the correction, if the control has no barrier.
     pub(crate) fn clear(&mut self, values: PerChannel<f64>) {
-        if self.known().scheme == Scheme::Plain {
+        if self.status().scheme == Scheme::Plain {
             self.applied = values;
         }
     }
 
-    /// A cycle in which the program is stopped for `stopped` between reading and writing while the control goes on.
-    /// Whether the guard's output was sent.
-    pub(crate) fn freezes_between(
+    /// A cycle in which the program pauses for `stopped` between reading and writing. Returns whether the output was sent.
+    pub(crate) fn cycle_with_pause(
         &mut self,
         dt: Duration,
         stopped: Duration,
@@ -411,13 +424,38 @@ impl World {
     ) -> (Output, bool) {
         self.now += dt;
         self.scan();
-        self.hear();
+        self.read();
         let output = self.decide(request);
         self.now += stopped;
         self.scan();
         let before = self.applied;
         self.send(&output);
         (output, before != self.applied)
+    }
+
+    /// Every change of an axis by one write or scan was at most `most`, mm.
+    #[track_caller]
+    pub(crate) fn assert_steps(&self, most: f64, case: &str) {
+        let found = self.largest_step;
+        assert!(
+            found <= most,
+            "{case}: a step of {found} mm, at most {most}"
+        );
+    }
+
+    /// X and Y have these corrections, mm.
+    #[track_caller]
+    pub(crate) fn assert_applied(&self, expected: PerChannel<f64>, case: &str) {
+        let off = |i: usize| (self.applied[i] - expected[i]).abs();
+        assert!(off(0) < 1e-9 && off(1) < 1e-9, "{case}: {:?}", self.applied);
+    }
+
+    /// Runs for `time`, and then is in this state.
+    #[track_caller]
+    pub(crate) fn run_to(&mut self, time: Duration, state: State) -> Output {
+        let output = self.run(time);
+        assert_eq!(output.state, state, "{:?}", output.reasons);
+        output
     }
 
     pub(crate) fn request(&mut self, request: Request) -> Output {
@@ -433,7 +471,7 @@ impl World {
         output
     }
 
-    /// Armed and through with its ramp.
+    /// Arms and completes the ramp.
     pub(crate) fn arm(mut self) -> Self {
         self.request(Request::Arm);
         let output = self.run(Duration::from_secs(2));
@@ -442,14 +480,14 @@ impl World {
         self
     }
 
-    /// Armed, and its largest step counted from here.
+    /// Arms, and counts the largest step from here.
     pub(crate) fn arm_from_here(mut self) -> Self {
         self.largest_step = 0.0;
         self.request(Request::Arm);
         self
     }
 
-    /// A control without a barrier that can be asked, armed.
+    /// A control without a barrier, with read-back, armed.
     pub(crate) fn compensating(limits: &Limits) -> Self {
         Self::new(limits).arm()
     }

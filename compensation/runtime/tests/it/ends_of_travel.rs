@@ -40,9 +40,9 @@ fn an_end_of_travel_has_the_error_of_its_own_side() {
             ];
             let state = machine.state(&at).expect("a state");
             let exact = machine.error_at(&state, Form::Exact, &warm);
-            let [told, _] = model.errors(&state, &none);
+            let [reported, _] = model.errors(&state, &none);
             // The tilt of the table about Z is that of the tool about Z, but for the second order; B adds about Y.
-            for found in [exact.rotation_rad.z, told.rotation_rad[2]] {
+            for found in [exact.rotation_rad.z, reported.rotation_rad[2]] {
                 assert!(
                     (found * 1e6 - end / 400.0).abs() < 0.01,
                     "{end} deg: {} µrad",

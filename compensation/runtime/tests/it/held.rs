@@ -3,25 +3,22 @@
 
 use std::time::Duration;
 
-use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{Axis, Clock, Controller, Description};
 use volcomp_runtime::{
-    AxisSettings, BarrierSettings, GuardSettings, Model, PathPlan, PlanError, Replacement,
-    UncorrectedReason, WithoutBarrier,
+    AxisSettings, BarrierSettings, GuardSettings, Model, PathPlan, PlanError, UncorrectedReason,
+    WithoutBarrier,
     guard::{Reasons, Request},
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
-use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine};
+use crate::rig::{NAMES, PERIOD, Rig, alone, control, guard, machine, machine_file};
 
-const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/five-axis.toml");
 const PLACE: [f64; 5] = [-100.0, 40.0, 200.0, 50.0, 300.0];
 
 /// The five-axis machine of the examples, of which only these axes may correct.
 fn correcting(names: &str) -> Machine {
-    let text = std::fs::read_to_string(FILE).expect("shipped");
-    let text = format!("correct = [{names}]\n{text}");
+    let text = format!("correct = [{names}]\n{}", machine_file());
     Machine::parse(&text, "held").expect("valid")
 }
 
@@ -104,21 +101,14 @@ fn another_model_removes_the_test_shift_of_axes_that_no_longer_correct() {
     let before = machine();
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let after = correcting("\"X\", \"Y\", \"Z\"");
-    let model = Model::new(&after, Fading::default()).expect("compiles");
-    let mut replacement = Replacement::new(Box::new(model), &[]);
-    rig.cycle
-        .swap_model(&mut replacement)
-        .expect("the same axes");
+    rig.swap(&after);
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
     }
     // And limits that were planned for the old model do not bring it back.
     let mut rig = Rig::of(&before, &shifting(), PLACE, &NAMES);
     let limits = rig.limits;
-    let model = Model::new(&after, Fading::default()).expect("compiles");
-    rig.cycle
-        .swap_model(&mut Replacement::new(Box::new(model), &[]))
-        .expect("the same axes");
+    rig.swap(&after);
     rig.cycle.set_limits(0, &limits).expect("as before");
     for (name, largest) in largest_outputs(&mut rig, &after) {
         assert_eq!(largest > 0.0, !name.is_rotary(), "axis {name}: {largest}");
@@ -133,11 +123,15 @@ fn axes_without_a_test_shift_are_reported_as_not_proven() {
     if let Some(rotary) = &mut linear.rotary {
         rotary.test_shift = Urad(0.0);
     }
-    for (guard, told) in [(rotary, false), (linear, true)] {
+    for (guard, reported) in [(rotary, false), (linear, true)] {
         let mut rig = Rig::of(&machine(), &guard, PLACE, &NAMES);
         let report = rig.run(5);
         let reasons = report.reasons;
-        assert_eq!(reasons.contains(Reasons::NOT_PROVEN), told, "{reasons:?}");
+        assert_eq!(
+            reasons.contains(Reasons::NOT_PROVEN),
+            reported,
+            "{reasons:?}"
+        );
     }
 }
 
@@ -163,7 +157,7 @@ fn plan(axes: &[AxisName], step_urad: f64, most: Um) -> Result<PathPlan, PlanErr
     PathPlan::new(description, &model, &guard, &alone(), PERIOD)
 }
 
-/// The plan for all axes with rotary ones in steps of so many degrees, with these limits, as shipped otherwise.
+/// The plan for all axes with this step and these limits of the rotary ones.
 fn shipped(
     step_deg: f64,
     has_barrier: bool,
@@ -278,25 +272,12 @@ errors = { EXX = 12.0, EYY = 8.0, EAA = 150.0, EAX = 100.0 }
 ";
     let machine = Machine::parse(text, "m").expect("valid");
     let names = [AxisName::X, AxisName::Y, AxisName::A];
-    let clock = Clock::manual();
-    // Coordinates in the order of NAMES: Z, B and C are not there; A stands at 0.
-    let mut rig = Rig::with(&machine, &guard(), &names, &[120.0, -80.0, 25.0], &clock);
-    rig.run(10);
-    rig.step(Some(Request::Arm));
-    let mut worst = f64::NEG_INFINITY;
-    for _ in 0..1500 {
-        let report = rig.step(None);
-        let tip = |error: [f64; 3]| Vector3::from(error).norm();
-        let without = tip(report.error.expect("known").position_mm);
-        let with = tip(report.residual.expect("known").position_mm);
-        worst = worst.max(with - without);
-    }
-    let report = rig.step(None);
-    assert_eq!(report.state.name(), "compensating");
+    let mut rig = Rig::with(&machine, &guard(), &names, &[120.0, -80.0, 25.0]);
+    let (report, worst) = rig.arm_and_compare(1500);
     let [x, y, a] = names.map(|name| machine.index_of(name).expect("an axis"));
     assert_eq!(report.correction[a], 0.0);
     assert!(report.correction[x].abs() > 1e-3 && report.correction[y].abs() > 1e-3);
-    assert!(worst < 1e-6, "{worst} mm further off than without");
+    assert!(worst < 1e-6, "{worst} mm worse");
 }
 
 /// X under a rotary table, Y on the other side: parallel at C = 90°. The shares grow without bound there and are limited together.
@@ -322,41 +303,21 @@ errors = { EXX = 10.0, EYY = 6.0, EXZ = 8.0, EYZ = -7.0 }
         None
     );
     let names = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C];
-    for (c_deg, told) in [
+    for (c_deg, reported) in [
         (0.0, false),
         (80.0, false),
         (85.0, true),
         (89.9, true),
         (91.0, true),
     ] {
-        let clock = Clock::manual();
-        let mut rig = Rig::with(
-            &machine,
-            &guard(),
-            &names,
-            &[20.0, 30.0, 40.0, c_deg],
-            &clock,
-        );
-        rig.run(10);
-        rig.step(Some(Request::Arm));
-        let mut worst = f64::NEG_INFINITY;
-        for _ in 0..1000 {
-            let report = rig.step(None);
-            let tip = |error: [f64; 3]| Vector3::from(error).norm();
-            let without = tip(report.error.expect("known").position_mm);
-            worst = worst.max(tip(report.residual.expect("known").position_mm) - without);
-        }
-        let report = rig.step(None);
-        assert_eq!(report.state.name(), "compensating");
+        let mut rig = Rig::with(&machine, &guard(), &names, &[20.0, 30.0, 40.0, c_deg]);
+        let (report, worst) = rig.arm_and_compare(1000);
         assert_eq!(
             report.reasons.contains(Reasons::LINEAR_NEAR_SINGULAR),
-            told,
+            reported,
             "C {c_deg}"
         );
-        assert!(
-            worst < 1e-6,
-            "C {c_deg}: {worst} mm further off than without"
-        );
+        assert!(worst < 1e-6, "C {c_deg}: {worst} mm worse");
         for (output, name) in report.correction.iter().zip(&model.axes) {
             assert!(output.abs() <= 0.25 + 1e-6, "{name}: {output}");
         }
@@ -372,24 +333,20 @@ fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
         );
         Machine::parse(&text, "m").expect("valid")
     };
-    let (old, new) = (machine(120.0), machine(121.0));
+    let (old, changed) = (machine(120.0), machine(121.0));
     let mut settings = guard();
     settings.rotary = Some(AxisSettings::new(Urad(250.0), Urad(500.0)));
     // The steps of the simulated control are 1e-8 rad: half of one at 240.5 mm.
     settings.rotary_step = Um(0.5 * 1e-8 * 240.5 * 1e3);
     let place = [-100.0, 0.0, 200.0, 50.0, 300.0];
     let mut rig = Rig::of(&old, &settings, place, &NAMES);
-    rig.run(10);
-    rig.step(Some(Request::Arm));
-    let before = rig.run(2000);
-    let [old, new] = [&old, &new].map(|m| Model::new(m, Fading::default()).expect("compiles"));
+    let before = rig.arm(2000);
+    let [old, new] = [&old, &changed].map(|m| Model::new(m, Fading::default()).expect("compiles"));
     let controller = control(place, &Clock::manual()).description().clone();
     let most = settings.rotary_step.to_mm();
     let way = [&old, &new].map(|model| model.correctors_of(&controller, most));
-    let told = old.largest_move(&new, [way]);
-    rig.cycle
-        .swap_model(&mut Replacement::new(Box::new(new), &[]))
-        .expect("the same axes");
+    let reported = old.largest_move(&new, [way]);
+    rig.swap(&changed);
     rig.step(Some(Request::Switched));
     let after = rig.run(3000);
     let moved = |name: AxisName| {
@@ -400,6 +357,10 @@ fn a_rotary_axis_that_stops_correcting_counts_as_a_move() {
     let linear = linear.into_iter().fold(0.0, f64::max);
     let rotary = moved(AxisName::B).max(moved(AxisName::C));
     assert!(linear > 0.03 && rotary > 1e-4, "{linear} mm, {rotary} rad");
-    assert!(told.linear.0 > linear - 1e-3, "{} of {linear}", told.linear);
-    assert!(told.rotary.0 > rotary - 1e-6, "{:?}", told.rotary);
+    assert!(
+        reported.linear.0 > linear - 1e-3,
+        "{} of {linear}",
+        reported.linear
+    );
+    assert!(reported.rotary.0 > rotary - 1e-6, "{:?}", reported.rotary);
 }

@@ -1,5 +1,5 @@
 //! Late positions at speed: a rotary table that turns at 33 rpm, positions 0 to 500 ms old. What is written is never worse
-//! than nothing, and the state tells why it let go.
+//! than none, and the reasons report the reduction.
 
 use std::{f64::consts::TAU, time::Duration};
 
@@ -42,7 +42,7 @@ fn turned(at: Duration) -> f64 {
     (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
 }
 
-/// A control whose linear axes stand and that takes corrections at once; on the way that is only read it tells where the table
+/// A control with stationary linear axes; the read-only path reports where the table
 /// was `age` ago, or where it stood when it fell silent.
 #[derive(Default)]
 struct Late {
@@ -164,14 +164,15 @@ const ROUNDING: f64 = 3.0 * STEP + 2e-5;
 #[test]
 fn a_correction_by_late_positions_is_never_worse_than_none() {
     let hold = Duration::from_millis(200);
-    println!("age | rms without | rms with | part that is left | let go");
+    println!("age | rms without | rms with | remaining part | reduced");
     let mut lefts = Vec::new();
     for age_ms in (0..=200).step_by(20).chain([250, 300, 400, 500]) {
         let mut table = Table::armed(Duration::from_millis(age_ms), hold);
         for _ in 0..700 {
             table.step(None);
         }
-        let (mut squares, mut count, mut told, mut worst) = ([0.0, 0.0], 0, 0, f64::NEG_INFINITY);
+        let (mut squares, mut count, mut reported, mut worst) =
+            ([0.0, 0.0], 0, 0, f64::NEG_INFINITY);
         for _ in 0..1000 {
             let report = table.step(None);
             // At 200 ms each cycle may find them too old.
@@ -192,12 +193,12 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
                 count += 1;
                 worst = worst.max(with - without);
             }
-            told += usize::from(report.reasons.contains(Reasons::LET_GO));
+            reported += usize::from(report.reasons.contains(Reasons::LET_GO));
         }
         let [without, with] = squares.map(|sum: f64| (sum / f64::from(count)).sqrt());
         let left = with / without;
         println!(
-            "{age_ms} ms | {:.2} µm | {:.2} µm | {left:.3} | {told} of 1000, worst {:.3} µm",
+            "{age_ms} ms | {:.2} µm | {:.2} µm | {left:.3} | {reported} of 1000, worst {:.3} µm",
             without * 1e3,
             with * 1e3,
             worst * 1e3
@@ -206,8 +207,11 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
             worst <= ROUNDING,
             "{age_ms} ms: {worst} mm worse than without"
         );
-        assert!(told == 0 || told == 1000, "{age_ms} ms: told {told} times");
-        lefts.push((age_ms, left, told > 0));
+        assert!(
+            reported == 0 || reported == 1000,
+            "{age_ms} ms: reported {reported} times"
+        );
+        lefts.push((age_ms, left, reported > 0));
     }
     // The table of the book.
     for (age_ms, expected) in [(0, 0.03), (20, 0.1), (40, 0.17), (100, 0.4), (200, 1.0)] {
@@ -217,8 +221,12 @@ fn a_correction_by_late_positions_is_never_worse_than_none() {
             .expect("measured");
         assert!(*left <= expected, "{age_ms} ms: {left} is left");
     }
-    assert!(!lefts[0].2, "nothing is let go where positions are fresh");
-    assert!(lefts.iter().any(|(age, _, told)| *age == 160 && *told));
+    assert!(!lefts[0].2, "no reduction with fresh positions");
+    assert!(
+        lefts
+            .iter()
+            .any(|(age, _, reported)| *age == 160 && *reported)
+    );
 }
 
 /// Positions stop while the table keeps turning, and return later.
@@ -231,7 +239,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                 table.step(None);
             }
             table.falls_silent();
-            let mut told = false;
+            let mut reported = false;
             let mut look = |table: &mut Table, began: f64| {
                 let report = table.step(None);
                 for [without, with] in table.off() {
@@ -243,7 +251,7 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
                         report.reasons
                     );
                 }
-                told |= report.reasons.contains(Reasons::LET_GO);
+                reported |= report.reasons.contains(Reasons::LET_GO);
             };
             for _ in 0..silent_ms / 4 {
                 look(&mut table, 0.0);
@@ -254,8 +262,8 @@ fn a_held_correction_ramps_out_before_it_is_worse_than_none() {
             for _ in 0..400 {
                 look(&mut table, began);
             }
-            assert!(told || silent_ms < 250, "{silent_ms} ms: not told");
-            assert!(!told || silent_ms > 0, "{silent_ms} ms: told");
+            assert!(reported || silent_ms < 250, "{silent_ms} ms: not reported");
+            assert!(!reported || silent_ms > 0, "{silent_ms} ms: reported");
             assert_eq!(table.step(None).state.name(), "compensating");
             let [[without, with], _] = table.off();
             assert!(with < 0.3 * without, "it corrects again: {with} {without}");
@@ -273,8 +281,8 @@ fn no_reduction_is_reported_without_a_correction() {
             table.step(None);
         }
         table.falls_silent();
-        let told = (0..100).any(|_| is_told(&table.step(None)));
-        assert!(told, "at speed");
+        let reported = (0..100).any(|_| is_told(&table.step(None)));
+        assert!(reported, "at speed");
         if disarms {
             table.step(Some(Request::Disarm));
         }

@@ -93,10 +93,10 @@ fn the_largest_move_is_that_of_a_dense_scan() {
             set.unwrap_or_else(|e| panic!("{e}"));
         }
         let dense = sums[1].max(-sums[0]);
-        let told = flat.largest_move(&model(&changed), []).linear.to_um().0;
+        let reported = flat.largest_move(&model(&changed), []).linear.to_um().0;
         assert!(
-            (0.95 * dense..1.01 * dense + 0.01).contains(&told),
-            "round {round}: told {told} µm, scanned {dense} µm"
+            (0.95 * dense..1.01 * dense + 0.01).contains(&reported),
+            "round {round}: found {reported} µm, scanned {dense} µm"
         );
     }
 }
@@ -128,10 +128,10 @@ fn levers_are_found_by_a_dense_scan() {
                 }
             }
         }
-        let told = old.largest_move(&new, []).linear.to_um().0;
+        let reported = old.largest_move(&new, []).linear.to_um().0;
         assert!(
-            (0.95 * dense..1.05 * dense + 0.01).contains(&told),
-            "kind {kind}: told {told} µm, scanned {dense} µm"
+            (0.95 * dense..1.05 * dense + 0.01).contains(&reported),
+            "kind {kind}: found {reported} µm, scanned {dense} µm"
         );
     }
 }

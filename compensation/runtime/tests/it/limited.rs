@@ -7,7 +7,7 @@ use volcomp_guard::{AxisLimits, Limits, RequestedCorrection, Vector};
 use volcomp_kinematics::actual_pose;
 use volcomp_model::{Fading, Machine, Temperatures};
 use volcomp_runtime::{
-    AxisSettings, Model, Replacement, Report,
+    AxisSettings, Model, Report,
     guard::{Reasons, Request},
     kinematics::State,
 };
@@ -156,9 +156,7 @@ impl Holding {
             ..AxisSettings::new(Urad(250.0), Urad(slew_urad))
         });
         let mut rig = Rig::of(&machine, &settings, PLACE, &NAMES);
-        rig.run(10);
-        rig.step(Some(Request::Arm));
-        let report = rig.run(2000);
+        let report = rig.arm(2000);
         assert_eq!(report.state.name(), "compensating");
         let b = machine.index_of(AxisName::B).expect("an axis");
         assert!(report.correction[b].abs() > 1e-4, "B holds a share");
@@ -176,15 +174,10 @@ impl Holding {
     fn corrects(&mut self, axes: &str) {
         let text = format!("correct = [{axes}]\n{TABLE_AND_HEAD}");
         let machine = Machine::parse(&text, "m").expect("valid");
-        let model = Model::new(&machine, Fading::default()).expect("compiles");
-        let swapped = self
-            .rig
-            .cycle
-            .swap_model(&mut Replacement::new(Box::new(model), &[]));
-        swapped.expect("the same axes");
+        self.rig.swap(&machine);
     }
 
-    /// Runs so many cycles, the first of them with a request. The last report; the tool is nowhere further off than it may.
+    /// Runs cycles, the first with a request, and checks the tool against its bound. Returns the last report.
     fn run(&mut self, request: Request, cycles: u32, what: &str) -> Report {
         let mut report = self.rig.step(Some(request));
         let mut worst = 0.0_f64;

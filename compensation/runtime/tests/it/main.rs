@@ -1,7 +1,6 @@
 //! The runtime on simulated machines whose time the tests count.
 
 mod coupled;
-mod embed;
 mod ends_of_travel;
 mod exact;
 mod held;
@@ -11,7 +10,6 @@ mod limited;
 mod outside_travel;
 mod paths;
 mod plan;
-mod quiet;
 mod raised_slew;
 mod reads;
 mod rig;

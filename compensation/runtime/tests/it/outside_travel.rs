@@ -1,15 +1,13 @@
 //! Positions that are not those of the machine: farther outside the travel than an axis can be, or where it cannot have come to.
 
-use std::path::Path;
-
-use volcomp_model::{Fading, Machine};
+use volcomp_model::Machine;
 use volcomp_runtime::{
-    Model, Replacement, Report,
+    Report,
     guard::{Hold, Reasons, Request, State},
 };
 use volcomp_vocabulary::AxisName;
 
-use crate::rig::{Injected, NAMES, Rig, guard, machine};
+use crate::rig::{Injected, NAMES, Rig, guard, machine, machine_file};
 
 /// Z from −500 to 0, B, X, C, Y.
 const PLACE: [f64; 5] = [-100.0, 20.0, 300.0, 40.0, 200.0];
@@ -18,9 +16,7 @@ const PLACE: [f64; 5] = [-100.0, 20.0, 300.0, 40.0, 200.0];
 fn a_position_far_outside_the_travel_holds_and_comes_back() {
     let control = Injected::default();
     let mut rig = Rig::injected(PLACE, &control);
-    rig.run(20);
-    rig.step(Some(Request::Arm));
-    let armed = rig.run(5000);
+    let armed = rig.arm(5000);
     assert_eq!(armed.state, State::Compensating, "{armed:?}");
     assert_eq!(armed.outside_travel, 0);
     let applied = armed.sent.unwrap();
@@ -77,9 +73,7 @@ fn go(rig: &mut Rig, control: &Injected, [from, to]: [f64; 2]) {
 fn compensating() -> (Rig, Injected, Report) {
     let control = Injected::default();
     let mut rig = Rig::injected(PLACE, &control);
-    rig.run(20);
-    rig.step(Some(Request::Arm));
-    let armed = rig.run(5000);
+    let armed = rig.arm(5000);
     assert_eq!(armed.state, State::Compensating, "{armed:?}");
     (rig, control, armed)
 }
@@ -125,16 +119,11 @@ fn a_jump_within_the_travel_holds_ramps_out_and_returns_with_the_position() {
 fn a_new_travel_accepts_the_next_position() {
     let (mut rig, control, _) = compensating();
     let z = machine().index_of(AxisName::Z).unwrap();
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
-    let text = std::fs::read_to_string(file).expect("shipped");
+    let text = machine_file();
     let narrow = text.replace("travel = [-500.0, 0.0]", "travel = [-150.0, 0.0]");
     let swap = |rig: &mut Rig, text: &str| {
         let machine = Machine::parse(text, "m.toml").expect("valid");
-        let model = Model::new(&machine, Fading::default()).expect("compiles");
-        let mut replacement = Replacement::new(Box::new(model), &[]);
-        rig.cycle
-            .swap_model(&mut replacement)
-            .expect("the same axes");
+        rig.swap(&machine);
     };
     swap(&mut rig, &narrow);
     go(&mut rig, &control, [0.0, -300.0]);
@@ -166,9 +155,7 @@ fn a_table_that_rolls_over_is_accepted() {
     names.sort_by_key(|name| *name != AxisName::C);
     let control = Injected::default();
     let mut rig = Rig::injected_of(&names, &[40.0, -100.0, 20.0, 300.0, 200.0], &control);
-    rig.run(20);
-    rig.step(Some(Request::Arm));
-    assert_eq!(rig.run(5000).state, State::Compensating);
+    assert_eq!(rig.arm(5000).state, State::Compensating);
     for turns in [-1.0, 0.0, 1.0, 0.0, 12.0, 0.5] {
         control.displace(turns * core::f64::consts::TAU);
         let report = rig.run(20);
@@ -206,9 +193,7 @@ fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
         ("[0.0, 350.0]", 354.9, false),
         ("[0.0, 350.0]", 355.1, true),
     ] {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
-        let text = std::fs::read_to_string(file).expect("shipped");
-        let text = text
+        let text = machine_file()
             .replace("travel = [0.0, 360.0]", &format!("travel = {travel}"))
             .replace("modulo = 360.0\n", "");
         let machine = Machine::parse(&text, "five-axis.toml").expect("valid");
@@ -229,9 +214,7 @@ fn a_modulo_axis_is_nowhere_outside() {
     assert!(report.error.is_some());
     // It does not arm where it is not believed.
     let mut rig = Rig::at([-100.0, 116.0, 300.0, 40.0, 200.0]);
-    rig.run(20);
-    rig.step(Some(Request::Arm));
-    let report = rig.run(5000);
+    let report = rig.arm(5000);
     assert_eq!(report.state, State::Disarmed, "{report:?}");
     assert!(report.reasons.contains(Reasons::OUTSIDE_TRAVEL));
 }

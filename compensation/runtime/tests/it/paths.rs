@@ -17,7 +17,7 @@ use crate::{
 };
 
 const SCAN: Duration = Duration::from_millis(2);
-/// So long after its last write a control goes to zero, and so long it takes.
+/// Timeout of a control, and its time to zero.
 const TIME_OUT: ControlTimeOut = ControlTimeOut {
     after: Duration::from_millis(200),
     to_zero: Duration::from_millis(100),
@@ -37,7 +37,7 @@ fn to_barrier() -> PathSettings {
     }
 }
 
-/// Settings of a path whose control goes to zero by itself.
+/// Settings of a path whose control goes to zero on its own.
 fn lets_go() -> PathSettings {
     PathSettings {
         time_out: Some(TIME_OUT),
@@ -310,7 +310,7 @@ fn after_a_restart(
     }
     for number in 0..500 {
         ways.clock.advance(PERIOD);
-        let asked = CycleInput {
+        let input = CycleInput {
             request: match number {
                 50 if acknowledged => Some(Request::Acknowledge),
                 100 => Some(Request::Arm),
@@ -319,7 +319,7 @@ fn after_a_restart(
             forbids: Reasons::FAULTED_BEFORE.when(was_faulted && number <= 50),
             ..CycleInput::default()
         };
-        cycle.run(ways.clock.now(), &asked, &mut || Duration::ZERO);
+        cycle.run(ways.clock.now(), &input, &mut || Duration::ZERO);
     }
     let report = cycle.report();
     (report.state, report.reasons, ways.plant().largest)
@@ -573,7 +573,7 @@ fn lines_with_their_axes_in_another_order_take_over_by_a_ramp() {
         for second in [FIVE, [c, a, z, x, y]] {
             let (got, wanted) = lines_after_a_change(second, place);
             for (cycle, words) in got.iter().enumerate() {
-                // The ramp of 2 s has 500 cycles; two cycles later at the most, and a step of rounding.
+                // The ramp of 2 s has 500 cycles; at most two cycles later, and a step of rounding.
                 let ramp = (cycle as f64 / 500.0).min(1.0);
                 for (i, word) in words.iter().enumerate() {
                     let beyond = (word - ramp * wanted[i]).abs();

@@ -11,7 +11,9 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
-use crate::rig::{PERIOD, Rig, alone, control, cycle_of, guard, machine, without_barrier};
+use crate::rig::{
+    PERIOD, Rig, alone, control, cycle_of, guard, machine, machine_file, without_barrier,
+};
 
 fn planned(
     change: impl FnOnce(&mut Description, &mut GuardSettings, &mut PathSettings),
@@ -230,17 +232,13 @@ fn invalid_limits_are_refused() {
 #[test]
 fn refused_limits_change_nothing() {
     let mut rig = Rig::at([-100.0, 40.0, 200.0, 50.0, 300.0]);
-    rig.run(10);
-    rig.step(Some(Request::Arm));
-    let before = rig.run(2000);
+    let before = rig.arm(2000);
     assert_eq!(before.state, State::Compensating);
     let mut limits = rig.limits;
     limits.count = 2;
     assert!(rig.cycle.set_limits(0, &limits).is_err());
     // The paths keep the places of their axes: the correction of Y would have gone to Z, and that of Z to Y.
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/five-axis.toml");
-    let text = std::fs::read_to_string(file).expect("shipped");
-    let text = text.replace("w C' X' b Y Z B t", "w C' X' b Z Y B t");
+    let text = machine_file().replace("w C' X' b Y Z B t", "w C' X' b Z Y B t");
     let other = Machine::parse(&text, "other").expect("valid");
     let model = Model::new(&other, guard().fading).expect("compiles");
     let mut replacement = Replacement::new(Box::new(model), &[]);
@@ -289,21 +287,14 @@ errors = { EYY = 1000, EXX = 280 }";
     };
     let machine = Machine::parse(&only_x, "m").expect("valid");
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
-    let clock = Clock::manual();
-    let mut rig = Rig::with(&machine, &settings, &names, &[100.0, 200.0, 0.0], &clock);
-    rig.run(10);
-    rig.step(Some(Request::Arm));
-    let report = rig.run(1500);
+    let mut rig = Rig::with(&machine, &settings, &names, &[100.0, 200.0, 0.0]);
+    let report = rig.arm(1500);
     assert_eq!(report.state, State::Compensating);
     let [x, y] = [AxisName::X, AxisName::Y].map(|name| machine.index_of(name).expect("an axis"));
     assert!(report.correction[x].abs() > 0.025 && report.correction[x].abs() <= 0.030 + 1e-9);
     assert_eq!(report.correction[y], 0.0);
     let all = Machine::parse(text, "m").expect("valid");
-    let model = Model::new(&all, Fading::default()).expect("compiles");
-    let swapped = rig
-        .cycle
-        .swap_model(&mut Replacement::new(Box::new(model), &[]));
-    swapped.expect("the same axes");
+    rig.swap(&all);
     rig.step(Some(Request::Switched));
     let report = rig.run(1500);
     assert!(

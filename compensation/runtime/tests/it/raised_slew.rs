@@ -15,7 +15,7 @@ use crate::{
     ways::{Plant, Ways},
 };
 
-/// Tells positions that contain the correction as it was eight readings ago; words can be read back at once.
+/// Reports positions that contain the correction of eight readings ago; the read-back has no delay.
 struct Lagging {
     applied: PerChannel<f64>,
     seen: VecDeque<f64>,

@@ -3,7 +3,6 @@
 
 use std::time::Duration;
 
-use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::{Clock, Controller, simulated::Move};
 use volcomp_runtime::{
     Cycle, Model, PathSettings, PositionReader, ReaderPlan, Report,
@@ -12,7 +11,7 @@ use volcomp_runtime::{
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel};
 
 use crate::rig::{
-    Injected, Writes, alone, cycle_of, guard, machine, path_of, simulated_control, step,
+    Injected, Writes, alone, cycle_of, guard, machine, path_of, simulated_control, step, tip_mm,
 };
 
 const WRITTEN: [AxisName; 3] = [AxisName::Z, AxisName::X, AxisName::Y];
@@ -110,9 +109,8 @@ fn the_tip_is_corrected_at_the_positions_of_read_only_axes() {
         for _ in 0..4500 {
             let report = moving.step(None);
             assert_eq!(report.state, State::Compensating, "{:?}", report.reasons);
-            let tip = |error: [f64; 3]| Vector3::from(error).norm();
-            with = with.max(tip(report.residual.expect("known").position_mm));
-            without = without.max(tip(report.error.expect("known").position_mm));
+            with = with.max(tip_mm(report.residual));
+            without = without.max(tip_mm(report.error));
             let at = report.positions[c];
             turned = [turned[0].min(at), turned[1].max(at)];
             for name in READ {
@@ -142,34 +140,19 @@ fn positions_of_a_silent_reader_expire() {
     assert_eq!(report.state.name(), "holding", "{:?}", report.reasons);
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
     let report = moving.run(400);
-    assert_eq!(
-        report.correction,
-        PerAxis::ZERO,
-        "after zero_after and a ramp"
-    );
-    assert!(
-        report.reasons.contains(Reasons::POSITIONS_LOST),
-        "{:?}",
-        report.reasons
-    );
+    // After `zero_after` and a ramp.
+    assert_eq!(report.correction, PerAxis::ZERO);
+    assert!(report.reasons.contains(Reasons::POSITIONS_LOST));
     reader.set_silent(false);
     assert_eq!(moving.run(500).state, State::Compensating);
-    // What it says of the machine holds the correction as what the path itself says.
+    // Its interlocks hold the correction like those of the path itself.
     reader.set_stopped(true);
     let report = moving.run(5);
-    assert!(
-        report.reasons.contains(Reasons::EMERGENCY_STOP),
-        "{:?}",
-        report.reasons
-    );
+    assert!(report.reasons.contains(Reasons::EMERGENCY_STOP));
     let held = report.correction;
     assert_eq!(moving.run(50).correction, held);
-    // Nobody who falls silent lifts it.
+    // Silence does not lift it.
     reader.set_silent(true);
     let report = moving.run(5);
-    assert!(
-        report.reasons.contains(Reasons::INTERLOCK_UNSEEN),
-        "{:?}",
-        report.reasons
-    );
+    assert!(report.reasons.contains(Reasons::INTERLOCK_UNSEEN));
 }

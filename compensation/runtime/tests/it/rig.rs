@@ -9,14 +9,15 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_model::Machine;
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_model::{Fading, Machine};
 use volcomp_port::{
     Axis, Clock, Controller, ControllerState, Description, Fault, Heartbeat, ShownStates, Snapshot,
     simulated,
 };
 use volcomp_runtime::{
     AxisSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan, PathSettings,
-    PlanError, Report, Sensors, WithoutBarrier,
+    PlanError, Replacement, Report, Sensors, ToolError, WithoutBarrier,
     guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
@@ -30,10 +31,15 @@ pub(crate) const NAMES: [AxisName; 5] = [
     AxisName::Y,
 ];
 
+/// The file of the five-axis machine of the examples.
+pub(crate) fn machine_file() -> String {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+    std::fs::read_to_string(file).expect("shipped")
+}
+
 /// The five-axis machine of the examples.
 pub(crate) fn machine() -> Machine {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
-    Machine::read(&file).expect("shipped")
+    Machine::parse(&machine_file(), "five-axis.toml").expect("shipped")
 }
 
 pub(crate) fn guard() -> GuardSettings {
@@ -47,7 +53,7 @@ pub(crate) fn guard() -> GuardSettings {
     guard
 }
 
-/// A control without a barrier that tells all it can, with these axes in steps of 1 µm, whose positions are without the
+/// A control without a barrier, with read-back, and these axes in steps of 1 µm, whose positions are without the
 /// correction.
 pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     let axis = |&name: &AxisName| Axis {
@@ -70,7 +76,7 @@ pub(crate) fn without_barrier(device: &str, axes: &[AxisName]) -> Description {
     }
 }
 
-/// What a referenced control without a barrier tells.
+/// The reading of a referenced control without a barrier.
 pub(crate) fn referenced(
     positions: PerChannel<f64>,
     taken: Instant,
@@ -91,12 +97,12 @@ pub(crate) fn referenced(
     }
 }
 
-/// A control that stands at a place, coordinates in mm and deg in the order of [`NAMES`].
+/// A stationary control, coordinates in mm and deg in the order of [`NAMES`].
 pub(crate) fn control(place: [f64; 5], clock: &Clock) -> simulated::SimulatedController {
     control_of(&NAMES, &place, clock)
 }
 
-/// A control with these axes, which stand at these coordinates (mm, deg).
+/// A stationary control with these axes and coordinates (mm, deg).
 fn control_of(
     names: &[AxisName],
     coordinates: &[f64],
@@ -170,7 +176,7 @@ impl<C: Controller> Controller for Writes<C> {
     }
 }
 
-/// What a test does to a controller that a cycle holds.
+/// Faults of a controller held by a cycle.
 #[derive(Clone, Default)]
 pub(crate) struct Injected(Arc<Injections>);
 
@@ -179,7 +185,7 @@ struct Injections {
     silent: AtomicBool,
     stopped: AtomicBool,
     unreferenced: AtomicBool,
-    /// How far from where it stands the first axis is told, mm or rad, as bits.
+    /// Error of the reported position of the first axis, mm or rad, as bits.
     displaced: AtomicU64,
 }
 
@@ -196,17 +202,17 @@ impl Injected {
         self.0.silent.store(silent, Ordering::Relaxed);
     }
 
-    /// It says that the emergency stop is pressed.
+    /// Its emergency stop is pressed.
     pub(crate) fn set_stopped(&self, stopped: bool) {
         self.0.stopped.store(stopped, Ordering::Relaxed);
     }
 
-    /// It says that its axes are not referenced.
+    /// Its axes are not referenced.
     pub(crate) fn set_unreferenced(&self, unreferenced: bool) {
         self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
-    /// It tells its first axis so far, mm or rad, from where that stands.
+    /// The reported position of its first axis is wrong by this, mm or rad.
     pub(crate) fn displace(&self, by: f64) {
         self.0.displaced.store(by.to_bits(), Ordering::Relaxed);
     }
@@ -238,7 +244,7 @@ impl<C: Controller> Controller for Disturbed<C> {
     }
 }
 
-/// Settings for a control that nobody else reaches.
+/// Settings for a control without other gateways.
 pub(crate) fn alone() -> PathSettings {
     PathSettings {
         watch: Duration::ZERO,
@@ -269,6 +275,11 @@ pub(crate) fn cycle_of(
     Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
 }
 
+/// Deviation of the tool tip, mm.
+pub(crate) fn tip_mm(error: Option<ToolError>) -> f64 {
+    Vector3::from(error.expect("positions are known").position_mm).norm()
+}
+
 /// One cycle, a period after the last.
 pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
     clock.advance(PERIOD);
@@ -277,11 +288,11 @@ pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -
 
 /// One cycle at the present time of the clock.
 pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
-    let asked = CycleInput {
+    let input = CycleInput {
         request,
         ..CycleInput::default()
     };
-    cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+    cycle.run(clock.now(), &input, &mut || Duration::ZERO);
     *cycle.report()
 }
 
@@ -298,7 +309,7 @@ impl Rig {
         Self::writing(place, &NAMES)
     }
 
-    /// With a control to which a test does something.
+    /// With a faulty control.
     pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
         Self::injected_of(&NAMES, &place, by)
     }
@@ -310,7 +321,7 @@ impl Rig {
         Self::on(&machine(), &guard(), control, clock)
     }
 
-    /// With a control that writes only the axes named; where the others stand it tells.
+    /// With a control that writes only these axes, and reports the positions of the others.
     pub(crate) fn writing(place: [f64; 5], names: &[AxisName]) -> Self {
         Self::of(&machine(), &guard(), place, names)
     }
@@ -335,16 +346,16 @@ impl Rig {
         Self::on(machine, guard, Writes::first(names.len(), control), clock)
     }
 
-    /// A control that writes all of these axes, which stand at these coordinates (mm, deg).
+    /// A control that writes all of these axes at these coordinates (mm, deg).
     pub(crate) fn with(
         machine: &Machine,
         guard: &GuardSettings,
         names: &[AxisName],
         coordinates: &[f64],
-        clock: &Clock,
     ) -> Self {
-        let control = control_of(names, coordinates, clock);
-        Self::on(machine, guard, control, clock.clone())
+        let clock = Clock::manual();
+        let control = control_of(names, coordinates, &clock);
+        Self::on(machine, guard, control, clock)
     }
 
     fn on(
@@ -361,6 +372,36 @@ impl Rig {
             clock,
             limits,
         }
+    }
+
+    /// Arms after some readings, and runs for `cycles`.
+    pub(crate) fn arm(&mut self, cycles: u32) -> Report {
+        self.run(20);
+        self.step(Some(Request::Arm));
+        self.run(cycles)
+    }
+
+    /// Arms, and compensates after some cycles. Returns the last report, and the largest excess of the residual error of the tip over the error
+    /// without correction, mm.
+    pub(crate) fn arm_and_compare(&mut self, cycles: u32) -> (Report, f64) {
+        self.run(20);
+        self.step(Some(Request::Arm));
+        let mut worst = f64::NEG_INFINITY;
+        for _ in 0..cycles {
+            let report = self.step(None);
+            worst = worst.max(tip_mm(report.residual) - tip_mm(report.error));
+        }
+        let report = self.step(None);
+        assert_eq!(report.state.name(), "compensating");
+        (report, worst)
+    }
+
+    /// Takes another machine with the same axes.
+    pub(crate) fn swap(&mut self, machine: &Machine) {
+        let model = Model::new(machine, Fading::default()).expect("compiles");
+        let mut replacement = Replacement::new(Box::new(model), &[]);
+        let swapped = self.cycle.swap_model(&mut replacement);
+        swapped.expect("the same axes");
     }
 
     /// One cycle.

@@ -1,4 +1,4 @@
-//! A control that sends by itself and becomes silent: its driver goes on telling what came last, with its age. What is too
+//! A control that sends cyclically and becomes silent: its driver repeats the last message with its age. What is too
 //! old the guard decides, by `hold` and `zero_after` alone.
 
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use volcomp_port::{Clock, Description, Fault, Snapshot};
 use volcomp_runtime::{
     AxisSettings, Cycle, GuardSettings, Report,
-    guard::{Hold, Reasons, Request, State},
+    guard::{Hold, Interlock, Reasons, Request, State},
 };
 use volcomp_vocabulary::{PerChannel, Um};
 
@@ -18,7 +18,7 @@ use crate::{
 const HOLD: Duration = Duration::from_millis(60);
 const ZERO_AFTER: Duration = Duration::from_millis(700);
 
-/// What a control sends in messages of their own, and what of it does not come any more.
+/// The separate messages of a control that have stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Silent {
     positions: bool,
@@ -26,20 +26,10 @@ struct Silent {
     correction: bool,
 }
 
-const POSITIONS: Silent = Silent {
-    positions: true,
-    state: false,
-    correction: false,
-};
-const STATE: Silent = Silent {
-    positions: false,
-    state: true,
-    correction: false,
-};
-const CORRECTION: Silent = Silent {
+const NONE: Silent = Silent {
     positions: false,
     state: false,
-    correction: true,
+    correction: false,
 };
 const ALL: Silent = Silent {
     positions: true,
@@ -57,18 +47,18 @@ struct Control {
 impl Plant for Control {
     fn read(&mut self, _: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
         let sends = referenced(PerChannel::ZERO, clock.now(), Some(self.words));
-        let mut told = self.came.unwrap_or(sends);
+        let mut reported = self.came.unwrap_or(sends);
         if !self.silent.positions {
-            (told.positions, told.taken) = (sends.positions, sends.taken);
+            (reported.positions, reported.taken) = (sends.positions, sends.taken);
         }
         if !self.silent.state {
-            (told.state, told.state_taken) = (sends.state, sends.state_taken);
+            (reported.state, reported.state_taken) = (sends.state, sends.state_taken);
         }
         if !self.silent.correction {
-            (told.applied, told.correction_taken) = (sends.applied, sends.correction_taken);
+            (reported.applied, reported.correction_taken) = (sends.applied, sends.correction_taken);
         }
-        self.came = Some(told);
-        Ok(told)
+        self.came = Some(reported);
+        Ok(reported)
     }
 
     fn apply(
@@ -122,7 +112,7 @@ impl Scene {
         self.ways.plant().silent = silent;
     }
 
-    /// It stays as it is until what does not come any more is older than `hold`, and then does this.
+    /// It compensates until the stopped messages are older than `hold`, and then has this state.
     fn holds(&mut self, silent: Silent, expected: State) -> Report {
         self.set(silent);
         let last = self.run(HOLD);
@@ -133,10 +123,16 @@ impl Scene {
         report
     }
 
+    /// Runs for `time`, and then has this state and correction of X, µm.
+    #[track_caller]
+    fn runs_to(&mut self, time: Duration, state: State, x_um: f64) {
+        let report = self.run(time);
+        assert_eq!((report.state, self.x_um()), (state, x_um));
+    }
+
     fn comes_back(&mut self) {
-        self.set(Silent::default());
-        let report = self.run(Duration::from_secs(2));
-        assert_eq!((report.state, self.x_um()), (State::Compensating, 25.0));
+        self.set(NONE);
+        self.runs_to(Duration::from_secs(2), State::Compensating, 25.0);
     }
 }
 
@@ -144,18 +140,15 @@ impl Scene {
 #[test]
 fn stale_positions_are_held_and_ramped_out() {
     let mut scene = Scene::new();
-    let report = scene.holds(POSITIONS, State::Holding(Hold::Stale));
+    let positions = true;
+    let report = scene.holds(Silent { positions, ..NONE }, State::Holding(Hold::Stale));
     assert!(report.reasons.contains(Reasons::POSITIONS_STALE));
-    let report = scene.run(ZERO_AFTER.saturating_sub(HOLD + PERIOD));
-    assert_eq!(
-        (report.state, scene.x_um()),
-        (State::Holding(Hold::Stale), 25.0)
+    scene.runs_to(
+        ZERO_AFTER.saturating_sub(HOLD + PERIOD),
+        State::Holding(Hold::Stale),
+        25.0,
     );
-    let report = scene.run(Duration::from_secs(1));
-    assert_eq!(
-        (report.state, scene.x_um()),
-        (State::Holding(Hold::Lost), 0.0)
-    );
+    scene.runs_to(Duration::from_secs(1), State::Holding(Hold::Lost), 0.0);
     scene.comes_back();
 }
 
@@ -163,16 +156,19 @@ fn stale_positions_are_held_and_ramped_out() {
 #[test]
 fn stale_flags_forbid() {
     let mut scene = Scene::new();
-    let report = scene.holds(STATE, State::Holding(Hold::Interlocked));
-    for reason in [
-        Reasons::NOT_REFERENCED,
-        Reasons::CONTROLLER_ALARM,
-        Reasons::EMERGENCY_STOP,
-    ] {
+    let interlocked = State::Holding(Hold::Interlocked);
+    let report = scene.holds(
+        Silent {
+            state: true,
+            ..NONE
+        },
+        interlocked,
+    );
+    for reason in Interlock::REASONS {
         assert!(report.reasons.contains(reason), "{:?}", report.reasons);
     }
-    scene.run(Duration::from_secs(3));
-    assert_eq!(scene.x_um(), 25.0, "nothing is written");
+    // Nothing is written.
+    scene.runs_to(Duration::from_secs(3), interlocked, 25.0);
     scene.comes_back();
 }
 
@@ -180,11 +176,10 @@ fn stale_flags_forbid() {
 #[test]
 fn a_stale_read_back_confirms_nothing() {
     let mut scene = Scene::new();
-    let report = scene.holds(CORRECTION, State::Holding(Hold::Unconfirmed));
+    let (correction, unconfirmed) = (true, State::Holding(Hold::Unconfirmed));
+    let report = scene.holds(Silent { correction, ..NONE }, unconfirmed);
     assert!(report.reasons.contains(Reasons::UNCONFIRMED));
-    let report = scene.run(Duration::from_secs(3));
-    assert_eq!(report.state, State::Holding(Hold::Unconfirmed));
-    assert_eq!(scene.x_um(), 25.0);
+    scene.runs_to(Duration::from_secs(3), unconfirmed, 25.0);
     scene.comes_back();
 }
 
@@ -194,14 +189,9 @@ fn a_control_that_only_repeats_itself_does_not_answer() {
     let report = scene.holds(ALL, State::Holding(Hold::Stale));
     assert!(report.reasons.contains(Reasons::NO_CONTROLLER));
     let report = scene.run(Duration::from_secs(3));
-    assert!(
-        matches!(report.state, State::Holding(_) | State::RampingOut(_)),
-        "{report:?}"
-    );
-    assert!(
-        report.paths[0]
-            .answered
-            .is_some_and(|ago| ago > Duration::from_secs(3))
-    );
+    let state = report.state;
+    assert!(matches!(state, State::Holding(_) | State::RampingOut(_)));
+    let answered = report.paths[0].answered;
+    assert!(answered.is_some_and(|ago| ago > Duration::from_secs(3)));
     scene.comes_back();
 }

@@ -1,4 +1,4 @@
-//! A path that stands by is asked by a thread of its own: whatever it does, the cycle goes on.
+//! A standby path is read by a separate thread and never delays the cycle.
 
 use std::time::{Duration, Instant};
 
@@ -72,7 +72,7 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     } = two_ways();
     let (mut handle, _) = start(cycle, Realtime::default()).expect("a thread");
     let hears = |report: &Report| report.paths[1].answered.is_some() && report.correction_known;
-    until(&mut handle, "asked", hears);
+    until(&mut handle, "read", hears);
     assert!(handle.send(Order::Request(Request::Arm)));
     let compensates = |report: &Report| report.state.name() == "compensating";
     until(&mut handle, "compensating", compensates);
@@ -80,12 +80,12 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     second.set(true);
     let before = handle.cycles();
     let silent = |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT);
-    let report = until(&mut handle, "told as silent", silent);
+    let report = until(&mut handle, "silent", silent);
     assert!(handle.cycles() - before > 100, "{}", handle.cycles());
     assert_eq!((report.state.name(), report.active), ("compensating", 0));
     let [corrects, hangs] = [0, 1].map(|path| report.paths[path].answered.expect("it did"));
     assert!(hangs > Duration::from_secs(1) && corrects < hangs);
-    // A path that does not answer is none to fall back on.
+    // A path that does not answer cannot take over.
     cut(&first, u32::MAX);
     let lost = |report: &Report| !compensates(report);
     let report = until(&mut handle, "lost", lost);
@@ -114,15 +114,15 @@ fn taking_over_allocates_nothing() {
     } = two_ways();
     cycle.start_standby_threads().expect("threads");
     let mut run = |cycles: u32, request: Option<Request>| {
-        let mut asked = CycleInput {
+        let mut input = CycleInput {
             request,
             ..CycleInput::default()
         };
         for _ in 0..cycles {
             assert_no_alloc(|| {
-                cycle.run(Instant::now(), &asked, &mut || Duration::ZERO);
+                cycle.run(Instant::now(), &input, &mut || Duration::ZERO);
             });
-            asked.request = None;
+            input.request = None;
             std::thread::sleep(PERIOD);
         }
         *cycle.report()

@@ -88,7 +88,7 @@ impl Rig {
 }
 
 /// What is wanted of Z (µm) 14 minutes after the spindle began to warm up by 4 K, within two minutes. `stands`: the
-/// program stands for ten of them.
+/// program is paused for ten of them.
 fn wanted_after_warming(stands: bool) -> f64 {
     let mut rig = Rig::new(model(600.0, 1.0), 100.0, &alone());
     rig.run(2, 20.0);
@@ -211,37 +211,29 @@ fn run(settings: &PathSettings) -> [Report; 2] {
     rig.run(1, 25.0);
     step(&mut rig.cycle, &rig.clock, Some(Request::Arm));
     rig.run(9, 25.0);
-    let heard = *rig.cycle.report();
+    let received = *rig.cycle.report();
     rig.control.set_silent(true);
     rig.run(3, 25.0);
-    [heard, *rig.cycle.report()]
+    [received, *rig.cycle.report()]
 }
 
 #[test]
 fn a_path_for_thermal_terms_carries_these_alone_and_holds_longer() {
     let um = |report: &Report| report.correction.map(|mm| (mm * 1e3).round());
-    let [heard, silent] = run(&alone());
-    assert_eq!(um(&heard)[..3], [-15.0, 0.0, -10.0], "all terms");
-    assert!(
-        matches!(
-            silent.state,
-            GuardState::Holding(_) | GuardState::RampingOut(_)
-        ),
-        "{:?}",
-        silent.state
-    );
-    let [heard, silent] = run(&settings(Duration::from_secs(5)));
-    for report in [&heard, &silent] {
+    let [received, silent] = run(&alone());
+    assert_eq!(um(&received)[..3], [-15.0, 0.0, -10.0], "all terms");
+    let state = silent.state;
+    assert!(matches!(
+        state,
+        GuardState::Holding(_) | GuardState::RampingOut(_)
+    ));
+    let [received, silent] = run(&settings(Duration::from_secs(5)));
+    for report in [&received, &silent] {
         assert_eq!(um(report)[..3], [0.0, 0.0, -10.0]);
-        assert_eq!(
-            report.state,
-            GuardState::Compensating,
-            "{:?}",
-            report.reasons
-        );
+        assert_eq!(report.state, GuardState::Compensating, "{report:?}");
     }
-    // What is left of the error is told as it is.
-    let left = heard.residual.expect("positions are known").position_mm[0];
+    // The residual error is reported as it is.
+    let left = received.residual.expect("positions are known").position_mm[0];
     assert!((left - 0.015).abs() < 1e-6, "{left}");
 }
 

@@ -1,18 +1,22 @@
-//! The control thread: it tells, takes orders, and ends.
+//! The control thread, a cycle without allocation, and the example for integrators.
 
 use std::time::{Duration, Instant};
 
+use assert_no_alloc::assert_no_alloc;
 use volcomp_port::{
     Clock,
     inject::{HangSwitch, Hanging},
 };
 use volcomp_runtime::{
-    Handle, Model, Order, OrderRefusal, Pulse, Realtime,
+    Handle, Model, Order, OrderRefusal, Pulse, Realtime, Replacement,
     guard::{Limits, Request},
     start,
 };
 
-use crate::rig::{PERIOD, alone, control, cycle_of, guard, machine, path_of};
+use crate::rig::{PERIOD, Rig, alone, control, cycle_of, guard, machine, path_of};
+
+#[path = "../../examples/embed.rs"]
+mod example;
 
 /// A thread that has run some cycles, the limits of its path, and the switch that lets its controller hang.
 fn running() -> (Handle, Limits, HangSwitch) {
@@ -24,12 +28,12 @@ fn running() -> (Handle, Limits, HangSwitch) {
     let (path, limits) = path_of(control, &model, &guard, &alone());
     let cycle = cycle_of(model, &guard, vec![path]).expect("one path");
     let (mut handle, lacking) = start(cycle, Realtime::default()).expect("a thread");
-    assert!(lacking.is_empty(), "nothing was asked for: {lacking:?}");
+    assert!(lacking.is_empty(), "{lacking:?}");
     after_cycles(&mut handle, 5);
     (handle, limits, hangs)
 }
 
-/// Waits until so many further cycles have run.
+/// Waits for further cycles.
 pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     let until = handle.cycles() + more;
     let end = Instant::now() + Duration::from_secs(20);
@@ -59,7 +63,10 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     assert_eq!(handle.changes(), []);
     assert!(handle.send(Order::Request(Request::Arm)));
     after_cycles(&mut handle, 20);
-    assert!(handle.report().state.is_armed(), "a fresh one is taken");
+    assert!(
+        handle.report().state.is_armed(),
+        "a new request is executed"
+    );
 }
 
 /// It needs no place in the ring, and no earlier request arms afterwards.
@@ -78,7 +85,7 @@ fn disarming_overtakes_queued_orders() {
     hangs.set(false);
     after_cycles(&mut handle, 100);
     assert_eq!(handle.report().state.name(), "disarmed");
-    // One that was made before the disarming and is sent after it: a person who arms, and waits for the disk.
+    // A request from before the disarming that is sent after it, since arming waits for the disk.
     let until = Instant::now() + Duration::from_secs(20);
     assert!(handle.send_by(Order::Request(Request::Arm), until, before));
     after_cycles(&mut handle, 5);
@@ -123,7 +130,7 @@ fn a_thread_arms_and_ends() {
     let names: Vec<&str> = changes.iter().map(|change| change.state.name()).collect();
     assert_eq!(names.last(), Some(&"compensating"), "{names:?}");
     assert!(handle.timings().count() > 5);
-    // Limits of another period, and of a path that is not there: refused, and told.
+    // Limits of another period and of a missing path are refused.
     let mut limits = limits;
     assert!(handle.send(Order::Limits(7, Box::new(limits))));
     limits.period = Duration::from_millis(1);
@@ -148,4 +155,31 @@ fn a_thread_arms_and_ends() {
     let cycles = handle.cycles();
     std::thread::sleep(PERIOD * 3);
     assert_eq!(handle.cycles(), cycles, "it has ended");
+}
+
+#[test]
+fn a_cycle_allocates_nothing() {
+    let mut rig = Rig::at([-100.0, 40.0, 200.0, 50.0, 300.0]);
+    let model = Model::new(&machine(), guard().fading).expect("shipped");
+    let mut replacement = Replacement::new(Box::new(model), &[]);
+    assert_no_alloc(|| {
+        rig.run(20);
+        rig.step(Some(Request::Arm));
+        rig.run(300);
+        rig.cycle
+            .swap_model(&mut replacement)
+            .expect("the same axes");
+        rig.step(Some(Request::Switched));
+        rig.run(300);
+        rig.step(Some(Request::Disarm));
+        rig.run(300);
+    });
+    assert_eq!(rig.cycle.report().state.name(), "disarmed");
+}
+
+#[test]
+fn the_example_runs_and_is_short() {
+    example::main().expect("it runs");
+    let lines = include_str!("../../examples/embed.rs").lines().count();
+    assert!(lines <= 60, "found {lines} lines");
 }

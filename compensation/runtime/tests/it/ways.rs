@@ -1,4 +1,4 @@
-//! Some ways to one control, which a test models: what it says on each way, and what it does with what is written.
+//! Several paths to one simulated control.
 
 use std::{
     collections::BTreeMap,
@@ -58,15 +58,15 @@ pub(crate) fn barrier_of(
         hold_scans,
         time_out_scans,
     };
-    Barrier::start(settings, 1, 0, &Counts::default()).expect("good settings")
+    Barrier::start(settings, 1, 0, &Counts::default()).expect("valid settings")
 }
 
 /// The control of a test.
 pub(crate) trait Plant: Send {
-    /// What it says on this way.
+    /// Its reading on this path.
     fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault>;
 
-    /// Takes plain values on this way.
+    /// Receives plain values on this path.
     fn apply(
         &mut self,
         way: &Description,
@@ -77,34 +77,34 @@ pub(crate) trait Plant: Send {
         Ok(())
     }
 
-    /// Takes a frame on this way.
+    /// Receives a frame on this path.
     fn post(&mut self, _: &Description, _: &Words) -> Result<(), Fault> {
         Err(Fault::Unsupported("frames"))
     }
 
-    /// For how long a reading on this way keeps whoever asks.
+    /// Duration of a reading on this path.
     fn hangs(&self, _: &Description) -> Duration {
         Duration::ZERO
     }
 }
 
-/// A control that takes at once what is written on any of its ways, and stands where the test has put it.
+/// A control that applies each write at once, at a position set by the test.
 #[derive(Default)]
 pub(crate) struct Control {
     /// Where its axes are without correction, mm and rad; 0 where it is not named.
     pub(crate) place: BTreeMap<AxisName, f64>,
-    /// What is written, mm and rad.
+    /// Applied corrections, mm and rad.
     pub(crate) words: BTreeMap<AxisName, f64>,
-    /// What is written on ways that cannot be asked, where these lead to other words.
+    /// Corrections written on paths without read-back, if these lead to other words.
     pub(crate) lines: Option<BTreeMap<AxisName, f64>>,
-    /// Where ways with a barrier lead.
+    /// The barrier of paths with one.
     pub(crate) barrier: Option<Barrier>,
     pub(crate) mailbox: Option<Vec<u16>>,
     pub(crate) scanned: Duration,
-    /// The device that does not answer, and for how long it keeps whoever asks.
+    /// The device that does not answer, and the duration of its exchanges.
     pub(crate) away: Option<&'static str>,
     pub(crate) hangs: Duration,
-    /// An emergency stop, which ways with a barrier do not show.
+    /// An emergency stop, which paths with a barrier do not report.
     pub(crate) stop: bool,
     /// The largest change of a word by one write, mm or rad.
     pub(crate) largest: f64,
@@ -125,7 +125,7 @@ impl Control {
         (value(&self.words, axis) * 1e3).round()
     }
 
-    /// Makes the scans that are due at `now`.
+    /// Runs the scans due at `now`.
     pub(crate) fn scan_until(&mut self, now: Duration, scan: Duration) {
         while self.scanned + scan <= now {
             self.scanned += scan;
@@ -152,7 +152,7 @@ impl Control {
     }
 }
 
-/// The value of an axis, 0 where there is none.
+/// The value of an axis, 0 if it is missing.
 pub(crate) fn value(values: &BTreeMap<AxisName, f64>, axis: AxisName) -> f64 {
     values.get(&axis).copied().unwrap_or(0.0)
 }
@@ -230,7 +230,7 @@ impl<P: Plant + 'static> Ways<P> {
         self.plant.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A way that the driver describes so, as a controller.
+    /// A path with this description, as a controller.
     pub(crate) fn controller(&self, description: Description) -> Box<dyn Controller> {
         Box::new(Way {
             plant: Arc::clone(&self.plant),

@@ -40,7 +40,7 @@ struct World {
     /// The first sender of which a frame was taken in this epoch; 0: none.
     first: u16,
     senders: [Option<Sender>; 2],
-    air: Vec<Flying>,
+    in_transit: Vec<Flying>,
     /// What lies in each mailbox; only the first of them where there is one way.
     mailboxes: [Option<Flying>; 2],
 }
@@ -71,8 +71,8 @@ enum Violation {
 struct Bounds {
     settings: Settings,
     /// Frames in the channel at once.
-    air: usize,
-    /// Ways to the control, each with a mailbox of its own: any frame may come on any of them.
+    in_transit: usize,
+    /// Number of mailboxes of the control; any frame may arrive in any of them.
     ways: usize,
     without: Without,
     most_worlds: usize,
@@ -96,11 +96,11 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     let settings = bounds.settings;
     let begin = World {
         barrier: Barrier::start(settings, 0, 0, &Counts::default())
-            .expect("settings that make sense")
+            .expect("valid")
             .memory(),
         first: 0,
         senders: [None; 2],
-        air: Vec::new(),
+        in_transit: Vec::new(),
         mailboxes: [None; 2],
     };
     let begin = canonical(begin, &settings);
@@ -131,7 +131,7 @@ fn explore(bounds: &Bounds) -> (usize, bool, Vec<Violation>) {
     (worlds, complete, found)
 }
 
-/// Whose turn it is. One after the other, so that what one does is not looked at again for each thing that another does.
+/// Whose turn it is. Actors take turns, so that equivalent interleavings are explored once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Turn {
     Control,
@@ -188,9 +188,9 @@ fn acts(
     for does in choices {
         let mut next = world.clone();
         let violation = act(&mut next, place, *does, bounds);
-        next.air.sort_unstable();
-        next.air.dedup();
-        if next.air.len() <= bounds.air {
+        next.in_transit.sort_unstable();
+        next.in_transit.dedup();
+        if next.in_transit.len() <= bounds.in_transit {
             tell(next, violation);
         }
     }
@@ -205,7 +205,7 @@ fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
     };
     let tick = before.link.tick.wrapping_add_signed(tick);
     world.barrier = Barrier::start(bounds.settings, kept, tick, &before.applied)
-        .expect("settings that make sense")
+        .expect("valid")
         .memory();
     epoch_began(world);
 }
@@ -213,7 +213,7 @@ fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
 fn epoch_began(world: &mut World) {
     world.first = 0;
     for flying in world
-        .air
+        .in_transit
         .iter_mut()
         .chain(world.mailboxes.iter_mut().flatten())
     {
@@ -249,7 +249,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
             let sender = sender.as_mut()?;
             if does != Does::Sends {
                 let report = Barrier::resume(bounds.settings, world.barrier)
-                    .expect("settings that make sense")
+                    .expect("valid")
                     .report();
                 let report = Report {
                     owner: if bounds.without == Without::Owner {
@@ -274,7 +274,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
             {
                 let values = PerChannel::leading([WANTS[place]]);
                 if let Some(frame) = sender.session.frame(&values) {
-                    world.air.push(Flying { frame, age, stale });
+                    world.in_transit.push(Flying { frame, age, stale });
                 }
             }
         }
@@ -284,7 +284,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
 
 fn owners(world: &World) -> HashSet<u16> {
     let flying = world
-        .air
+        .in_transit
         .iter()
         .chain(world.mailboxes.iter().flatten())
         .map(|f| f.frame.head.owner);
@@ -298,9 +298,9 @@ fn owners(world: &World) -> HashSet<u16> {
 /// At most one frame reaches the mailbox, and stays in the channel or not; or one is lost.
 fn deliver(world: &World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<Violation>)) {
     scan(world.clone(), bounds, tell);
-    for at in 0..world.air.len() {
+    for at in 0..world.in_transit.len() {
         let mut without = world.clone();
-        let arrives = without.air.remove(at);
+        let arrives = without.in_transit.remove(at);
         for way in 0..bounds.ways {
             let mut next = world.clone();
             next.mailboxes[way] = Some(arrives);
@@ -319,7 +319,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     if bounds.without == Without::Owner {
         before.link.owner = 0;
     }
-    let start = || Barrier::resume(*settings, before).expect("settings that make sense");
+    let start = || Barrier::resume(*settings, before).expect("valid");
     let held = world.mailboxes.map(|place| {
         place.map(|flying| {
             let tick = before.link.tick.wrapping_add(1);
@@ -385,7 +385,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
         epoch_began(&mut world);
     }
     for flying in world
-        .air
+        .in_transit
         .iter_mut()
         .chain(world.mailboxes.iter_mut().flatten())
     {
@@ -428,10 +428,10 @@ const SIZES: [Size; 6] = [
 
 #[test]
 fn no_state_within_bounds_accepts_a_stale_or_foreign_frame() {
-    for size @ (hold, time_out, air, ways) in SIZES {
+    for size @ (hold, time_out, in_transit, ways) in SIZES {
         let bounds = Bounds {
             settings: small(hold, time_out),
-            air,
+            in_transit,
             ways,
             without: Without::Nothing,
             most_worlds: 3_000_000,
@@ -452,7 +452,7 @@ fn each_part_of_the_protocol_is_needed() {
     ] {
         let bounds = Bounds {
             settings: small(1, 2),
-            air: 1,
+            in_transit: 1,
             ways: 1,
             without,
             most_worlds: 1_000_000,

@@ -61,7 +61,7 @@ proptest! {
 
     #[test]
     fn reports_round_trip(axes in 1_usize..=9, epoch: u16, tick: u16, applied: [i16; 9]) {
-        let mut barrier = Barrier::start(settings(axes), epoch, tick, &PerChannel(applied)).expect("sensible");
+        let mut barrier = Barrier::start(settings(axes), epoch, tick, &PerChannel(applied)).expect("valid");
         let report = barrier.scan(&[&[1, 2, 3]], false);
         let mut out = [0; REPORT_WORDS];
         let count = report.encode(&mut out);
@@ -123,7 +123,7 @@ fn an_empty_mailbox_is_no_frame() {
             );
         }
     }
-    let mut barrier = Barrier::start(settings(2), 0, 0, &Counts::default()).expect("sensible");
+    let mut barrier = Barrier::start(settings(2), 0, 0, &Counts::default()).expect("valid");
     assert_eq!(barrier.scan(&[&[0; 8]], false).owner, 0);
 }
 
@@ -228,7 +228,7 @@ proptest! {
         let settings = settings(1);
         let mut start = at_zero(settings).memory();
         (start.link.epoch, start.link.sequence) = (epoch, sequence);
-        let mut barrier = Barrier::resume(settings, start).expect("good settings");
+        let mut barrier = Barrier::resume(settings, start).expect("valid");
         let mut ways = [Session::new(OWNER); 2];
         let (mut frames, mut reports) = (Vec::<Vec<u16>>::new(), vec![barrier.report()]);
         for step in steps {
@@ -257,7 +257,7 @@ proptest! {
                 }
                 Step::PowerUp(tick) => {
                     let before = barrier.memory();
-                    barrier = Barrier::start(settings, before.link.epoch, tick, &before.applied).expect("good settings");
+                    barrier = Barrier::start(settings, before.link.epoch, tick, &before.applied).expect("valid");
                     reports.push(barrier.report());
                 }
             }

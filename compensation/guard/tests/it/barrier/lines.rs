@@ -28,7 +28,7 @@ impl Rig {
         rig
     }
 
-    /// So many scans; the applied correction moves by no more than the rate in each.
+    /// Runs scans; the applied correction moves by at most the rate in each.
     fn scans(&mut self, count: u16) -> Refusal {
         for _ in 0..count {
             let before = self.barrier.memory().applied;

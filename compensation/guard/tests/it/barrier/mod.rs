@@ -17,12 +17,12 @@ use volcomp_guard::{
     vocabulary::{AxisName, PerChannel},
 };
 
-/// The first so many axes.
+/// The layout of the first axes.
 pub(super) fn layout(axes: usize) -> Layout {
     Layout::of(AxisName::ALL[..axes].iter().copied()).expect("each once")
 }
 
-/// A barrier of so many axes, 20 counts of limit and 2 counts a scan.
+/// A barrier with a limit of 20 counts and a rate of 2 counts per scan.
 pub(super) fn settings(axes: usize) -> Settings {
     Settings {
         axes: layout(axes),
@@ -36,7 +36,7 @@ pub(super) fn settings(axes: usize) -> Settings {
 }
 
 pub(super) fn at_zero(settings: Settings) -> Barrier {
-    Barrier::start(settings, 6, 1000, &Counts::default()).expect("settings that make sense")
+    Barrier::start(settings, 6, 1000, &Counts::default()).expect("valid")
 }
 
 pub(super) fn words(settings: &Settings, frame: &Frame) -> Vec<u16> {

@@ -27,7 +27,7 @@ fn axes() -> Vec<Axis> {
 
 #[test]
 fn physical_units_become_counts_and_scans() {
-    let settings = Protection::default().settings(&axes()).expect("sensible");
+    let settings = Protection::default().settings(&axes()).expect("valid");
     assert_eq!(settings.axes.number(), 126);
     // 250 µm, what Y's device can express, 250 µrad at 10 µrad.
     assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
@@ -66,8 +66,8 @@ fn invalid_protections_are_refused() {
 /// A restart increments the epoch and leaves the axes in place, so that an earlier frame is rejected.
 #[test]
 fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
-    let settings = Protection::default().settings(&axes()).expect("sensible");
-    let mut program = Program::new(settings).expect("sensible");
+    let settings = Protection::default().settings(&axes()).expect("valid");
+    let mut program = Program::new(settings).expect("valid");
     let decode = |words: &volcomp_port::Words| {
         Report::decode(settings.machine, settings.axes, words.as_slice()).expect("a whole report")
     };

@@ -50,7 +50,7 @@ struct World {
     epochs: u32,
     /// The scan in which the report that senders read was published.
     published: (Report, u32),
-    air: Vec<Late>,
+    in_transit: Vec<Late>,
     mailbox: Vec<u16>,
     /// Every frame: the scan of the report that it answers, and the epoch in which it was sent.
     sent: HashMap<Vec<u16>, (u32, u32)>,
@@ -72,7 +72,7 @@ impl World {
         // Counters close to where they wrap around, as often as not.
         let near = |rng: &mut ChaCha8Rng| rng.random_range(0..80_u16).wrapping_sub(40);
         let barrier = Barrier::start(settings, near(&mut rng), near(&mut rng), &Counts::default())
-            .expect("sensible");
+            .expect("valid");
         let published = (barrier.report(), 0);
         Self {
             rng,
@@ -81,7 +81,7 @@ impl World {
             now: 0,
             epochs: 0,
             published,
-            air: Vec::new(),
+            in_transit: Vec::new(),
             mailbox: Vec::new(),
             sent: HashMap::new(),
             senders: Vec::new(),
@@ -138,7 +138,7 @@ impl World {
                 let tick = self.rng.random();
                 self.barrier =
                     Barrier::start(self.settings, before.link.epoch, tick, &before.applied)
-                        .expect("sensible");
+                        .expect("valid");
                 self.epoch_began();
             }
             _ => {
@@ -201,21 +201,21 @@ impl World {
         }
         if self.rng.random_bool(faults.doubled) {
             let again = self.now + self.rng.random_range(0..400);
-            self.air.push(Late {
+            self.in_transit.push(Late {
                 at: again,
                 words: late.words.clone(),
             });
         }
-        self.air.push(late);
+        self.in_transit.push(late);
     }
 
     /// What arrives lies in the mailbox; of a torn frame only some words do before the scan, the rest after it.
     fn arrive(&mut self, faults: &Faults) -> Option<Vec<u16>> {
         let now = self.now;
-        let (mut arrived, air) = std::mem::take(&mut self.air)
+        let (mut arrived, in_transit) = std::mem::take(&mut self.in_transit)
             .into_iter()
             .partition::<Vec<_>, _>(|late| late.at <= now);
-        self.air = air;
+        self.in_transit = in_transit;
         let mut rest = None;
         while !arrived.is_empty() {
             let late = arrived.swap_remove(self.rng.random_range(0..arrived.len()));

@@ -202,8 +202,7 @@ fn an_interlock_holds_and_does_not_stop_the_time_out() {
 
 #[test]
 fn invalid_axis_words_at_the_start_ramp_to_zero() {
-    let mut barrier =
-        Barrier::start(settings(2), 3, 0, &values(&[i16::MIN, 5000])).expect("sensible");
+    let mut barrier = Barrier::start(settings(2), 3, 0, &values(&[i16::MIN, 5000])).expect("valid");
     let mut before = barrier.report().applied;
     assert_eq!(before, values(&[i16::MIN, 5000]));
     for _ in 0..20_000 {
@@ -230,7 +229,7 @@ fn rates_below_one_count_per_scan() {
         let report = barrier.scan(&[&frame], false);
         applied.push(report.applied[0]);
         sender.read(report.head());
-        // Another goal in every scan: the line begins anew each time and goes on all the same.
+        // Another goal in every scan: the line restarts each time and still progresses.
         let goal = 15 + scan % 2;
         frame = words(
             &slow,
@@ -388,10 +387,7 @@ fn answer(barrier: &Barrier, sender: &mut Session, requested: i16, output: &mut 
     }
     *output += (requested - *output).signum();
     let frame = sender.frame(&PerChannel::leading([*output]));
-    words(
-        &report.settings,
-        &frame.expect("nobody else holds the control"),
-    )
+    words(&report.settings, &frame.expect("the control is free"))
 }
 
 /// One gateway changes to another path; its last frame stays in the first mailbox. It used to be accepted again once tick and sequence had wrapped,
@@ -435,7 +431,7 @@ fn one_gateway_alternates_between_two_mailboxes() {
         let mut barrier = at_zero(settings);
         let mut sender = Session::new(7);
         let mut boxes = [Vec::new(), Vec::new()];
-        let mut air: Vec<(u32, usize, Vec<u16>)> = Vec::new();
+        let mut in_transit: Vec<(u32, usize, Vec<u16>)> = Vec::new();
         let (mut output, mut way, mut requested) = (0, 0, 20);
         barrier.scan(&[], false);
         for scan in 0..3000_u32 {
@@ -450,12 +446,12 @@ fn one_gateway_alternates_between_two_mailboxes() {
             if calm || rng.random_bool(0.8) {
                 let late = rng.random_bool(if calm { 0.0 } else { 0.1 });
                 let late = if late { rng.random_range(0..400) } else { 0 };
-                air.push((scan + late, way, frame.clone()));
+                in_transit.push((scan + late, way, frame.clone()));
                 if rng.random_bool(0.05) {
-                    air.push((scan + rng.random_range(0..400), 1 - way, frame));
+                    in_transit.push((scan + rng.random_range(0..400), 1 - way, frame));
                 }
             }
-            air.retain(|(at, way, frame)| {
+            in_transit.retain(|(at, way, frame)| {
                 let arrives = *at <= scan;
                 if arrives {
                     boxes[*way].clone_from(frame);

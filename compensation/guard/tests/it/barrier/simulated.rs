@@ -31,8 +31,8 @@ fn start(clock: Clock) -> (SimulatedController, Settings, Arc<Controls>) {
         resolution: Displacement::Length(Mm(0.001)),
         largest: None,
     });
-    let settings = Protection::default().settings(&axes).expect("sensible");
-    let program = Program::new(settings).expect("sensible");
+    let settings = Protection::default().settings(&axes).expect("valid");
+    let program = Program::new(settings).expect("valid");
     let machine = Machine {
         axes: axes.to_vec(),
         program: vec![Move {
@@ -64,7 +64,7 @@ impl Sender {
             let mut words = [0; FRAME_WORDS];
             let length = frame.encode(&self.settings, &mut words);
             let words = Words::new(&words[..length]).expect("fewer than a block has");
-            // Whether it arrived, the next reports tell.
+            // The next reports show whether it arrived.
             let _ = controller.post(&words, soon());
         }
         Some(seen)
@@ -104,7 +104,7 @@ fn the_axes_follow_the_barriers_rate_hold_during_stops_and_go_to_zero_without_a_
         changes[..2].iter().all(|change| *change <= rate + 1e-12),
         "{changes:?}"
     );
-    // Another gateway is told who holds the machine.
+    // Another gateway receives the owner of the machine.
     let mut second = controller.another().expect("few ways");
     let mut other = Sender {
         session: Session::new(78),

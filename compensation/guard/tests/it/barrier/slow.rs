@@ -1,4 +1,4 @@
-//! Controls whose program is slower than configured, or stands: when their barrier is taken for zero, and for heard.
+//! Controls whose program is slower than configured, or has stopped.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ fn a_slow_control_is_at_zero_when_it_is_assumed_to_be() {
             time_out_scans,
             ..barrier().report().settings
         };
-        let barrier = Barrier::resume(settings, barrier().memory()).expect("good settings");
+        let barrier = Barrier::resume(settings, barrier().memory()).expect("valid");
         let mut world = World::guarded_by(&limits, barrier, SCAN);
         world.scan_time = Duration::from_micros(2450);
         world.target = Some(axes(0.140, 0.0));

@@ -182,7 +182,7 @@ fn random_lines(
     lines.latch ^= !rng.random_bool(0.1);
 }
 
-/// Runs a text beside the reference: how many frames and words on lines were taken, or where they differ.
+/// Runs a text in parallel with the reference. Returns the number of accepted frames and words on lines, or the first difference.
 fn compare(text: &str) -> Result<[usize; 2], String> {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut taken = [0; 2];
@@ -194,7 +194,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
         } else {
             PerChannel(rng.random())
         };
-        let mut barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
+        let mut barrier = Barrier::start(settings, epoch, tick, &applied).expect("valid");
         let mut control = Control::new(text, &settings, epoch, tick, &applied);
         let mut mailboxes = vec![vec![0; 15]; rng.random_range(0..=2)];
         let often = [0.9, 0.3, 0.02, 0.0][rng.random_range(0..4)];
@@ -213,7 +213,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
             if scan > 0 && rng.random_bool(0.005) {
                 let (epoch, tick) = (barrier.memory().link.epoch, rng.random());
                 let applied = barrier.memory().applied;
-                barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
+                barrier = Barrier::start(settings, epoch, tick, &applied).expect("valid");
                 control.begins(tick, &applied);
             }
             holds ^= rng.random_bool(0.05);

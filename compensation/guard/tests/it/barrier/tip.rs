@@ -82,10 +82,10 @@ fn off(case: &Case) -> f64 {
         hold_scans: 50,
         time_out_scans: 150,
     };
-    let mut barrier = Barrier::start(settings, 0, 0, &Counts::default()).expect("sensible");
+    let mut barrier = Barrier::start(settings, 0, 0, &Counts::default()).expect("valid");
     let link = BarrierLink::new(7, 1, layout, Duration::from_millis(2));
     let mut way = ReadBack::barrier(link);
-    let mut guard = Guard::new(limits).expect("sensible");
+    let mut guard = Guard::new(limits).expect("valid");
     let (mut frames, mut reports) = (VecDeque::new(), VecDeque::new());
     let mut mailbox = [0; FRAME_WORDS];
     let (mut most, mut quiet) = (0.0_f64, 0);

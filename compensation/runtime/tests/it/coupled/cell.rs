@@ -44,7 +44,7 @@ fn machine(structure: &Structure, rng: &mut ChaCha8Rng) -> Machine {
     Machine::parse(&text, "m.toml").expect("a machine")
 }
 
-/// A machine, and a controller that writes all of its axes in an order of its own.
+/// A machine, and a controller that writes all of its axes in another order.
 pub(crate) struct Cell {
     pub(crate) machine: Machine,
     pub(crate) model: Model,

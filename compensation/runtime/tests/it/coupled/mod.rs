@@ -1,10 +1,8 @@
-//! Rule of the coupled axes: whatever of a correction is limited, ramped or rounded, the tool is no further off than
-//! without it or than where the ramp began, but for the rounding. Judged by the exact chain, over every type of machine
-//! with oblique axes, any pose and any limits. `COUPLED_POSES=10000` tries so many poses of each type.
+//! Rule of the coupled axes: however a correction is limited, ramped or rounded, the tool is no further off than without
+//! correction or than at the start of the ramp, except for rounding. Judged by the exact chain, over every type of machine
+//! with oblique axes, any pose and any limits. `COUPLED_POSES` is the number of poses of each type.
 
 mod cell;
-mod ends;
-mod parts;
 mod ramps;
 mod scene;
 mod singular;
@@ -18,7 +16,7 @@ use self::{
     scene::Seen,
 };
 
-/// Poses of each type of machine where no other number is asked for.
+/// Default number of poses of each type of machine.
 const POSES: usize = 40;
 
 fn poses() -> usize {
@@ -77,12 +75,12 @@ fn over_all_types(
             100.0 * seen.limited as f64 / seen.cycles as f64,
             seen.arrived,
             1e3 * seen.worst.unwrap_or(f64::NAN),
-            seen.told
+            seen.reported
         );
     }
     for seen in &seen {
         let worst = seen.worst.expect("something was judged");
-        assert!(worst <= COMPILED_MM, "{name}: {worst} {}", seen.told);
+        assert!(worst <= COMPILED_MM, "{name}: {worst} {}", seen.reported);
         let excused = seen.behind as f64 / seen.cycles as f64;
         assert!(excused <= behind, "{name}: {excused} behind");
     }

@@ -1,60 +1,81 @@
-//! Ramps to what is wanted: at the start, in motion, after a hold, from any correction.
+//! The parts of a correction, ramps to it and to zero, and limits that are lowered in motion.
 
-use rand::RngExt;
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_chacha::ChaCha8Rng;
 use volcomp_guard::RequestedCorrection;
-use volcomp_vocabulary::{AxisKind, PerChannel};
+use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis, PerChannel};
 
-use super::{over_all_types, scene::Scene};
+use super::{cell::Cell, over_all_types, scene::Scene};
 
+/// For every type of machine and any correcting axes.
 #[test]
-fn ramps_at_standstill_and_in_motion() {
-    for moves in [false, true] {
-        over_all_types(&format!("ramp, moves {moves}"), 0.05, |cell, rng, seen| {
-            let mut scene = Scene::new(cell, rng, moves, false);
-            for _ in 0..60 {
-                scene.follow(rng, seen);
+fn the_parts_add_up_to_the_correction() {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for structure in all_types() {
+        for _ in 0..20 {
+            let cell = Cell::new(&structure, &mut rng);
+            let mut names = cell.model.axes.clone();
+            names.shuffle(&mut rng);
+            names.truncate(rng.random_range(1..=names.len()));
+            for correctors in [cell.correctors.clone(), cell.model.correctors_among(&names)] {
+                for _ in 0..20 {
+                    let state = cell.random_state(&mut rng);
+                    let whole = cell.model.correction_of(&state, &correctors);
+                    let model = &cell.model;
+                    let sum = |applied: &PerAxis<f64>| {
+                        let wanted = model.wanted(&state, &correctors, applied);
+                        PerAxis::from_fn(|i| {
+                            let rows = wanted.follow.iter().zip(&wanted.rotary);
+                            let following: f64 = rows.map(|(row, share)| row[i] * share).sum();
+                            wanted.position[i] + following + wanted.rotary[i]
+                        })
+                    };
+                    let first = sum(&PerAxis::ZERO);
+                    let second = sum(&first);
+                    let wanted = model.wanted(&state, &correctors, &first);
+                    assert_eq!(
+                        (wanted.singular, wanted.near_singular),
+                        (whole.singular, whole.near_singular)
+                    );
+                    for i in 0..MAX_AXES {
+                        let (sum, whole) = (second[i], whole.delta[i]);
+                        assert!((sum - whole).abs() < 1e-12, "{structure}");
+                    }
+                }
             }
-            scene.holds_in_windows();
-            seen.arrived += usize::from(scene.vector.is_ramped());
-        });
+        }
     }
 }
 
+/// At standstill and in motion; from zero, from any correction, and after a hold.
 #[test]
-fn restarts_in_mid_correction() {
-    for moves in [false, true] {
-        over_all_types(
-            &format!("restart, moves {moves}"),
-            0.2,
-            |cell, rng, seen| {
-                let mut scene = Scene::new(cell, rng, moves, true);
+fn ramps_to_the_correction() {
+    for (name, behind, restarts, is_held) in [
+        ("ramp", 0.05, false, false),
+        ("restart", 0.2, true, false),
+        ("hold", 0.05, false, true),
+    ] {
+        for moves in [false, true] {
+            let name = format!("{name}, moves {moves}");
+            over_all_types(&name, behind, |cell, rng, seen| {
+                let mut scene = Scene::new(cell, rng, moves, restarts);
+                if is_held {
+                    for _ in 0..rng.random_range(1..60) {
+                        scene.follow(rng, seen);
+                    }
+                    // Nothing is written while the machine moves on.
+                    scene.stands(rng.random_range(0.0..1.0));
+                    scene.vector.begin_ramp();
+                    scene.ramp_begins = true;
+                }
                 for _ in 0..60 {
                     scene.follow(rng, seen);
                 }
                 scene.holds_in_windows();
                 seen.arrived += usize::from(scene.vector.is_ramped());
-            },
-        );
-    }
-}
-
-#[test]
-fn held_and_restarted() {
-    for moves in [false, true] {
-        over_all_types(&format!("hold, moves {moves}"), 0.05, |cell, rng, seen| {
-            let mut scene = Scene::new(cell, rng, moves, false);
-            for _ in 0..rng.random_range(1..60) {
-                scene.follow(rng, seen);
-            }
-            // Nothing is written while the machine moves on.
-            scene.stands(rng.random_range(0.0..1.0));
-            scene.vector.begin_ramp();
-            scene.ramp_begins = true;
-            for _ in 0..60 {
-                scene.follow(rng, seen);
-            }
-            scene.holds_in_windows();
-        });
+            });
+        }
     }
 }
 
@@ -63,7 +84,7 @@ fn held_and_restarted() {
 fn arrives_at_the_whole_correction() {
     over_all_types("arrives", 0.03, |cell, rng, seen| {
         let mut scene = Scene::new(cell, rng, false, false);
-        let whole = |asked: &RequestedCorrection| cell.wanted(&scene.path.from, &asked.full());
+        let whole = |input: &RequestedCorrection| cell.wanted(&scene.path.from, &input.full());
         let mut wanted = cell.wanted(&scene.path.from, &PerChannel::ZERO);
         for _ in 0..5 {
             wanted = whole(&wanted);
@@ -105,7 +126,7 @@ fn arrives_at_the_whole_correction() {
         {
             let close = 0.6001 * axis.resolution;
             match axis.kind {
-                // What is asked for depends on where the axes are, and near a singular pose on their rounding, too: the
+                // The request depends on the positions of the axes, and near a singular pose on their rounding: the
                 // word is the one for where they are, and within a step of the one for where they would be unrounded.
                 AxisKind::Rotary => {
                     assert!((words[i] - there.rotary[i]).abs() <= close);
@@ -117,5 +138,100 @@ fn arrives_at_the_whole_correction() {
             assert!(rests, "{smooth:?} {exact:?}");
         }
         seen.arrived += 1;
+    });
+}
+
+/// At standstill the tool stays between its initial and its uncorrected position.
+#[test]
+fn ramps_to_zero() {
+    over_all_types("zero", 0.01, |cell, rng, seen| {
+        let restarts = rng.random_bool(0.5);
+        let mut scene = Scene::new(cell, rng, false, restarts);
+        for _ in 0..rng.random_range(1..40) {
+            scene.follow(rng, seen);
+        }
+        // Axes that were not where they belong together do not stop together.
+        let together = !scene.followed.behind;
+        scene.begins();
+        scene.vector.begin_line(&PerChannel::ZERO);
+        let state = scene.path.at(scene.time_s);
+        for cycle in 0.. {
+            let dt_s = scene.tick(rng);
+            scene.time_s += dt_s;
+            let before = scene.vector;
+            let there = scene.vector.advance_line(&scene.limits, dt_s);
+            scene.holds_words(&before, dt_s);
+            if together {
+                scene.judge(&state, seen);
+            }
+            seen.cycles += 1;
+            if there {
+                break;
+            }
+            assert!(cycle < 100_000, "it arrives");
+        }
+        assert_eq!(scene.vector.output(), PerChannel::ZERO);
+        seen.arrived += 1;
+    });
+}
+
+/// Limits, slew and acceleration: no word moves further out than before or than the new limit, the return takes the lower of both slews, and
+/// afterwards the bound holds again.
+#[test]
+fn limits_lowered_in_motion() {
+    over_all_types("lowered", 0.25, |cell, rng, seen| {
+        let (moves, restarts) = (rng.random_bool(0.5), rng.random_bool(0.5));
+        let mut scene = Scene::new(cell, rng, moves, restarts);
+        for _ in 0..rng.random_range(1..40) {
+            scene.follow(rng, seen);
+        }
+        let old = scene.limits;
+        for axis in scene.limits.axes.iter_mut().take(old.count) {
+            let mut part = || {
+                if rng.random_bool(0.3) {
+                    1.0
+                } else {
+                    rng.random_range(0.05..=1.5)
+                }
+            };
+            axis.limit = (axis.limit * part()).max(2.0 * axis.resolution);
+            axis.warn = axis.limit;
+            axis.slew_per_s *= part();
+            axis.accel_per_s2 *= part();
+        }
+        scene.vector.begin_ramp();
+        for _ in 0..80 {
+            let before = scene.vector;
+            let dt_s = scene.tick(rng);
+            scene.time_s += dt_s;
+            // The ramp begins once what moved stands.
+            if before.is_to_begin() {
+                scene.begins();
+            }
+            let state = scene.path.at(scene.time_s);
+            let wanted = scene.wanted(&state);
+            scene.followed = scene.vector.follow(&wanted, &scene.limits, dt_s);
+            for (i, axis) in scene.limits.axes.iter().enumerate().take(old.count) {
+                let (smooth, stood) = (scene.vector.smooth()[i], before.smooth()[i]);
+                let rounding = 1e-6 * axis.resolution;
+                assert!(smooth.abs() <= axis.reachable().max(stood.abs()) + rounding);
+                let (word, stood) = (scene.vector.output()[i], before.output()[i]);
+                assert!(word.abs() <= axis.limit.max(stood.abs()) + rounding);
+                let outside = before.smooth()[i].abs() > axis.reachable() + rounding;
+                let slew = if outside {
+                    axis.slew_per_s.min(old.axes[i].slew_per_s)
+                } else {
+                    axis.slew_per_s
+                };
+                let rate = (smooth - before.smooth()[i]).abs() / dt_s;
+                assert!(rate <= slew * (1.0 + 1e-9), "{rate} of {slew}");
+            }
+            seen.cycles += 1;
+            seen.slewing += usize::from(scene.followed.slewing);
+            seen.behind += usize::from(scene.followed.behind);
+            if !scene.followed.behind {
+                scene.judge(&state, seen);
+            }
+        }
     });
 }

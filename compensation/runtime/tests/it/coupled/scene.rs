@@ -54,7 +54,7 @@ pub(crate) struct Seen {
     pub(crate) scenes: usize,
     /// The most by which the tool was further off than the bound (or the least by which it was not), mm.
     pub(crate) worst: Option<f64>,
-    pub(crate) told: String,
+    pub(crate) reported: String,
 }
 
 /// One scene: the state of the vector, the machine and the clock.
@@ -66,7 +66,7 @@ pub(crate) struct Scene<'a> {
     pub(crate) time_s: f64,
     /// How far the tool was off when the ramp or line began, mm.
     pub(crate) began: f64,
-    /// The correction that was applied when the model was asked last.
+    /// The correction at the last evaluation of the model.
     pub(crate) asked_at: PerChannel<f64>,
     /// The next cycle begins a ramp.
     pub(crate) ramp_begins: bool,
@@ -146,7 +146,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Every word is within its limit or on the way in, every move within slew and acceleration.
+    /// Every word is within its limit or being reduced, every move within slew and acceleration.
     pub(crate) fn holds_words(&mut self, before: &Vector, dt_s: f64) {
         for i in 0..self.limits.count {
             let axis = &self.limits.axes[i];
@@ -170,7 +170,7 @@ impl<'a> Scene<'a> {
         self.trace.push((self.time_s, self.vector.output()));
     }
 
-    /// In any window of time a word moves by the slew and one step at the most.
+    /// In any window of time a word moves by at most the slew and one step.
     pub(crate) fn holds_in_windows(&self) {
         for (first, (start, from)) in self.trace.iter().enumerate() {
             for (end, to) in &self.trace[first..] {
@@ -183,7 +183,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Stands for a while: nothing is written.
+    /// Nothing is written for a while.
     pub(crate) fn stands(&mut self, time_s: f64) {
         self.vector.stop();
         self.rate = PerChannel::ZERO;
@@ -211,7 +211,7 @@ impl<'a> Scene<'a> {
         }
         if seen.worst.is_none_or(|worst| over > worst) {
             seen.worst = Some(over);
-            seen.told = format!(
+            seen.reported = format!(
                 "{}: off {off}, without {without}, began {}, wanted {:?}, smooth {:?}, followed {:?}",
                 cell.model
                     .axes

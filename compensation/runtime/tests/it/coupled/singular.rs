@@ -90,7 +90,7 @@ fn near_the_singular_pose_the_tool_is_no_further_off() {
     }
     let worst = seen.worst.expect("judged");
     println!("alone {worst_alone} mm over what is without, together {worst} mm over the bound");
-    assert!(worst <= COMPILED_MM, "{worst} {}", seen.told);
+    assert!(worst <= COMPILED_MM, "{worst} {}", seen.reported);
     assert!(worst_alone > 0.020, "the case is one: {worst_alone}");
 }
 
@@ -152,9 +152,9 @@ fn the_rotary_step_error_is_exact() {
         let chain = cell.machine.chain();
         let step = Rad(20e-6);
         for (index, axis) in structure.axes().iter().enumerate() {
-            let told = cell.model.rotary_step_error(index, step);
+            let reported = cell.model.rotary_step_error(index, step);
             if !axis.is_rotary() {
-                assert_eq!(told, Mm(0.0));
+                assert_eq!(reported, Mm(0.0));
                 continue;
             }
             let mut most = 0.0_f64;
@@ -176,8 +176,14 @@ fn the_rotary_step_error_is_exact() {
                 most = most.max((tip(0.5 * step.0) - tip(0.0)).norm());
             }
             // Between the 25 places of another rotary axis it may be a little more.
-            assert!(most <= told.0 * 1.01, "{structure} {axis}: {most} {told}");
-            assert!(most >= told.0 * 0.9, "{structure} {axis}: {most} {told}");
+            assert!(
+                most <= reported.0 * 1.01,
+                "{structure} {axis}: {most} {reported}"
+            );
+            assert!(
+                most >= reported.0 * 0.9,
+                "{structure} {axis}: {most} {reported}"
+            );
         }
     }
     assert_eq!(rotary_step_error(500.0, Rad(20e-6)), Mm(0.005));

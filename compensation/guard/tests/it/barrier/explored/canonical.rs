@@ -95,7 +95,7 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         stale: true,
     };
     for flying in world
-        .air
+        .in_transit
         .iter_mut()
         .chain(world.mailboxes.iter_mut().flatten())
     {
@@ -148,8 +148,8 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         (barrier.from, barrier.steps, barrier.done) = (barrier.applied, 0, 0);
     }
     renumber_owners(&mut world);
-    world.air.sort_unstable();
-    world.air.dedup();
+    world.in_transit.sort_unstable();
+    world.in_transit.dedup();
     world
 }
 
@@ -172,14 +172,14 @@ fn renumber_owners(world: &mut World) {
         rename(&mut flying.frame.head.owner);
     }
     // Sorted by what is no name, so that the names do not depend on the names before.
-    world.air.sort_by_key(|f| {
+    world.in_transit.sort_by_key(|f| {
         let head = Head {
             owner: 0,
             ..f.frame.head
         };
         (f.age, f.stale, head, f.frame.values)
     });
-    for flying in &mut world.air {
+    for flying in &mut world.in_transit {
         rename(&mut flying.frame.head.owner);
     }
 }
