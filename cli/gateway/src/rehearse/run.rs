@@ -262,7 +262,7 @@ impl<'a> Run<'a> {
                 ..Faults::default()
             })),
             FaultAction::PositionsLost => {
-                lasts = self.rig.path.limits.zero_after + Duration::from_secs(1)
+                lasts = self.rig.path.limits.zero_after + Duration::from_secs(1);
             }
             FaultAction::SensorJump => self.rig.inject_sensor(Injection::Jump {
                 sensor: 0,
