@@ -1,5 +1,5 @@
 //! A whole cycle on the simulated machine: reading, temperatures, model, guard, writing; and the same with nothing to
-//! correct, which tells what the simulation itself costs.
+//! correct, which measures the cost of the simulation itself.
 
 use std::{hint::black_box, time::Duration};
 

@@ -13,8 +13,8 @@ use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
 use volcomp_runtime::monotonic;
 
-pub mod clerk;
 pub(crate) mod slots;
+pub mod writer;
 
 use crate::documents::{Broken, Details, Record};
 
@@ -38,7 +38,7 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
 
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Found {
+pub struct LogState {
     /// Whole records in the current file.
     pub records: u64,
     /// Bytes of a torn tail that were cut.
@@ -96,7 +96,7 @@ impl AuditLog {
     ///
     /// # Errors
     /// The folder or file cannot be written.
-    pub fn open(dir: &Path) -> io::Result<(Self, Found)> {
+    pub fn open(dir: &Path) -> io::Result<(Self, LogState)> {
         fs::create_dir_all(dir)?;
         let path = log_file(dir);
         let mut file = OpenOptions::new()
@@ -107,9 +107,9 @@ impl AuditLog {
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         let scanned = verify(&bytes);
-        let mut found = Found {
+        let mut found = LogState {
             records: scanned.records,
-            ..Found::default()
+            ..LogState::default()
         };
         let whole = scanned.end as u64;
         if let Some(line) = scanned.broken {

@@ -220,7 +220,7 @@ fn words_of(misfit: BarrierMisfit, axes: &[AxisName], limits: &Limits) -> String
         } => {
             let (key, unit) = units(axis);
             format!(
-                "axis {}: guard.limit_{key} asks for {} {unit}, and the barrier lets {} {unit} through",
+                "axis {}: guard.limit_{key} is {} {unit}, and the barrier permits {} {unit}",
                 axes[axis],
                 micro(axis, expected),
                 micro(axis, found)
@@ -233,14 +233,14 @@ fn words_of(misfit: BarrierMisfit, axes: &[AxisName], limits: &Limits) -> String
         } => {
             let (key, unit) = units(axis);
             format!(
-                "axis {}: guard.slew_{key}_per_s asks for a barrier of at least {} {unit}/s, twice the slew, and its rate is {} {unit}/s",
+                "axis {}: guard.slew_{key}_per_s needs a barrier rate of at least {} {unit}/s, twice the slew, and it is {} {unit}/s",
                 axes[axis],
                 micro(axis, expected),
                 micro(axis, found)
             )
         }
         BarrierMisfit::TimeOut { found, expected } => format!(
-            "guard.zero_after_ms: found {} ms, and the barrier lets go after {} ms",
+            "guard.zero_after_ms: found {} ms, and the barrier releases the correction after {} ms",
             ms(expected),
             ms(found)
         ),

@@ -23,7 +23,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let (axes, axes_in_force) = (letters(new), letters(in_force));
     let refusal = (axes != axes_in_force).then(|| {
         format!(
-            "This model has the axes {}, the model in force has {}: it is of another machine, and cannot be put in force here.",
+            "This model has the axes {}, the active model has {}: it belongs to another machine and cannot be activated here.",
             listed(&axes),
             listed(&axes_in_force)
         )
@@ -31,7 +31,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let mut to_confirm = Vec::new();
     if new.name != in_force.name {
         to_confirm.push(format!(
-            "This model is of {}, the model in force is of {}.",
+            "This model is of {}, the active model is of {}.",
             called(&new.name),
             called(&in_force.name)
         ));
@@ -40,7 +40,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
     let [structure, in_force_structure] = &structures;
     if structure != in_force_structure {
         to_confirm.push(format!(
-            "The structure is {structure} in this model, {in_force_structure} in the model in force."
+            "The structure is {structure} in this model, {in_force_structure} in the active model."
         ));
     }
     for axis in new.axes() {
@@ -49,7 +49,7 @@ pub(crate) fn differences(new: &Machine, in_force: &Machine) -> Differences {
             && other.travel != axis.travel
         {
             to_confirm.push(format!(
-                "{} travels {} in this model, {} in the model in force.",
+                "{} travels {} in this model, {} in the active model.",
                 axis.name,
                 travel(axis),
                 travel(other)
@@ -114,9 +114,9 @@ mod tests {
         assert_eq!(
             found.to_confirm,
             [
-                "This model is of “gantry-8000”, the model in force is of “gantry-3000”.",
-                "The structure is w X' b Y t in this model, w b X Y t in the model in force.",
-                "X travels from 0 to 8000 mm in this model, from 0 to 3000 mm in the model in force.",
+                "This model is of “gantry-8000”, the active model is of “gantry-3000”.",
+                "The structure is w X' b Y t in this model, w b X Y t in the active model.",
+                "X travels from 0 to 8000 mm in this model, from 0 to 3000 mm in the active model.",
             ]
         );
     }
@@ -127,9 +127,9 @@ mod tests {
             .replace("X Y t", "X Y Z t")
             .replace("axes.Y", "axes.Z.travel = [0.0, 1.0]\naxes.Y");
         let found = differences(&machine(&more), &machine(SMALL));
-        let refusal = found.refusal.expect("told");
+        let refusal = found.refusal.expect("a reason");
         assert!(
-            refusal.contains("the axes X, Y and Z, the model in force has X and Y:"),
+            refusal.contains("the axes X, Y and Z, the active model has X and Y:"),
             "{refusal}"
         );
     }

@@ -99,7 +99,7 @@ pub enum TokenError {
     )]
     Short,
     /// The name appears more than once.
-    #[error("this name stands twice")]
+    #[error("duplicate name")]
     Twice,
 }
 
@@ -132,7 +132,7 @@ impl GatewayError {
     /// The configuration does not give the address of a running gateway.
     pub fn status_without(source: &Self) -> Self {
         Self::invalid(format!(
-            "{source}; a running gateway tells its state without this file, too: volcomp-gateway status --listen ADDRESS, its address and port"
+            "{source}; a running gateway also reports its state without this file: volcomp-gateway status --listen ADDRESS, its address and port"
         ))
     }
 

@@ -91,7 +91,7 @@ impl Judge {
         [old, new]: [&Model; 2],
         limits: LimitChanges,
         to: &ConfirmedLimits,
-    ) -> Judged {
+    ) -> Judgement {
         let degc = |name: &str| self.degc.get(name).copied();
         let steps = match limits.get(ROTARY_STEP) {
             Some(&[before, after]) => [before, after].map(|step| step.map_or(self.rotary_step, Um)),
@@ -120,7 +120,7 @@ impl Judge {
         // Without limits for rotary axes none is corrected, so none can move.
         let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
         if is_small || is_confirmed {
-            return Judged {
+            return Judgement {
                 worst,
                 question: None,
                 is_confirmed,
@@ -135,7 +135,7 @@ impl Judge {
             limits,
             differences: self.differences.clone(),
         };
-        Judged {
+        Judgement {
             worst,
             question: Some(question),
             is_confirmed,
@@ -145,7 +145,7 @@ impl Judge {
 
 /// A change with its effect and the confirmation it needs.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Judged {
+pub(crate) struct Judgement {
     /// Largest change of the correction, µm and µrad; `None`: infinite or, for rotary axes, not corrected.
     pub(crate) worst: [Option<f64>; 2],
     /// The question that must be confirmed first.

@@ -2,7 +2,6 @@
 
 pub mod audit;
 pub mod check;
-pub mod client;
 pub mod config;
 mod devices;
 pub mod differences;
@@ -29,8 +28,7 @@ pub mod service;
 pub mod signals;
 pub mod simulate;
 pub mod slot;
-pub mod text;
-mod times;
+pub mod status;
 mod toml_text;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};

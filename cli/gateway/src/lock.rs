@@ -72,7 +72,7 @@ pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
 
 fn in_use(key: &str, folder: &Path) -> GatewayError {
     GatewayError::failed(format!(
-        "{key}: another gateway on this computer uses the folder {}, expected one of its own",
+        "{key}: another gateway on this computer uses the folder {}, expected a separate folder",
         folder.display()
     ))
 }

@@ -18,25 +18,24 @@ use volcomp_runtime::{
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::{
-    audit::{AuditLog, Found, boot_id},
+    audit::{AuditLog, LogState, boot_id},
     config::Config,
     documents::{Broken, LastOutput, Status},
     error::{Failure, GatewayError},
-    http::{self, Dashboard, Door, Tls, Tokens},
+    http::{self, AccessControl, Dashboard, Tls, Tokens},
     interop::{
-        Interop, Served,
+        Interop, RunningInterfaces,
         quantities::{Shape, quantities},
     },
     lock::lock,
     models::Models,
-    observe::{self, Facts},
+    observe::{self, Facts, Times},
     options::Options,
-    plan::{Opened, Plan},
+    plan::{OpenedPlan, Plan},
     published::{Published, published},
-    request::{Ask, Asked, Asks, queue},
-    service::{Life, Parts, Service, standing},
+    request::{Operation, RequestSender, ServiceRequest, queue},
+    service::{Life, Service, ServiceParts, standing},
     slot::{Live, Phase, Slot},
-    times::Times,
 };
 
 /// The machine controlled by this process.
@@ -49,7 +48,7 @@ pub struct Machine {
 }
 
 /// One iteration of the service loop: [`Service::turn`].
-pub type Turn<'t> = &'t mut dyn FnMut(&mut Service);
+pub type ServiceStep<'t> = &'t mut dyn FnMut(&mut Service);
 
 impl Machine {
     /// Plans the machine from the current files.
@@ -61,28 +60,33 @@ impl Machine {
     }
 
     /// Runs the machine until it is stopped.
-    pub fn run(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) {
+    pub fn run(&self, plan: Plan, slot: &Slot, turn: ServiceStep<'_>) {
         let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
         let ended = catch_unwind(whole).unwrap_or_else(|_| Err(panicked()));
         slot.set(ended.map_or_else(Phase::Failed, |()| Phase::Ended));
     }
 
-    fn run_to_its_end(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) -> Result<(), Failure> {
+    fn run_to_its_end(
+        &self,
+        plan: Plan,
+        slot: &Slot,
+        turn: ServiceStep<'_>,
+    ) -> Result<(), Failure> {
         let started = match start(self, plan, slot) {
             Ok(Some(started)) => started,
             // Stopped before anything could be written.
             Ok(None) => return Ok(()),
             Err(error) => return Err(error.failure()),
         };
-        let Started {
+        let StartedMachine {
             assembled,
             runtime,
             locks,
             interop,
         } = started;
-        let Assembled {
+        let MachineParts {
             mut service,
-            asks,
+            requests,
             switch,
             #[cfg(feature = "fleet")]
             fleet,
@@ -95,14 +99,15 @@ impl Machine {
             while slot.stops() == 0 {
                 if slot.reloads() != reloads {
                     reloads = slot.reloads();
-                    let reload = Asked::new(Ask::Reload(None), "signal", None, &switch);
-                    if asks.try_send(reload).is_err() {
+                    let reload =
+                        ServiceRequest::new(Operation::Reload(None), "signal", None, &switch);
+                    if requests.try_send(reload).is_err() {
                         tracing::warn!("reload: too many requests wait");
                     }
                 }
                 turn(&mut service);
                 if service.is_without_control() {
-                    tracing::error!("the control thread has ended by itself: nothing corrects");
+                    tracing::error!("the control thread has ended unexpectedly: nothing corrects");
                     is_lost = true;
                     break;
                 }
@@ -137,7 +142,7 @@ impl Machine {
 /// The control thread has ended: the applied correction remains until the control removes it.
 fn without_control() -> Failure {
     Failure {
-        what: "the control thread has ended by itself, why is written on standard error: what was applied stands until the control takes it out".to_owned(),
+        what: "the control thread has ended unexpectedly, the reason is on standard error: the applied correction remains until the control removes it".to_owned(),
         status: 1,
     }
 }
@@ -151,18 +156,22 @@ fn panicked() -> Failure {
 }
 
 /// A running machine.
-struct Started {
-    assembled: Assembled,
+struct StartedMachine {
+    assembled: MachineParts,
     /// Runtime of the dashboard.
     runtime: tokio::runtime::Runtime,
     /// Locks of the devices.
     locks: Vec<UnixListener>,
     /// Interfaces for other systems; they are served while this is held.
-    interop: Served,
+    interop: RunningInterfaces,
 }
 
 /// Starts a machine; `None`: it was stopped before anything could be written.
-fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, GatewayError> {
+fn start(
+    machine: &Machine,
+    plan: Plan,
+    slot: &Slot,
+) -> Result<Option<StartedMachine>, GatewayError> {
     let listener = http::listen(plan.config.dashboard.listen)?;
     let (interop, shape) = (Interop::open(&plan.config)?, plan.shape());
     let locks = lock(&plan.config)?;
@@ -189,7 +198,7 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
     let mut out = std::io::stdout();
     let _ = writeln!(out, "listening on {url}");
     slot.set(Phase::Running(live));
-    Ok(Some(Started {
+    Ok(Some(StartedMachine {
         assembled,
         runtime,
         locks,
@@ -199,11 +208,11 @@ fn start(machine: &Machine, plan: Plan, slot: &Slot) -> Result<Option<Started>, 
 
 /// The service of a machine, and the handles shared with other threads.
 #[expect(missing_docs, reason = "each is named as its type")]
-pub struct Assembled {
+pub struct MachineParts {
     pub config: Config,
     pub service: Service,
     pub published: Published,
-    pub asks: Asks,
+    pub requests: RequestSender,
     pub switch: DisarmSwitch,
     pub models: Models,
     pub tokens: Tokens,
@@ -212,7 +221,7 @@ pub struct Assembled {
     pub fleet: Option<crate::fleet::Fleet>,
 }
 
-impl Assembled {
+impl MachineParts {
     /// Serves the dashboard on a socket for the lifetime of the runtime.
     ///
     /// # Errors
@@ -237,9 +246,9 @@ impl Assembled {
             models: self.models.clone(),
             published: self.published.clone(),
             quantities: quantities(shape),
-            asks: self.asks.clone(),
+            requests: self.requests.clone(),
             switch: self.switch.clone(),
-            door: Arc::new(Door::new(&self.config.dashboard, tokens)),
+            access: Arc::new(AccessControl::new(&self.config.dashboard, tokens)),
             streams: AtomicUsize::new(0),
         });
         let runtime = http::runtime(listener, |listener| {
@@ -251,7 +260,7 @@ impl Assembled {
 
 /// Initializes the cycle with the last stored output. An output that is not stored is unknown, not zero: the device
 /// must report it, or an operator must check.
-pub fn restore_output(opened: &mut Opened) {
+pub fn restore_output(opened: &mut OpenedPlan) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
     let file = opened.config.audit_dir().join("output.json");
     let remembered = last_output(&file, &opened.model, &opened.controllers);
@@ -266,12 +275,12 @@ pub fn restore_output(opened: &mut Opened) {
 /// `launch` fails, or the operating system cannot create a thread.
 pub fn assemble(
     machine: &Machine,
-    opened: Opened,
+    opened: OpenedPlan,
     audit: AuditLog,
     life: &Life,
     launch: impl FnOnce(Cycle, Realtime) -> Result<Handle, GatewayError>,
-) -> Result<Assembled, GatewayError> {
-    let Opened {
+) -> Result<MachineParts, GatewayError> {
+    let OpenedPlan {
         config,
         cycle,
         model,
@@ -293,12 +302,12 @@ pub fn assemble(
     };
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
     let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
-    let (asks, asked) = queue();
+    let (requests, request_queue) = queue();
     #[cfg(feature = "fleet")]
-    let fleet = crate::fleet::start(&config, &published, &asks, &switch)?;
+    let fleet = crate::fleet::start(&config, &published, &requests, &switch)?;
     let is_built_in = machine.options.config.is_none();
-    let models = Models::start(&config, is_built_in, &published, &asks, &switch)?;
-    let parts = Parts {
+    let models = Models::start(&config, is_built_in, &published, &requests, &switch)?;
+    let parts = ServiceParts {
         handle,
         forbids: Reasons::NO_LIMITS.when(config.guard.is_none()) | forbids_of_centre(&config),
         options: machine.options.clone(),
@@ -312,12 +321,12 @@ pub fn assemble(
         proven_within: machine.proven_within,
         notes: models.notes(),
     };
-    let service = Service::new(parts, audit, publisher, asked)?;
-    Ok(Assembled {
+    let service = Service::new(parts, audit, publisher, request_queue)?;
+    Ok(MachineParts {
         config,
         service,
         published,
-        asks,
+        requests,
         switch,
         models,
         tokens,
@@ -341,7 +350,7 @@ fn forbids_of_centre(config: &Config) -> Reasons {
 ///
 /// # Errors
 /// The folder or file cannot be written.
-pub fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
+pub fn open_audit(config: &Config) -> Result<(AuditLog, LogState), GatewayError> {
     let (audit, found) = AuditLog::open(config.audit_dir())
         .map_err(|e| GatewayError::system(config.audit_dir().display().to_string(), e))?;
     if found.cut_bytes > 0 {

@@ -11,7 +11,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 #[cfg(feature = "shdr")]
 use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
-    check, client,
+    check,
     config::{Config, DashboardConfig},
     documents,
     error::GatewayError,
@@ -19,7 +19,7 @@ use volcomp_gateway::{
     options::Options,
     plan::Plan,
     rehearse::{self, Rehearsal},
-    run, send_map, text,
+    run, send_map, status,
 };
 
 const EXAMPLES: &str = "Examples:
@@ -28,7 +28,7 @@ const EXAMPLES: &str = "Examples:
 const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
   volcomp-gateway check gateway.toml --json | jq .notes
-  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too";
+  volcomp-gateway check gateway.toml --online         also compares with the controls";
 const REHEARSE_EXAMPLES: &str = "Examples:
   volcomp-gateway rehearse gateway.toml > rehearsal.txt       every fault, to be filed
   volcomp-gateway rehearse gateway.toml --fault late_write    one fault alone
@@ -93,7 +93,7 @@ enum Command {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
-        /// Connect to the controls, too, and compare their axes and parameters; nothing is written to them
+        /// Also connect to the controls and compare their axes and parameters; nothing is written to them
         #[arg(long)]
         online: bool,
     },
@@ -112,10 +112,10 @@ enum Command {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
-        /// The seed of all that happens by chance; the same seed gives the same faults
+        /// Seed of the random faults; the same seed gives the same faults
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Only this fault, as the table names it; may be given several times
+        /// Rehearse only this fault, by its name in the table; may be repeated
         #[arg(long, value_name = "NAME")]
         fault: Vec<String>,
     },
@@ -128,7 +128,7 @@ enum Command {
         /// The address and port of its dashboard
         #[arg(long)]
         listen: Option<SocketAddr>,
-        /// A file whose first line holds a token, where reading needs one
+        /// File whose first line is a token, if reading needs one
         #[arg(long)]
         token_file: Option<PathBuf>,
         /// Print one JSON document
@@ -144,22 +144,22 @@ enum Command {
         /// The TOML file of the configuration
         config: PathBuf,
     },
-    /// Bring a map of corrections into a control that looks up by itself, and keep it valid
+    /// Send a map of corrections to a control that does the look-up itself, and keep it valid
     ///
-    /// The map is one of `volcomp map-table`. Without --confirm the files are checked and it is said what would be sent.
-    /// With it the map is sent, read back and taken into use, and from then on the control is told that it still holds,
-    /// until SIGTERM or SIGINT: after that nothing is sent, the control takes its corrections to zero by itself, and it is
-    /// waited for that; a second signal ends the program at once.
+    /// `volcomp map-table` makes the map. Without --confirm the files are checked and the command prints what would be sent.
+    /// With it the map is sent, read back and activated. It is then kept valid
+    /// until SIGTERM or SIGINT. After that nothing is sent and the control ramps its corrections to zero; the program
+    /// waits for that. A second signal ends it at once.
     ///
     /// Exit status: 0 the corrections are zero again, 1 the work failed, 2 a file or the call is wrong.
     #[command(after_help = SEND_MAP_EXAMPLES)]
     SendMap {
         /// The TOML file of the sender
         config: PathBuf,
-        /// The hash of the map, as it is said without this option
+        /// Hash of the map, as printed without this option
         #[arg(long, value_name = "HASH")]
         confirm: Option<String>,
-        /// Have the sender that runs take this map: the control goes from value to value at its rate, not through zero
+        /// Replace the map of the running sender: the control moves between the values at its rate, not through zero
         #[arg(long, requires = "confirm")]
         replace: bool,
         /// The form of the log on standard error
@@ -169,7 +169,7 @@ enum Command {
     /// Make a self-signed certificate and its key for the dashboard
     #[command(after_help = TLS_EXAMPLES)]
     TlsInit {
-        /// Host names and addresses under which browsers will ask for it
+        /// Host names and addresses of the dashboard
         #[arg(required = true)]
         names: Vec<String>,
         /// The folder for certificate.pem and key.pem
@@ -257,9 +257,9 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             };
             checked.confirmed(&hash)?;
             if replace {
-                send_map::ask(&checked)?;
+                send_map::request_replacement(&checked)?;
                 return print(
-                    "the running sender is asked to take it: its output says when the map is in use, its log why not\n",
+                    "the running sender has the request: its output states when the map is in use, its log why not\n",
                 );
             }
             log(form);
@@ -315,11 +315,11 @@ fn status(
         }
         None => None,
     };
-    let status = client::ask(&dashboard, token.as_deref())?;
+    let status = status::request(&dashboard, token.as_deref())?;
     if json {
         check::line(&status)
     } else {
-        Ok(text::text(&status))
+        Ok(status::text(&status))
     }
 }
 
@@ -350,7 +350,7 @@ fn log(form: LogForm) {
     };
     // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures are
     // reported as our own errors, with the URL.
-    let told = filter::Targets::new()
+    let targets = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);
     let lines = tracing_subscriber::fmt::layer()
@@ -363,7 +363,7 @@ fn log(form: LogForm) {
         LogForm::Json => lines.json().flatten_event(true).boxed(),
     };
     tracing_subscriber::registry()
-        .with(lines.with_filter(told))
+        .with(lines.with_filter(targets))
         .init();
 }
 

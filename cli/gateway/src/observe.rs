@@ -2,10 +2,11 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
+use hdrhistogram::Histogram;
 use volcomp_guard::{Reasons, Scheme};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
-use volcomp_runtime::{Model, Report, ToolError};
+use volcomp_runtime::{Model, Report, Timing, ToolError};
 use volcomp_vocabulary::{AxisKind, AxisName, Coordinate, Displacement, PerAxis};
 
 use crate::{
@@ -14,7 +15,6 @@ use crate::{
         StateName, Status, StretchTimes, round,
     },
     simulate::Truth,
-    times::{Stretch, Times},
 };
 
 /// Constants of a running gateway.
@@ -290,15 +290,15 @@ fn temperatures(facts: &Facts<'_>, report: &Report) -> Vec<SensorState> {
 }
 
 fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
-    let stretch = |stretch: &Stretch| {
-        let [p50_us, p99_us, max_us] = [0.5, 0.99, 1.0].map(|q| round(stretch.quantile_us(q)));
+    let histogram = |histogram: &IntervalHistogram| {
+        let [p50_us, p99_us, max_us] = [0.5, 0.99, 1.0].map(|q| round(histogram.quantile_us(q)));
         StretchTimes {
             p50_us,
             p99_us,
             max_us,
         }
     };
-    let whole = stretch(&times.whole);
+    let whole = histogram(&times.whole);
     CycleTimes {
         count: report.cycle,
         period_us: round(facts.cycle.as_secs_f64() * 1e6),
@@ -306,10 +306,117 @@ fn cycle(facts: &Facts<'_>, report: &Report, times: &Times) -> CycleTimes {
         p99_us: whole.p99_us,
         max_us: whole.max_us,
         overruns: report.overruns,
-        own: stretch(&times.own),
-        reference: (!times.reference.is_empty()).then(|| stretch(&times.reference)),
-        wake: stretch(&times.wake),
-        exchange: stretch(&times.exchange),
+        own: histogram(&times.own),
+        reference: (!times.reference.is_empty()).then(|| histogram(&times.reference)),
+        wake: histogram(&times.wake),
+        exchange: histogram(&times.exchange),
         histogram_us: times.whole.bins_us(),
+    }
+}
+
+/// Number of cycles per interval; the last complete one and the current one are kept.
+const CYCLES_PER_INTERVAL: u64 = 4096;
+
+/// Histogram of one quantity over the current and the previous interval.
+pub(crate) struct IntervalHistogram {
+    current: Histogram<u64>,
+    before: Histogram<u64>,
+}
+
+impl Default for IntervalHistogram {
+    fn default() -> Self {
+        // 100 ns to 100 s with 2 significant digits, within the bounds of the histogram.
+        let empty = || Histogram::new_with_bounds(100, 100_000_000_000, 2).expect("valid bounds");
+        Self {
+            current: empty(),
+            before: empty(),
+        }
+    }
+}
+
+impl IntervalHistogram {
+    fn add(&mut self, ns: u64) {
+        self.current.saturating_record(ns);
+    }
+
+    fn rotate(&mut self) {
+        std::mem::swap(&mut self.current, &mut self.before);
+        self.current.reset();
+    }
+
+    /// The last complete interval, or the current one before that.
+    fn latest(&self) -> &Histogram<u64> {
+        if self.before.is_empty() {
+            &self.current
+        } else {
+            &self.before
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.latest().is_empty()
+    }
+
+    /// A quantile of the last interval, µs.
+    pub(crate) fn quantile_us(&self, quantile: f64) -> f64 {
+        self.latest().value_at_quantile(quantile) as f64 * 1e-3
+    }
+
+    /// Counts in bins that double in width: upper edge (µs) and count.
+    pub(crate) fn bins_us(&self) -> Vec<(f64, u64)> {
+        let edges = (0..20).map(|power| 500_u64 << power);
+        edges
+            .map(|low| {
+                (
+                    (2 * low) as f64 * 1e-3,
+                    self.latest().count_between(low, 2 * low - 1),
+                )
+            })
+            .collect()
+    }
+}
+
+/// Times of complete cycles and of their parts.
+#[derive(Default)]
+pub(crate) struct Times {
+    /// The complete cycle, from wake-up to completion.
+    pub whole: IntervalHistogram,
+    /// Compute time of the gateway, by the CPU clock.
+    pub own: IntervalHistogram,
+    /// Time of the reference computation, by the same clock; empty if it is not made.
+    pub reference: IntervalHistogram,
+    /// Wake-up latency after the deadline.
+    pub wake: IntervalHistogram,
+    /// Time of the exchanges with controllers.
+    pub exchange: IntervalHistogram,
+    /// Number of cycles.
+    pub count: u64,
+    /// Number of missed periods.
+    pub overruns: u64,
+}
+
+impl Times {
+    /// Adds the times of one cycle.
+    pub(crate) fn add(&mut self, timing: &Timing) {
+        self.whole.add(timing.whole_ns);
+        self.own.add(timing.own_ns);
+        if timing.reference_ns > 0 {
+            self.reference.add(timing.reference_ns);
+        }
+        self.wake.add(timing.wake_ns);
+        self.exchange.add(timing.exchange_ns);
+        self.count += 1;
+        self.overruns += u64::from(timing.missed);
+        if self.count.is_multiple_of(CYCLES_PER_INTERVAL) {
+            for histogram in [
+                &mut self.whole,
+                &mut self.own,
+                &mut self.reference,
+                &mut self.wake,
+                &mut self.exchange,
+            ] {
+                histogram.rotate();
+            }
+        }
     }
 }

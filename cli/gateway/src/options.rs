@@ -55,7 +55,7 @@ impl Options {
         }
         if let Some(dir) = &self.audit_dir {
             config.audit.dir.clone_from(dir);
-            // Activated models are stored beside the log, so this follows the override of its folder.
+            // Activated models are stored in the folder of the log, so this follows the override of its folder.
             config = config.with_machine_in_force();
         }
         if let (None, Some(cycle)) = (&self.config, self.simulated_cycle) {

@@ -104,7 +104,7 @@ impl Published {
     }
 
     /// Changes the published state of the fleet connection.
-    pub fn tell_fleet(&self, change: impl FnOnce(&mut FleetState)) {
+    pub fn update_fleet(&self, change: impl FnOnce(&mut FleetState)) {
         if let Some(state) = locked(&self.shared.fleet).as_mut() {
             change(state);
         }

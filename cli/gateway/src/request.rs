@@ -19,11 +19,11 @@ use crate::{
 };
 
 /// Maximum number of queued requests; disarm requests have as many slots of their own.
-const WAITING: usize = 64;
+const MAX_QUEUED: usize = 64;
 
 /// The requested action.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ask {
+pub enum Operation {
     /// Start correcting; with the hash of a confirmed model.
     Arm(Option<String>),
     /// Ramp the correction to zero and stop correcting.
@@ -33,14 +33,14 @@ pub enum Ask {
     /// Reload configuration and machine file; with the hash of a confirmed model.
     Reload(Option<String>),
     /// A decision of the fleet's centre.
-    Centre(CentreAsk),
+    Centre(CentreOperation),
     /// Correct with a model selected by an operator.
-    Model(Box<ModelAsk>),
+    Model(Box<ModelActivation>),
 }
 
 /// A model selected on the page *Model*.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ModelAsk {
+pub struct ModelActivation {
     /// Path of the machine file.
     pub machine: PathBuf,
     /// Expected hash.
@@ -57,7 +57,7 @@ pub struct ModelAsk {
 
 /// A request of the centre of a fleet.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CentreAsk {
+pub enum CentreOperation {
     /// Correct with this machine file; with the hash of a model that was confirmed at the centre.
     Take {
         /// Path of the machine file, verified against its checksum.
@@ -75,37 +75,37 @@ pub enum CentreAsk {
     Damaged(String),
 }
 
-impl Ask {
+impl Operation {
     /// Whether the request disarms; disarming takes effect when the request is created.
     pub fn disarms(&self) -> bool {
-        matches!(self, Self::Disarm | Self::Centre(CentreAsk::Disable))
+        matches!(self, Self::Disarm | Self::Centre(CentreOperation::Disable))
     }
 }
 
 /// A request and the channel for its response. Creating a request to disarm already orders it; the service only records
 /// it and responds.
-pub struct Asked {
-    pub(crate) ask: Ask,
+pub struct ServiceRequest {
+    pub(crate) operation: Operation,
     pub(crate) who: String,
     pub(crate) answer: Option<oneshot::Sender<Reply>>,
     /// Number of disarm orders at the time of the request.
     pub(crate) disarms: u64,
 }
 
-impl Asked {
+impl ServiceRequest {
     /// Creates a request of `who`: the name of a token, `signal`, `auto_arm`, or `centre` with the first digits of a
     /// key. Without `answer`, the response is logged. A request to disarm takes effect immediately.
     pub fn new(
-        ask: Ask,
+        operation: Operation,
         who: impl Into<String>,
         answer: Option<oneshot::Sender<Reply>>,
         switch: &DisarmSwitch,
     ) -> Self {
-        if ask.disarms() {
+        if operation.disarms() {
             switch.disarm();
         }
         Self {
-            ask,
+            operation,
             who: who.into(),
             answer,
             disarms: switch.count(),
@@ -116,47 +116,47 @@ impl Asked {
 /// Sending side of the request queue. Slots are reserved for disarm requests, so that other requests never prevent them
 /// from being recorded.
 #[derive(Clone)]
-pub struct Asks {
-    asked: SyncSender<Asked>,
+pub struct RequestSender {
+    queue: SyncSender<ServiceRequest>,
     /// Number of queued requests, without those to disarm.
     others: Arc<AtomicUsize>,
 }
 
 /// Receiving side of the request queue, in order of arrival.
-pub struct Queue {
-    asked: Receiver<Asked>,
+pub struct RequestQueue {
+    queue: Receiver<ServiceRequest>,
     others: Arc<AtomicUsize>,
 }
 
 /// Creates a request queue.
 #[must_use]
-pub fn queue() -> (Asks, Queue) {
-    let (send, asked) = sync_channel(2 * WAITING);
+pub fn queue() -> (RequestSender, RequestQueue) {
+    let (sender, queue) = sync_channel(2 * MAX_QUEUED);
     let others = Arc::new(AtomicUsize::new(0));
-    let asks = Asks {
-        asked: send,
+    let requests = RequestSender {
+        queue: sender,
         others: Arc::clone(&others),
     };
-    (asks, Queue { asked, others })
+    (requests, RequestQueue { queue, others })
 }
 
-impl Asks {
+impl RequestSender {
     /// Queues a request.
     ///
     /// # Errors
     /// The queue is full, or the service has ended: the request is returned.
-    pub fn try_send(&self, asked: Asked) -> Result<(), TrySendError<Asked>> {
-        if asked.ask.disarms() {
-            return self.asked.try_send(asked);
+    pub fn try_send(&self, request: ServiceRequest) -> Result<(), TrySendError<ServiceRequest>> {
+        if request.operation.disarms() {
+            return self.queue.try_send(request);
         }
-        let more = |waiting| (waiting < WAITING).then_some(waiting + 1);
+        let more = |waiting| (waiting < MAX_QUEUED).then_some(waiting + 1);
         let place = self
             .others
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
         if place.is_err() {
-            return Err(TrySendError::Full(asked));
+            return Err(TrySendError::Full(request));
         }
-        let sent = self.asked.try_send(asked);
+        let sent = self.queue.try_send(request);
         if sent.is_err() {
             self.others.fetch_sub(1, Ordering::Relaxed);
         }
@@ -164,17 +164,17 @@ impl Asks {
     }
 }
 
-impl Queue {
+impl RequestQueue {
     /// Waits for the next request.
     ///
     /// # Errors
     /// The timeout has passed, or all senders were dropped.
-    pub fn recv_timeout(&self, wait: Duration) -> Result<Asked, RecvTimeoutError> {
-        let asked = self.asked.recv_timeout(wait)?;
-        if !asked.ask.disarms() {
+    pub fn recv_timeout(&self, wait: Duration) -> Result<ServiceRequest, RecvTimeoutError> {
+        let request = self.queue.recv_timeout(wait)?;
+        if !request.operation.disarms() {
             self.others.fetch_sub(1, Ordering::Relaxed);
         }
-        Ok(asked)
+        Ok(request)
     }
 }
 

@@ -20,12 +20,12 @@ use crate::{
     machine::Machine,
     options::Options,
     service::Service,
-    signals::{Heard, Signal},
+    signals::{Signal, SignalReceiver},
     slot::{Phase, Slot},
 };
 
 /// Polling interval of the machine.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Time after which the service manager is notified that the process is ready, even if devices are still being opened.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 /// Watchdog timeout if no service manager sets one.
@@ -47,20 +47,20 @@ pub fn run(options: &Options) -> Result<(), GatewayError> {
     }
     let slot = Arc::new(Slot::default());
     let stopped = Arc::clone(&slot);
-    let signals = Heard::new(move || stopped.stop())?;
+    let signals = SignalReceiver::new(move || stopped.stop())?;
     let own = Arc::clone(&slot);
     thread::Builder::new()
         .name("volcomp-service".to_owned())
-        .spawn(move || machine.run(plan, &own, &mut Service::turn))
+        .spawn(move || machine.run(plan, &own, &mut Service::poll))
         .map_err(|e| GatewayError::system("thread of the service", e))?;
     supervise(&slot, &signals)
 }
 
-fn supervise(slot: &Slot, signals: &Heard) -> Result<(), GatewayError> {
+fn supervise(slot: &Slot, signals: &SignalReceiver) -> Result<(), GatewayError> {
     let mut manager = Manager::new();
     let mut is_stopping = false;
     loop {
-        match signals.next(LOOK) {
+        match signals.next(POLL_INTERVAL) {
             // The signal thread has already ordered the stop.
             Some(Signal::Stop) => {
                 is_stopping = true;
@@ -187,7 +187,7 @@ mod tests {
     use super::Manager;
 
     #[test]
-    fn the_watchdog_is_fed_while_the_machine_proves_that_it_lives() {
+    fn the_watchdog_is_fed_while_cycles_are_on_time() {
         let mut manager = Manager::new();
         assert!(!manager.lives(0), "nothing is proven yet");
         assert!(manager.lives(1));

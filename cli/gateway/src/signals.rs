@@ -23,12 +23,12 @@ pub enum Signal {
 }
 
 /// The received signals, in order.
-pub struct Heard {
-    told: Receiver<Signal>,
+pub struct SignalReceiver {
+    receiver: Receiver<Signal>,
     handle: Handle,
 }
 
-impl Heard {
+impl SignalReceiver {
     /// Starts receiving signals. Every stop signal calls `stop` immediately, on the receiving thread.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Heard {
         let failed = |e| GatewayError::system("signals", e);
         let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
         let handle = signals.handle();
-        let (tell, told) = channel();
+        let (tell, receiver) = channel();
         thread::Builder::new()
             .name("volcomp-signals".to_owned())
             .stack_size(64 * 1024)
@@ -55,12 +55,12 @@ impl Heard {
                 }
             })
             .map_err(failed)?;
-        Ok(Self { told, handle })
+        Ok(Self { receiver, handle })
     }
 
     /// Waits at most `wait` for the next signal.
     pub fn next(&self, wait: Duration) -> Option<Signal> {
-        match self.told.recv_timeout(wait) {
+        match self.receiver.recv_timeout(wait) {
             Ok(signal) => Some(signal),
             Err(RecvTimeoutError::Timeout) => None,
             // The receiving thread has ended: there will be no more signals.
@@ -72,7 +72,7 @@ impl Heard {
     }
 }
 
-impl Drop for Heard {
+impl Drop for SignalReceiver {
     fn drop(&mut self) {
         self.handle.close();
     }
@@ -86,10 +86,10 @@ mod tests {
 
     /// Before, a signal was looked for between two turns of the service, up to 50 ms later.
     #[test]
-    fn a_stop_acts_while_nobody_looks() {
+    fn a_stop_acts_without_a_reader() {
         let patience = Duration::from_secs(10);
         let (acted, acts) = mpsc::channel();
-        let heard = Heard::new(move || {
+        let signals = SignalReceiver::new(move || {
             // The test may be over.
             let _ = acted.send(());
         })
@@ -103,8 +103,8 @@ mod tests {
             if signal == Signal::Stop {
                 acts.recv_timeout(patience).expect("it acts at once");
             }
-            let told = heard.told.recv_timeout(patience);
-            assert_eq!(told.expect("a signal"), signal);
+            let receiver = signals.receiver.recv_timeout(patience);
+            assert_eq!(receiver.expect("a signal"), signal);
         }
         assert!(acts.try_recv().is_err(), "a reload does not stop");
     }

@@ -40,9 +40,9 @@ const KINDS = [
 
 /** What the last test shift showed of the position of an axis. */
 const SHOWN = {
-  contained: "position contains the correction: proven",
-  "not-contained": "position without the correction: proven",
-  "not-proven": "not proven what the position contains",
+  contained: "verified: the position includes the correction",
+  "not-contained": "verified: the position does not include the correction",
+  "not-proven": "unverified: the position may already include the correction",
 };
 
 function showAxes(state) {
@@ -89,8 +89,8 @@ const ago = (ms) => (ms < 1000 ? `${fixed(ms, 0)} ms` : `${fixed(ms / 1000, ms <
 function healthOf(path, state) {
   const { answered_ms: answered, positions_ms: positions, confirmed_ms: confirmed, holds_correction: holds } = path;
   const never = answered === null;
-  const role = !path.active ? "stands by" : state === "compensating" ? "corrects" : "in use";
-  const unknown = `what it applies is unknown, ${confirmed === null ? "never confirmed" : `last confirmed ${ago(confirmed)} ago`}`;
+  const role = !path.active ? "standby" : state === "compensating" ? "corrects" : "in use";
+  const unknown = `applied correction unknown, ${confirmed === null ? "never confirmed" : `last confirmed ${ago(confirmed)} ago`}`;
   return [
     ["device", `${path.number + 1} ${role}: ${path.device}`],
     [path.scheme === "barrier" ? "" : "bad", path.scheme === "barrier" ? "barrier in the control" : path.scheme === "no-read-back" ? "no barrier, its correction cannot be read back" : "no barrier"],
@@ -117,14 +117,14 @@ function showPaths({ controllers: paths, state }) {
 
 /** How it stands with the centre of the fleet: lines of a kind and a text. */
 function standingOf(fleet) {
-  const inForce = fleet.version === 0 ? "the configured machine file corrects, none of the centre's" : `version ${fleet.version} of the machine file corrects`;
-  const lines = [["", `${fleet.machine} of ${fleet.site}`], fleet.connected ? ["", "connected"] : ["bad", "not connected: it corrects by itself"], ["", inForce]];
+  const inForce = fleet.version === 0 ? "the configured machine file is active, none of the centre" : `version ${fleet.version} of the machine file is active`;
+  const lines = [["", `${fleet.machine} of ${fleet.site}`], fleet.connected ? ["", "connected"] : ["bad", "not connected: it corrects alone"], ["", inForce]];
   if (!fleet.enabled) lines.push(["bad", "the centre does not allow correcting"]);
   if (fleet.outcome !== null) lines.push(["", `version ${fleet.accepted}: ${fleet.outcome}`]);
-  if (fleet.trouble !== null) lines.push(["bad", `tried again: ${fleet.trouble}`]);
+  if (fleet.trouble !== null) lines.push(["bad", `retrying: ${fleet.trouble}`]);
   if (fleet.refused !== null) lines.push(["bad", `not accepted: ${fleet.refused}`]);
   if (fleet.waiting !== null) lines.push(["", `messages to the centre wait: ${fleet.waiting}`]);
-  if (fleet.dropped > 0) lines.push(["bad", `${fleet.dropped} messages were dropped for want of room`]);
+  if (fleet.dropped > 0) lines.push(["bad", `${fleet.dropped} messages were dropped for lack of space`]);
   return lines;
 }
 
@@ -185,18 +185,18 @@ function showTrend(canvas, without, with_) {
   ]);
 }
 
-/** "without → with correction, before alignment: now 12.3 → 0.8 µm; mean of what is shown 10.1 → 0.9 µm, −91 %": no percentage of what is hardly an error. */
+/** "without → with correction, before alignment: now 12.3 → 0.8 µm, average of the trend 10.1 → 0.9 µm, −91 %". Small errors get no percentage. */
 function inWords(now, without, with_, unit, least) {
   if (!Number.isFinite(now[without])) return "unknown: a position is missing";
-  if (!Number.isFinite(now[with_])) return `now ${fixed(now[without], 1)} ${unit} without correction; what is left is unknown, since the correction is not confirmed`;
+  if (!Number.isFinite(now[with_])) return `now ${fixed(now[without], 1)} ${unit} without correction; the residual is unknown because the correction is not confirmed`;
   const [b, a] = [mean(without), mean(with_)];
   const percent = b > least ? `, ${signed(100 * (a / b - 1), 0)} %` : "";
-  return `without → with correction, before alignment: now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
+  return `without → with correction, before alignment: now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}, average of the trend ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
 }
 
 function showError(state) {
   if (state.state === "unknown") {
-    for (const id of ["reduction", "axis-reduction"]) text(id, "unknown: the control thread tells nothing");
+    for (const id of ["reduction", "axis-reduction"]) text(id, "unknown: the control thread does not respond");
     return;
   }
   const now = pointOf(state);
@@ -204,7 +204,7 @@ function showError(state) {
   const hasAxis = Number.isFinite(now.error_axis_urad);
   element("axis-panel").hidden = !hasAxis;
   showTrend("trend", "error_um", "residual_um");
-  const what = state.simulated ? " (of the simulated machine)" : " (by the model; what is really left needs a measurement)";
+  const what = state.simulated ? " (of the simulated machine)" : " (by the model; the true residual needs a measurement)";
   text("reduction", inWords(now, "error_um", "residual_um", "µm", LEAST_FOR_PERCENT_UM) + what);
   if (hasAxis) {
     showTrend("axis-trend", "error_axis_urad", "residual_axis_urad");
@@ -216,7 +216,7 @@ function showCycle(cycle) {
   drawBars(element("histogram"), cycle.histogram_us);
   const late = cycle.overruns === 1 ? "1 overrun" : `${cycle.overruns} overruns`;
   const took = (us) => us < 1000 ? `${fixed(us, 0)} µs` : `${fixed(us / 1000, 1)} ms`;
-  text("cycle", `period ${cycle.period_us / 1000} ms, half within ${took(cycle.p50_us)}, 99 % within ${took(cycle.p99_us)}, own work 99 % within ${fixed(cycle.own.p99_us, 1)} µs; ${cycle.count} cycles, ${late}`);
+  text("cycle", `period ${cycle.period_us / 1000} ms, p50 ${took(cycle.p50_us)}, p99 ${took(cycle.p99_us)}, compute time p99 ${fixed(cycle.own.p99_us, 1)} µs; ${cycle.count} cycles, ${late}`);
 }
 
 function showMap() {
@@ -235,7 +235,7 @@ function showMap() {
   const others = inOrder(current.machine.axes).filter((name) => !map.axes.some((axis) => axis.name === name));
   const stand = others.length ? `, at the present position of ${others.join(", ").replace(/, (?=[^,]*$)/, " and ")}` : "";
   text("map-title", `over ${map.axes[0].name} and ${map.axes[1].name}${stand}`);
-  text("map-scale", `without correction, by the model: light 0, dark ${fixed(largest, largest < 10 ? 1 : 0)} µm; ${isHere ? "the cross is where the machine stands" : "where the machine stands is unknown"}`);
+  text("map-scale", `without correction, by the model: light 0, dark ${fixed(largest, largest < 10 ? 1 : 0)} µm; ${isHere ? "the cross marks the present position" : "the present position is unknown"}`);
 }
 
 function showButtons(state) {
@@ -249,7 +249,7 @@ function showButtons(state) {
   element("reload").disabled = !may;
 }
 
-/** The first is what caused it or what is to be done, and stands by itself. */
+/** The first is the cause or the action to take, on a separate line. */
 function showReasons([cause, ...further]) {
   text("cause", cause || "");
   text("further", further.join(" · "));
@@ -262,9 +262,9 @@ function show(state) {
   const gone = state.controllers.find((path) => path.active && path.answered_ms !== null && path.holds_correction === null);
   element("banner").classList.toggle("gone", Boolean(gone));
   text("state", state.state.replace("-", " "));
-  // That there is no barrier stands in a line of its own.
+  // A missing barrier is shown on a separate line.
   const reasons = state.reasons.filter((reason) => reason !== "no barrier");
-  if (gone) reasons.unshift(`look at the cable and the control: what it applies is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
+  if (gone) reasons.unshift(`check the cable and the control: the applied correction is unknown, last confirmed ${gone.confirmed_ms === null ? "never" : `${ago(gone.confirmed_ms)} ago`}`);
   showReasons(reasons);
   text("machine-name", state.machine.name);
   text("controller", state.controller && !state.simulated ? `${state.controller.device}` : "");
@@ -291,7 +291,7 @@ function lost(why) {
   for (const shown of document.querySelectorAll("#axes .shown")) shown.textContent = "";
   for (const row of document.querySelectorAll("#paths li :not(.device)")) row.textContent = "";
   for (const device of document.querySelectorAll("#paths .device")) {
-    device.textContent = device.textContent.replace(/ (corrects|in use|stands by): /, ": ");
+    device.textContent = device.textContent.replace(/ (corrects|in use|standby): /, ": ");
     device.nextSibling.textContent = "unknown";
   }
   for (const line of document.querySelectorAll("#fleet li")) line.textContent = "";
@@ -311,7 +311,7 @@ async function checkToken() {
     const answer = await response.json();
     if (response.ok) {
       mayOperate = answer.role === "operate" || answer.role === "engineer";
-      text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it allows to look, not to operate"}`);
+      text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it permits reading, not operating"}`);
     } else {
       sessionStorage.removeItem("token");
       text("answer", `this token is refused: ${answer.error}`);
@@ -328,7 +328,7 @@ async function listen() {
     try {
       const response = await fetch("/api/events", { headers: headers(), cache: "no-store" });
       if (response.status === 401 || response.status === 403) {
-        lost("a token is needed to look: enter it below");
+        lost("reading needs a token: enter it below");
       } else if (response.status === 503) {
         await poll();
       } else if (!response.ok) {
@@ -338,7 +338,7 @@ async function listen() {
         await follow(response.body.getReader());
       }
     } catch {
-      lost("the gateway does not answer; what the machine does now is not known here");
+      lost("the gateway does not answer; the state of the machine is unknown here");
     }
     await new Promise((done) => setTimeout(done, 1000));
   }
@@ -381,7 +381,7 @@ async function fillTrend() {
     trend.span_s = history.span_s;
     trend.points = history.points.filter((point) => point.at_s < first).concat(trend.points);
   } catch {
-    // The stream tells that the gateway is gone.
+    // The stream reports that the gateway is gone.
   }
 }
 
@@ -390,7 +390,7 @@ async function refreshMap() {
     const response = await fetch("/api/map", { headers: headers(), cache: "no-store" });
     if (response.ok) map = await response.json();
   } catch {
-    // The stream tells that the gateway is gone.
+    // The stream reports that the gateway is gone.
   }
   showMap();
 }
@@ -410,7 +410,7 @@ async function operate(what, body) {
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
     const shown = response.ok ? `${what}: ${answer.state || answer.note || "done"}` : `${what} refused: ${said}`;
     text("answer", shown);
-    // The state at that moment; the banner tells that of now.
+    // The state at that moment; the banner shows the current one.
     if (response.ok) setTimeout(() => { if (element("answer").textContent === shown) text("answer", ""); }, ANSWER_MS);
   } catch {
     text("answer", `${what}: the gateway does not answer`);
@@ -420,11 +420,11 @@ async function operate(what, body) {
 /** What a change does, in lines: how far it moves the correction, and the limits that change. */
 function changesOf(answer) {
   const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
-  // Rotary axes tell nothing where none is corrected.
+  // Rotary axes are omitted if none is corrected.
   const unknown = answer.worst_corner_um === null;
-  const lines = unknown ? ["The machine has other axes than before: how far the correction moves is unknown."] : moved
+  const lines = unknown ? ["The machine has other axes than before: the change of the correction is unknown."] : moved
     .filter(([worst]) => worst !== null)
-    .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));
+    .map(([worst, least, unit]) => `At the worst point of the work space the correction changes by ${fixed(worst, 1)} ${unit}` + (least === null ? "." : ` (allowed without confirmation: ${least} ${unit}).`));
   const value = (number) => (number === null ? "none" : number);
   for (const [key, [from, to]] of Object.entries(answer.limits || {})) lines.push(`${key}: ${value(from)} → ${value(to)}`);
   return lines;
@@ -466,7 +466,7 @@ element("token-form").addEventListener("submit", (event) => {
 });
 if (token()) checkToken();
 setInterval(() => {
-  if (lastHeard && Date.now() - lastHeard > LOST_AFTER_MS) lost("nothing was heard for two seconds; what the machine does now is not known here");
+  if (lastHeard && Date.now() - lastHeard > LOST_AFTER_MS) lost("nothing received for two seconds; the state of the machine is unknown here");
 }, 500);
 setInterval(refreshMap, 2000);
 refreshMap();

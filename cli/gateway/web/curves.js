@@ -57,7 +57,7 @@ function frame(svg, [low, high], [bottom, top], { from, to, unit, along }) {
 const signsOf = (name) => [...name].map((sign, i) => ({ P: `+${"XYZ"[i]}`, N: `−${"XYZ"[i]}` })[sign]).filter(Boolean).join(" ");
 
 /** What the machine errs along a diagonal if the new model is right: distance, without correction, and what is left with correction
-    by the model in force and by the new one. A model takes away the error that it describes. */
+    by the active and by the new model. A model removes the error that it describes. */
 const leftOf = (diagonal) => diagonal.points.map(([at, inForce, byNew]) => [at, byNew, byNew - inForce, 0]);
 
 /** A diagonal over the same values as its neighbours: `range` is that of all of them. */
@@ -70,7 +70,7 @@ function diagonalOf(diagonal, range) {
   const detail = document.createElement("span");
   const signs = signsOf(diagonal.name);
   const [without, now, after] = last.slice(1).map((value) => minus((value.toFixed(1) === "-0.0" ? 0 : value).toFixed(1)));
-  detail.textContent = `${signs ? `${signs}; ` : ""}${last[0].toFixed(0)} mm long; at its end without → with correction: ${without} → ${now} µm by the model in force, ${without} → ${after} µm by the new one`;
+  detail.textContent = `${signs ? `${signs}; ` : ""}${last[0].toFixed(0)} mm long; at its end without → with correction: ${without} → ${now} µm by the active model, ${without} → ${after} µm by the new one`;
   caption.append(detail);
   figure.append(caption);
   const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${diagonal.name}` });

@@ -8,7 +8,7 @@ const token = () => sessionStorage.getItem("token") || "";
 const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
 let isEngineer = false, mayOperate = false, state = null, candidate = null;
 /** What a person has to confirm: the request that is repeated with the hash. */
-let asked = null;
+let pending = null;
 let drawn = "", busy = false, wantsResult = false;
 
 function text(id, value) {
@@ -28,13 +28,13 @@ const short = (hash) => hash.replace("sha256:", "").slice(0, 12);
 const when = (time) => time.replace("T", " ").slice(0, 19);
 const size = (bytes) => (bytes < 1024 ? `${bytes} B` : bytes < 1048576 ? `${(bytes / 1024).toFixed(0)} KiB` : `${(bytes / 1048576).toFixed(1)} MiB`);
 const SOURCES = { file: "machine file", upload: "upload", centre: "centre" };
-/** What becomes of a configured file that is not in force. */
+/** What becomes of a configured file that is not active. */
 const DIFFERS = {
   file: "It has been changed since it was read: “Reload” on the dashboard takes it.",
-  upload: "It is not used until somebody presses “Use the configured file” below.",
-  centre: "It is not used: the centre decides which model is in force.",
+  upload: "It is not used until you press “Use the configured file” below.",
+  centre: "It is not used: the centre decides which model is active.",
 };
-const OUTCOMES = { "in-force": "put in force", refused: "refused", "must-be-confirmed": "not confirmed" };
+const OUTCOMES = { "in-force": "activated", refused: "refused", "must-be-confirmed": "not confirmed" };
 
 async function ask(path, body) {
   const response = await fetch(path, { method: body === undefined ? "GET" : "POST", headers: headers(), cache: "no-store", body: body === undefined ? undefined : JSON.stringify(body) });
@@ -54,7 +54,7 @@ function pairs(list, rows) {
 function showState() {
   const from = state.put_in_force;
   const rows = [["Name", state.name || "–"], ["From", SOURCES[state.from]]];
-  if (state.from === "upload" && from) rows.push(["Put in force", `by ${from.who}, ${when(from.time)} UTC, ${from.file}`]);
+  if (state.from === "upload" && from) rows.push(["Activated", `by ${from.who}, ${when(from.time)} UTC, ${from.file}`]);
   rows.push(["Hash", state.hash]);
   rows.push(["Configured", state.configured.file]);
   pairs(element("in-force"), rows);
@@ -63,7 +63,7 @@ function showState() {
   element("differs").hidden = !state.configured.differs && !state.configured.error;
   text("differs", state.configured.error
     ? `The configured machine file cannot be read: ${state.configured.error}`
-    : `The configured machine file, as it is on disk now, is another model than the one in force. ${DIFFERS[state.from]}`);
+    : `The configured machine file, as it is on disk now, differs from the active model. ${DIFFERS[state.from]}`);
   element("no-files").hidden = !state.no_files;
   text("no-files", state.no_files ? `No files are taken here: ${state.no_files}.` : "");
   const body = element("history").tBodies[0];
@@ -85,7 +85,7 @@ function showState() {
       button.disabled = !isEngineer;
       guard(button, () => putInForce("back", { hash: entry.hash }));
     } else if (entry === now) {
-      cell.textContent = "in force";
+      cell.textContent = "active";
     }
     // A reason is long: it has the whole width below.
     if (entry.why) {
@@ -107,7 +107,7 @@ function showCandidate() {
   const step = candidate ? candidate.step : null;
   const takesFiles = isEngineer && !(state && state.no_files);
   text("candidate", !candidate && state && state.no_files ? "" : !candidate ? "Send a machine file."
-    : `${candidate.file.name}, ${size(candidate.file.bytes)}, from ${candidate.who}, ${when(candidate.since)} UTC${step === "working" ? "; it is compared with the model in force …" : ""}`);
+    : `${candidate.file.name}, ${size(candidate.file.bytes)}, from ${candidate.who}, ${when(candidate.since)} UTC${step === "working" ? "; it is being compared with the active model …" : ""}`);
   element("machine-file").disabled = !takesFiles || Boolean(candidate) || busy;
   element("choose").hidden = Boolean(candidate);
   const error = (candidate && candidate.error) || "";
@@ -148,35 +148,35 @@ function drawPlots(result) {
 function changesOf(answer) {
   const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
   const differences = answer.differences || [];
-  if (answer.worst_corner_um === null) return [...differences, "The machine has other axes than before: how far the correction moves is unknown."];
+  if (answer.worst_corner_um === null) return [...differences, "The machine has other axes than before: the change of the correction is unknown."];
   const moves = moved.filter(([worst]) => worst !== null)
-    .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${worst.toFixed(1).replace("-", "−")} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));
+    .map(([worst, least, unit]) => `At the worst point of the work space the correction changes by ${worst.toFixed(1).replace("-", "−")} ${unit}` + (least === null ? "." : ` (allowed without confirmation: ${least} ${unit}).`));
   return [...differences, ...moves];
 }
 
 function question(answer, repeat) {
-  asked = repeat;
+  pending = repeat;
   element("confirm-panel").hidden = !answer;
   if (!answer) return;
   list("confirm-lines", changesOf(answer));
   text("confirm-hash", answer.model);
-  asked.hash = answer.model;
+  pending.hash = answer.model;
   element("confirm-panel").scrollIntoView({ block: "center" });
 }
 
-/** Puts a model in force; where it moves the correction far, or may be of another machine, it is asked first. */
+/** Activates a model; a large change of the correction, or signs of another machine, must be confirmed first. */
 async function putInForce(what, body) {
-  text("answer", "comparing with the model in force …");
+  text("answer", "comparing with the active model …");
   try {
     const { ok, status, answer } = await ask(`/api/model/${what}`, body);
     if (status === 409 && answer.model) {
-      text("answer", `${(answer.differences || []).length ? "This may be a model of another machine" : "This moves the correction far"} and must be confirmed.`);
+      text("answer", `${(answer.differences || []).length ? "This may be a model of another machine" : "This changes the correction by a large amount"} and must be confirmed.`);
       return question(answer, { what, body });
     }
     question(null, null);
-    text("answer", ok ? `in force: ${short(answer.model)}${answer.unchanged ? ", as before" : ""}${answer.note ? `. ${answer.note}` : ""}` : `not put in force: ${answer.error || (answer.reasons || []).join(", ")}`);
+    text("answer", ok ? `active: ${short(answer.model)}${answer.unchanged ? ", as before" : ""}${answer.note ? `. ${answer.note}` : ""}` : `not activated: ${answer.error || (answer.reasons || []).join(", ")}`);
   } catch {
-    text("answer", "the gateway does not answer: look at the history whether it is in force");
+    text("answer", "the gateway does not answer: the history shows whether it is active");
   }
   look();
 }
@@ -252,7 +252,7 @@ async function checkToken() {
 }
 
 /** A press counts after a second: a glove or a tool that touches the glass does nothing. */
-/** A button that is held. `what` is asked as the press begins: what is shown then is meant, whatever comes meanwhile. */
+/** A button that is held. `what` is evaluated when the press begins, so that it refers to what is shown then. */
 function guard(button, act, what = () => null) {
   let timer = null;
   const end = () => {
@@ -284,7 +284,7 @@ element("discard").addEventListener("click", () => post("discard", { candidate: 
 element("not-now").addEventListener("click", () => { question(null, null); text("answer", ""); });
 guard(element("activate"), (shown) => putInForce("activate", shown), () => ({ candidate: candidate.id, hash: candidate.result.hash }));
 guard(element("configured"), () => putInForce("back", { hash: null }));
-guard(element("confirm"), () => putInForce(asked.what, { ...asked.body, confirm: asked.hash }));
+guard(element("confirm"), () => putInForce(pending.what, { ...pending.body, confirm: pending.hash }));
 element("token-form").addEventListener("submit", (event) => {
   event.preventDefault();
   sessionStorage.setItem("token", element("token").value.trim());

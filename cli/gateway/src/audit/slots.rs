@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_last_is_read_also_after_another_start() {
+    fn the_last_text_is_read_after_a_restart() {
         let dir = tempfile::tempdir().expect("writable");
         let path = dir.path().join("standing.slots");
         for start in 0..3 {

@@ -1,29 +1,28 @@
 //! The configuration of a gateway: TOML, parsed with serde. All errors are reported, with file, line and key.
 
 use std::{
+    net::SocketAddr,
     ops::Range,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use volcomp_devices::config::{CONTROLLER_ONLY, join, of_ms, uses};
 use volcomp_document::{Document, FileKind, InputError, InputErrors, Places};
+use volcomp_fleet::{Identity, UnknownId, VerifyingKey, trusted_key};
 use volcomp_port::DeviceError;
 use volcomp_runtime::{GuardSettings, PlanError, Realtime};
 
-use crate::{documents::ModelSource, error::GatewayError, models::store::Store};
+use crate::{documents::ModelSource, error::GatewayError, models::store::Store, toml_text};
 
-mod effective;
 mod guard;
 mod map_sender;
-pub(crate) mod tables;
 mod validate;
 
 pub use guard::GuardTable;
 pub use map_sender::MapSender;
-use tables::RealtimeKeys;
-pub use tables::{DashboardConfig, FleetConfig, OpcUaConfig, ShdrConfig};
-use volcomp_devices::config::{join, of_ms};
 pub use volcomp_devices::{
     config::{BarrierConfig, ControllerConfig, ThermometerConfig},
     map::AuditConfig,
@@ -119,7 +118,7 @@ impl Default for Config {
             thermometers: Vec::new(),
             dashboard: DashboardConfig::default(),
             audit: AuditConfig::default(),
-            realtime: tables::realtime(),
+            realtime: realtime(),
             fleet: None,
             shdr: None,
             opc_ua: None,
@@ -313,7 +312,7 @@ impl Config {
         match Store::new(self.audit_dir()).in_force() {
             Ok(Some(machine)) => self.machine = machine,
             Ok(None) => {}
-            Err(what) => tracing::error!("{what}: the configured machine file holds"),
+            Err(what) => tracing::error!("{what}: the configured machine file is active"),
         }
         #[cfg(feature = "fleet")]
         if let Some(machine) = self.fleet.as_ref().and_then(crate::fleet::machine_in_force) {
@@ -338,5 +337,200 @@ impl Config {
         let fleet = self.fleet.as_ref();
         let is_of_person = Store::new(self.audit_dir()).holds(&self.machine);
         !is_of_person && fleet.is_some_and(|fleet| self.machine.starts_with(&fleet.dir))
+    }
+}
+
+/// The table `[dashboard]`: its address and access control.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct DashboardConfig {
+    pub listen: SocketAddr,
+    pub token_file: Option<PathBuf>,
+    /// TLS certificate, PEM; `None`: without TLS.
+    pub tls_certificate: Option<PathBuf>,
+    pub tls_key: Option<PathBuf>,
+    pub hosts: Vec<String>,
+}
+
+impl Default for DashboardConfig {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            token_file: None,
+            tls_certificate: None,
+            tls_key: None,
+            hosts: Vec::new(),
+        }
+    }
+}
+
+/// The table `[realtime]`.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Realtime", deny_unknown_fields, default = "realtime")]
+struct RealtimeKeys {
+    priority: u8,
+    cpu: Option<usize>,
+    reference: bool,
+}
+
+/// Default scheduling of the control thread.
+pub(crate) fn realtime() -> Realtime {
+    Realtime {
+        priority: 60,
+        cpu: None,
+        reference: false,
+    }
+}
+
+/// The table `[fleet]`: the centre that provides the machine file and receives the condition of the machine.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct FleetConfig {
+    pub url: String,
+    pub site: String,
+    pub machine: String,
+    pub serial: String,
+    pub nkey_file: PathBuf,
+    pub trusted_keys: Vec<String>,
+    #[serde(default = "fleet_dir")]
+    pub dir: PathBuf,
+    pub ca: Option<PathBuf>,
+}
+
+fn fleet_dir() -> PathBuf {
+    PathBuf::from("fleet")
+}
+
+/// The table `[shdr]`: an adapter for MTConnect agents.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct ShdrConfig {
+    pub listen: SocketAddr,
+    pub anyone_may_read: bool,
+    /// Device name shown by an agent; `None`: the name of the machine.
+    pub device: Option<String>,
+}
+
+impl Default for ShdrConfig {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 7878)),
+            anyone_may_read: false,
+            device: None,
+        }
+    }
+}
+
+/// The table `[opc_ua]`: a read-only OPC UA server.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct OpcUaConfig {
+    pub listen: SocketAddr,
+    pub anyone_may_read: bool,
+}
+
+impl Default for OpcUaConfig {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 4840)),
+            anyone_may_read: false,
+        }
+    }
+}
+
+impl DashboardConfig {
+    /// Whether reading requires a token; on the loopback interface it does not.
+    pub(crate) fn reading_needs_token(&self) -> bool {
+        !self.listen.ip().is_loopback()
+    }
+}
+
+impl FleetConfig {
+    /// Site and machine name in the fleet.
+    ///
+    /// # Errors
+    /// A name is not valid in a message subject; this cannot occur in a configuration that was read from a file.
+    pub fn identity(&self) -> Result<Identity, UnknownId> {
+        Ok(Identity {
+            site: self.site.parse()?,
+            machine: self.machine.parse()?,
+        })
+    }
+
+    /// The public keys whose manifests are accepted.
+    pub fn trusted(&self) -> Vec<VerifyingKey> {
+        let keys = self.trusted_keys.iter();
+        keys.filter_map(|key| trusted_key(key).ok()).collect()
+    }
+}
+
+impl Config {
+    /// Every key that has an effect, with its value, in the order of the manual.
+    pub fn effective(&self) -> Map<String, Value> {
+        // Decode the file again so that paths stay relative to its folder.
+        let stated = self.source.document.clone();
+        let stated = stated.and_then(|file| Self::decode(file, &self.file, Path::new("")).ok());
+        let Ok(Value::Object(mut keys)) = serde_json::to_value(stated.as_ref().unwrap_or(self))
+        else {
+            return Map::new();
+        };
+        let controllers = keys.get_mut("controller").and_then(Value::as_array_mut);
+        for (value, own) in controllers.into_iter().flatten().zip(&self.controllers) {
+            if let (Some(table), Some(driver)) = (value.as_object_mut(), own.driver()) {
+                let is_reader = own.axes.is_empty();
+                let has_barrier = own.barrier.is_some();
+                table.retain(|key, _| {
+                    uses(driver, is_reader, key) && !(has_barrier && key == "unwatched")
+                });
+            }
+        }
+        let thermometers = keys.get_mut("thermometer").and_then(Value::as_array_mut);
+        let thermometers = thermometers.into_iter().flatten();
+        for own in thermometers.filter_map(Value::as_object_mut) {
+            for table in own.values_mut().filter_map(Value::as_object_mut) {
+                table.retain(|key, _| !CONTROLLER_ONLY.contains(&key.as_str()));
+            }
+        }
+        if let Some(guard) = keys.get_mut("guard").and_then(Value::as_object_mut)
+            && guard.get("limit_urad").is_some_and(Value::is_null)
+        {
+            guard.retain(|key, _| !key.ends_with("_urad"));
+        }
+        toml_text::without_empty(&mut keys);
+        keys
+    }
+
+    /// Full names of the effective keys that the file does not state.
+    pub fn defaults(&self) -> Vec<String> {
+        let mut defaults = Vec::new();
+        self.collect(&self.effective(), "", &mut defaults);
+        defaults
+    }
+
+    fn collect(&self, table: &Map<String, Value>, above: &str, defaults: &mut Vec<String>) {
+        for (key, value) in table {
+            let key = format!("{above}{key}");
+            match value {
+                Value::Object(table) => self.collect(table, &format!("{key}."), defaults),
+                Value::Array(items) if items.iter().any(Value::is_object) => {
+                    for (index, item) in items.iter().enumerate() {
+                        if let Value::Object(table) = item {
+                            self.collect(table, &format!("{key}[{index}]."), defaults);
+                        }
+                    }
+                }
+                _ if self.source.states(&key) => {}
+                _ => defaults.push(key),
+            }
+        }
+    }
+
+    /// The effective configuration as TOML; defaults are marked.
+    pub fn effective_toml(&self) -> String {
+        toml_text::marked(&self.effective(), &|key| !self.source.states(key))
     }
 }

@@ -91,7 +91,7 @@ fn open_address(key: &str, listen: SocketAddr, anyone: bool, found: &mut Mistake
 fn letters(key: &str, axes: &[AxisName], found: &mut Mistakes<'_>) {
     for (index, name) in axes.iter().enumerate() {
         if axes[..index].contains(name) {
-            found.add(key, format!("axis {name} stands twice"));
+            found.add(key, format!("duplicate axis {name}"));
         }
     }
 }
@@ -118,7 +118,7 @@ fn controller(own: &ControllerConfig, cycle_ms: f64, rules: &Rules<'_>, found: &
             let name = serde_json::to_string(state).unwrap_or_default();
             found.add(
                 &key("unseen"),
-                format!("{} stands twice", name.trim_matches('"')),
+                format!("duplicate {}", name.trim_matches('"')),
             );
         }
     }
@@ -173,8 +173,7 @@ fn axes(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
         );
     }
     if let Some(name) = own.reads.iter().find(|name| own.axes.contains(name)) {
-        let message =
-            format!("axis {name} stands among axes, too: an axis that is written is read anyway");
+        let message = format!("axis {name} is also in axes: written axes are read anyway");
         found.add(&reads, message);
     }
     let count = own.axes.len() + own.reads.len();
@@ -196,7 +195,7 @@ fn barrier(own: &ControllerConfig, at: &str, found: &mut Mistakes<'_>) {
         if found.states(&key) {
             found.add(
                 &key,
-                "found this key beside barrier, expected it only where corrections are written as plain values",
+                "found this key together with barrier, expected it only where corrections are written as plain values",
             );
         }
     }
@@ -272,7 +271,7 @@ fn fleet(own: &FleetConfig, found: &mut Mistakes<'_>) {
         if let Err(error) = trusted_key(text) {
             found.add("fleet.trusted_keys", format!("found {text:?}: {error}"));
         } else if own.trusted_keys[..index].contains(text) {
-            found.add("fleet.trusted_keys", format!("the key {text} stands twice"));
+            found.add("fleet.trusted_keys", format!("duplicate key {text}"));
         }
     }
 }

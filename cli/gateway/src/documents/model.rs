@@ -22,7 +22,7 @@ pub enum ModelSource {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelOutcome {
-    /// It was put in force.
+    /// It was activated.
     InForce,
     /// It was refused; nothing changed.
     Refused,
@@ -81,16 +81,16 @@ impl ModelEntry {
     }
 }
 
-/// The file `models/standing.json` beside the audit log: the model that a person has put in force, and the history.
+/// The file `models/standing.json` in the folder of the audit log: the model that an operator activated, and the history.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelsKept {
-    /// The model that a person has put in force; null: the configured machine file corrects, or that of the centre.
+    /// The model that an operator activated; null: the configured machine file is active, or that of the centre.
     pub in_force: Option<ModelInForce>,
     /// What became of each model, the oldest first.
     pub history: Vec<ModelEntry>,
 }
 
-/// The model that a person has put in force.
+/// The model that an operator activated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelInForce {
     /// The hash of its machine file.
@@ -112,11 +112,11 @@ pub struct ModelState {
     pub name: String,
     /// Where it comes from.
     pub from: ModelSource,
-    /// Who put it in force and when, where a person has.
+    /// Who activated it and when; null unless an operator did.
     pub put_in_force: Option<ModelInForce>,
     /// The machine file of the configuration.
     pub configured: ConfiguredModel,
-    /// The machine file that an engineer has sent and that is not in force; null: none.
+    /// The machine file that an engineer has sent and that is not active; null: none.
     pub candidate: Option<CandidateBrief>,
     /// What became of each model, the newest first.
     pub history: Vec<ModelEntry>,
@@ -161,9 +161,9 @@ pub struct CandidateBrief {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CandidateStep {
-    /// It is compared with the model in force.
+    /// It is being compared with the active model.
     Working,
-    /// It can be put in force, where `refusal` of its result is null.
+    /// It can be activated if `refusal` of its result is null.
     Ready,
     /// It is no valid machine file.
     Refused,
@@ -179,7 +179,7 @@ pub struct Candidate {
     pub file: UploadedFile,
     /// Why it is no valid machine file; null: it is, or is not compared yet.
     pub error: Option<String>,
-    /// Its comparison with the model in force.
+    /// Its comparison with the active model.
     pub result: Option<CandidateResult>,
 }
 
@@ -192,7 +192,7 @@ pub struct UploadedFile {
     pub bytes: u64,
 }
 
-/// A machine file, compared with the model in force.
+/// A machine file, compared with the active model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateResult {
     /// Its hash.
@@ -201,12 +201,12 @@ pub struct CandidateResult {
     pub name: String,
     /// Its structure code.
     pub structure: String,
-    /// Why it cannot be put in force, in words; null: it can.
+    /// Why it cannot be activated; null: it can.
     #[serde(default)]
     pub refusal: Option<String>,
     /// Messages that a person should read first; where it may be of another machine (name, structure, travels), that comes first.
     pub warnings: Vec<String>,
-    /// The diagonals of the work space, by the model in force and by this one.
+    /// The diagonals of the work space, by the active model and by this one.
     pub diagonals: Vec<ModelDiagonal>,
 }
 
@@ -215,7 +215,7 @@ pub struct CandidateResult {
 pub struct ModelDiagonal {
     /// The signs in which X, Y and Z move, as ISO 230-6 names it: `PPN`; `0` of an axis that stands.
     pub name: String,
-    /// Distance from its beginning, error by the model in force and by the new one: mm, µm, µm.
+    /// Distance from its start, error by the active and by the new model: mm, µm, µm.
     pub points: Vec<[f64; 3]>,
 }
 
@@ -233,7 +233,7 @@ pub struct ModelRequest {
 pub struct ModelActivate {
     /// The candidate.
     pub candidate: String,
-    /// The hash of the result that a person has seen: no other one is put in force.
+    /// The hash of the displayed result: no other model is activated.
     pub hash: String,
     /// The hash that a person confirms.
     #[serde(default)]

@@ -27,7 +27,7 @@ pub struct PlanDocument {
     pub sensors: Vec<SensorPlan>,
     /// The tokens of the dashboard, without the secrets.
     pub tokens: Vec<TokenPlan>,
-    /// The state of the fleet; missing where there is none.
+    /// The state of the fleet; missing without a fleet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetPlan>,
     /// What the controls reported (`--online`), in the order of the configuration; only those whose bus has something to
@@ -49,7 +49,7 @@ pub struct FleetPlan {
     pub enabled: bool,
 }
 
-/// What a control told about itself when it was asked.
+/// The properties that a control reports.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlinePlan {
     /// The URL of the control.
@@ -57,21 +57,21 @@ pub struct OnlinePlan {
     /// Its properties.
     #[serde(flatten)]
     pub control: Inspected,
-    /// The barrier as its report tells it; missing where the configuration has none.
+    /// The barrier according to its report; missing if none is configured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barrier: Option<OnlineBarrier>,
     /// What deserves to be known and forbids nothing, in words.
     pub notes: Vec<String>,
 }
 
-/// The barrier of a control as its report tells it. Times are scans of the control with the configured `scan_ms`.
+/// The barrier of a control according to its report. Times are scans of the control with the configured `scan_ms`.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OnlineBarrier {
     /// The number of the machine.
     pub machine: u16,
     /// The number of its axes in their order, as `layout` of the barrier.
     pub layout: u32,
-    /// The gateway whose frames it takes now; 0: nobody's, the next that sends.
+    /// Owner number of the gateway whose frames it accepts; 0: free, the next sender becomes the owner.
     pub owner: u16,
     /// The time of a scan as it was counted, ms; null: not counted.
     pub scan_ms: Option<f64>,
@@ -93,7 +93,7 @@ pub struct OnlineBarrierAxis {
     pub unit: String,
     /// The largest correction that it lets through.
     pub limit: f64,
-    /// How far it moves the correction in a second at the most.
+    /// Maximum rate of the correction, per second.
     pub rate_per_s: f64,
 }
 

@@ -24,8 +24,8 @@ pub struct Record {
     pub monotonic_s: f64,
     /// Wall time, ISO 8601 in UTC.
     pub time: String,
-    /// Who asked for it: the name of a token, `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a
-    /// manifest that no trusted key has signed, or `gateway` for what happened by itself.
+    /// The requester: the name of a token, `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a
+    /// manifest that no trusted key has signed, or `gateway` for events without a request.
     pub who: String,
     /// The event in a few words.
     pub what: String,
@@ -80,7 +80,7 @@ pub enum Event {
         /// The hash of the model after.
         to: String,
         /// The limits, rates and accelerations that changed, by the key of the configuration: the old and the new
-        /// value; null where there is none.
+        /// value; null if missing.
         #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
         limits: LimitChanges,
         /// Where the model comes from, where a person has chosen it.
@@ -146,7 +146,7 @@ pub struct Stop {
     pub left_urad: ByAxis,
 }
 
-/// The file `output.json` beside the log: the last output, for controllers that cannot be asked what they hold.
+/// The file `output.json` in the folder of the log: the last output, for controllers without read-back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LastOutput {
     /// The boot in which it was written: after another boot it is not used.
@@ -176,18 +176,18 @@ impl LastOutput {
     }
 }
 
-/// What outlives a restart of the gateway: the text in the slots of the file `standing.slots` beside the log.
+/// State that survives a restart of the gateway: the text in the slots of the file `standing.slots` in the folder of the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Standing {
     /// The name of the token of the person who disarmed it last; null once a person has armed it again.
     pub disarmed_by: Option<String>,
-    /// The reasons of a fault that nobody has acknowledged; null where there is none.
+    /// The reasons of an unacknowledged fault; null without one.
     pub faulted: Option<Vec<String>>,
     /// The names of the sensors that jumped and are not believed again.
     #[serde(default)]
     pub jumped: Vec<String>,
 }
 
-/// The file `confirmed-limits.json` beside the log: the limits, rates and accelerations at the last arming, by
+/// The file `confirmed-limits.json` in the folder of the log: the limits, rates and accelerations at the last arming, by
 /// configuration key.
 pub type ConfirmedLimits = BTreeMap<String, f64>;

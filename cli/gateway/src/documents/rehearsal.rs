@@ -25,7 +25,7 @@ pub struct RehearsalDocument {
     pub config: String,
     /// The checksum of the configuration file as it was read.
     pub config_hash: String,
-    /// The faults that were asked for; empty: the whole catalogue.
+    /// The requested faults; empty: the whole catalogue.
     pub selection: Vec<String>,
     /// How many faults the catalogue has.
     pub catalogue: usize,
@@ -37,7 +37,7 @@ pub struct RehearsalDocument {
     pub simulated_s: f64,
     /// What a rehearsal cannot show, in words.
     pub not_rehearsed: Vec<String>,
-    /// The controllers in the order of preference; each was rehearsed alone, on a simulated machine of its own.
+    /// The controllers in the order of preference; each was rehearsed alone, on its own simulated machine.
     pub controllers: Vec<RehearsedPath>,
 }
 
@@ -102,7 +102,7 @@ pub struct AxisBounds {
     pub accel_per_s2: Option<f64>,
     /// The smallest step.
     pub step: f64,
-    /// The rate of the barrier; null: there is none.
+    /// The rate of the barrier; null: no barrier.
     pub barrier_per_s: Option<f64>,
 }
 
@@ -111,7 +111,7 @@ pub struct AxisBounds {
 pub struct RehearsedFault {
     /// The name of the fault, as `--fault` takes it.
     pub fault: String,
-    /// What it stands for.
+    /// What it simulates.
     pub meaning: String,
     /// When it began: `compensating` or `ramping`.
     pub phase: String,
@@ -119,7 +119,7 @@ pub struct RehearsedFault {
     pub passed: bool,
     /// The rules that were broken, in words.
     pub broken: Vec<String>,
-    /// Whether this fault can make a step that nobody can notice without a barrier, so that only the limit bounds it.
+    /// Whether this fault can make a step that cannot be detected without a barrier, so that only the limit bounds it.
     pub bounded_by_limit: bool,
     /// Whether this fault hides an interlock from the gateway, so that without a barrier the axes may move in it.
     pub interlock_hidden: bool,

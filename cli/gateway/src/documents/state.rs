@@ -23,7 +23,7 @@ pub enum StateName {
     Holding,
     /// The correction ramps to zero.
     RampingOut,
-    /// Something is wrong that a person must look at; the correction ramps to zero.
+    /// A fault that an operator must acknowledge; the correction ramps to zero.
     Faulted,
     /// The control thread has stopped telling: what is applied now is not known.
     Unknown,
@@ -80,7 +80,7 @@ pub struct Status {
     pub state: StateName,
     /// Why the state is what it is, and what else is to be known.
     pub reasons: Vec<String>,
-    /// Whether it corrects, or will again by itself.
+    /// Whether it corrects, or will resume automatically.
     pub armed: bool,
     /// Whether it arms itself after the start.
     pub auto_arm: bool,
@@ -162,9 +162,9 @@ pub struct Status {
     pub held_back: u64,
     /// Exchanges with controllers so far that failed.
     pub faults: u64,
-    /// Time from the start of the control thread to the cycle that is told, s.
+    /// Time from the start of the control thread to the reported cycle, s.
     pub uptime_s: f64,
-    /// Age of what is told, ms.
+    /// Age of the state, ms.
     pub age_ms: f64,
     /// How long cycles took.
     pub cycle: CycleTimes,
@@ -190,7 +190,7 @@ pub struct FleetState {
     pub enabled: bool,
     /// What became of the highest manifest; null while that is not known.
     pub outcome: Option<String>,
-    /// Why the highest manifest is not in force yet, or what was damaged at the start; it is tried again.
+    /// Why the highest manifest is not active yet, or what was damaged at the start; it is retried.
     pub trouble: Option<String>,
     /// Why the last value of the machine's key was not accepted, which changed nothing; null where none was refused since the
     /// last that was accepted.
@@ -198,7 +198,7 @@ pub struct FleetState {
     pub refused: Option<String>,
     /// Why messages to the centre wait; null while they are sent.
     pub waiting: Option<String>,
-    /// How many messages were dropped since the start, for want of room.
+    /// Messages dropped since the start for lack of space.
     pub dropped: u64,
 }
 
@@ -241,7 +241,7 @@ pub struct PathState {
     pub scheme: SchemeName,
     /// How long ago it answered last, ms; null: never.
     pub answered_ms: Option<f64>,
-    /// How old its positions are, ms; null: it has told none.
+    /// Age of its positions, ms; null: none received.
     pub positions_ms: Option<f64>,
     /// How long ago the correction that it applies was confirmed last, ms; null: never.
     pub confirmed_ms: Option<f64>,
@@ -256,7 +256,7 @@ pub struct PathState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SchemeName {
-    /// A barrier in the control takes frames and tells what it applies.
+    /// A barrier in the control accepts frames and reports the applied correction.
     Barrier,
     /// Plain values that can be read back: no barrier.
     Plain,
@@ -326,7 +326,7 @@ pub struct CycleTimes {
     pub max_us: f64,
     /// Periods that were missed so far.
     pub overruns: u64,
-    /// The gateway's own work in a cycle by the CPU clock of its thread, without exchanges.
+    /// Compute time of the gateway in a cycle by the CPU clock of its thread, without exchanges.
     pub own: StretchTimes,
     /// A fixed computation by the same clock, the polynomial of degree 511 of `[realtime] reference`; only where it is made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -335,7 +335,7 @@ pub struct CycleTimes {
     pub wake: StretchTimes,
     /// The exchanges with controllers in a cycle.
     pub exchange: StretchTimes,
-    /// How many cycles took how long: upper edge (µs) and count of each bin, edges doubling.
+    /// Histogram of cycle times: upper edge (µs) and count of each bin, edges doubling.
     pub histogram_us: Vec<(f64, u64)>,
 }
 
@@ -381,7 +381,7 @@ pub struct MapAxis {
 /// The answer to `GET /api/history`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct History {
-    /// How long the history reaches back at the most, s.
+    /// Maximum length of the history, s.
     pub span_s: f64,
     /// The points, oldest first.
     pub points: Vec<HistoryPoint>,

@@ -25,7 +25,7 @@ struct Cursor {
 
 /// A position in the log: inode of the file and offset, bytes.
 #[derive(Clone, Copy)]
-struct Place {
+struct LogPosition {
     inode: u64,
     offset: u64,
 }
@@ -37,7 +37,7 @@ pub(super) struct AuditTail {
     sent: Cursor,
     written: Cursor,
     /// Next read position; `None` before the first read: it follows the record of the cursor, which is searched for.
-    place: Option<Place>,
+    place: Option<LogPosition>,
     lines: VecDeque<AuditLine>,
 }
 
@@ -88,7 +88,7 @@ impl AuditTail {
             .into_iter()
             .filter_map(|path| Some((path.clone(), fs::metadata(path).ok()?.ino())))
             .collect();
-        let Some(mut place) = self.place.or_else(|| self.found(&files)) else {
+        let Some(mut place) = self.place.or_else(|| self.find_position(&files)) else {
             return;
         };
         // The file was rotated away and its unread records are lost; the centre detects the gap by their sequence
@@ -120,10 +120,10 @@ impl AuditTail {
 
     /// The position after the last record sent. If that record is not found, the start of the oldest file; if nothing
     /// was ever sent, the start of the current file.
-    fn found(&self, files: &[(PathBuf, u64)]) -> Option<Place> {
+    fn find_position(&self, files: &[(PathBuf, u64)]) -> Option<LogPosition> {
         let (_, current) = files.last()?;
         if self.sent.checksum.is_empty() {
-            return Some(Place {
+            return Some(LogPosition {
                 inode: *current,
                 offset: 0,
             });
@@ -137,7 +137,7 @@ impl AuditTail {
                     // A checksum, a space, the record and a line feed.
                     end += (line.checksum.len() + line.record.len() + 2) as u64;
                     if line.checksum == self.sent.checksum {
-                        return Some(Place {
+                        return Some(LogPosition {
                             inode: *inode,
                             offset: end,
                         });
@@ -150,7 +150,7 @@ impl AuditTail {
             }
         }
         let (_, oldest) = files.first()?;
-        Some(Place {
+        Some(LogPosition {
             inode: *oldest,
             offset: 0,
         })
@@ -215,7 +215,7 @@ mod tests {
         whats
     }
 
-    /// Over rotations and restarts each record is given once, in order; the chain can be followed by whoever gets it.
+    /// Across rotations and restarts each record is returned once and in order, so the receiver can verify the chain.
     #[test]
     fn every_record_once_over_rotations_and_restarts() {
         let dir = tempfile::tempdir().expect("writable");

@@ -23,39 +23,39 @@ use crate::{
     error::GatewayError,
     lock,
     published::Published,
-    request::Asks,
+    request::RequestSender,
 };
 
 mod audit_tail;
-mod follow;
+mod manifests;
+mod reporter;
 mod shared;
 mod store;
-mod tell;
 
-use follow::{Actor, Hearer};
+use manifests::{ManifestActivator, ManifestReceiver};
+use reporter::Reporter;
 use shared::Shared;
-use store::{Kept, Store};
-use tell::Teller;
+use store::{Store, StoredFleet};
 
 /// Retry interval after a connection could not be set up.
-const AGAIN: Duration = Duration::from_secs(10);
+const RETRY_INTERVAL: Duration = Duration::from_secs(10);
 /// Timeout for the last messages at shutdown.
-const END: Duration = Duration::from_secs(2);
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Path of the machine file activated by the centre; `None`: there is none, or it is damaged.
+/// Path of the machine file activated by the centre; `None`: missing or damaged.
 pub(crate) fn machine_in_force(config: &FleetConfig) -> Option<std::path::PathBuf> {
-    let active = kept(config).active?;
+    let active = stored(config).active?;
     Some(Store::new(config).machine(&active.manifest))
 }
 
 /// The content of the folder, left by earlier runs.
-pub(crate) fn kept(config: &FleetConfig) -> Kept {
+pub(crate) fn stored(config: &FleetConfig) -> StoredFleet {
     Store::new(config).read(config)
 }
 
 /// Whether the centre's last order forbids correcting.
 pub(crate) fn forbids(config: &Config) -> Reasons {
-    let disabled = |fleet| kept(fleet).standing.disabled;
+    let disabled = |fleet| stored(fleet).standing.disabled;
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
 }
 
@@ -73,7 +73,7 @@ pub struct Fleet {
 pub fn start(
     config: &Config,
     published: &Published,
-    asks: &Asks,
+    requests: &RequestSender,
     switch: &DisarmSwitch,
 ) -> Result<Option<Fleet>, GatewayError> {
     let Some(fleet) = &config.fleet else {
@@ -94,7 +94,7 @@ pub fn start(
         version,
         accepted: kept.standing.highest,
         enabled: !kept.standing.disabled,
-        outcome: kept.standing.outcome.as_ref().map(follow::in_words),
+        outcome: kept.standing.outcome.as_ref().map(manifests::in_words),
         trouble: kept.damage.clone(),
         refused: None,
         waiting: None,
@@ -109,18 +109,18 @@ pub fn start(
     let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
     let (link_told, link) = watch::channel(None);
     let model = published.model();
-    let service = follow::Service {
-        asks: asks.clone(),
+    let service = manifests::Service {
+        requests: requests.clone(),
         switch: switch.clone(),
     };
-    let actor = Actor::new(
+    let activator = ManifestActivator::new(
         store.clone(),
         kept.clone(),
         service.clone(),
         Arc::clone(&shared),
         acknowledge,
     );
-    let hearer = Hearer::new(
+    let receiver = ManifestReceiver::new(
         store::trust(fleet, identity.machine.clone()),
         model.axes.clone(),
         &kept,
@@ -130,10 +130,10 @@ pub fn start(
     let until = stopped.clone();
     let known = Arc::clone(&shared);
     let (watched, of) = (Arc::clone(&shared), shown.clone());
-    let hearing = spawn("volcomp-fleet", async move {
+    let receiving = spawn("volcomp-fleet", async move {
         let work = async {
             let link = connected(&settings, &identity, &link_told, &known).await;
-            follow::follow(link, hearer, actor).await;
+            manifests::receive(link, receiver, activator).await;
         };
         let work = async {
             tokio::select! {
@@ -144,16 +144,16 @@ pub fn start(
         until_stopped(until, Box::pin(work)).await;
     })
     .map_err(failed)?;
-    let teller = Teller::new(
+    let reporter = Reporter::new(
         store,
         config.audit_dir().to_owned(),
         Arc::clone(&shared),
         link,
     );
-    let telling = spawn("volcomp-told", teller.run(acknowledged, stopped)).map_err(failed)?;
+    let reporting = spawn("volcomp-told", reporter.run(acknowledged, stopped)).map_err(failed)?;
     Ok(Some(Fleet {
         stop,
-        threads: vec![hearing, telling],
+        threads: vec![receiving, reporting],
         _lock: lock,
     }))
 }
@@ -190,7 +190,7 @@ async fn connected(
         match MachineLink::connect(settings, identity).await {
             Ok(link) => {
                 // Clear only an error that was set here.
-                shared.published.tell_fleet(|state| {
+                shared.published.update_fleet(|state| {
                     if last.is_some() && state.trouble == last {
                         state.trouble = None;
                     }
@@ -203,10 +203,12 @@ async fn connected(
                 tracing::error!("fleet: {error}");
                 last = Some(error.to_string());
                 let trouble = last.clone();
-                shared.published.tell_fleet(|state| state.trouble = trouble);
+                shared
+                    .published
+                    .update_fleet(|state| state.trouble = trouble);
             }
         }
-        tokio::time::sleep(AGAIN).await;
+        tokio::time::sleep(RETRY_INTERVAL).await;
     }
 }
 
@@ -236,10 +238,10 @@ async fn until_stopped(mut stopped: watch::Receiver<bool>, work: impl Future<Out
 }
 
 impl Fleet {
-    /// Stops both threads. Waits at most [`END`] for them to send pending messages and write the rest to disk.
+    /// Stops both threads. Waits at most [`END_TIMEOUT`] for them to send pending messages and write the rest to disk.
     fn stop_all(&mut self) {
         let _ = self.stop.send(true);
-        let end = Instant::now() + END;
+        let end = Instant::now() + END_TIMEOUT;
         for thread in self.threads.drain(..) {
             while !thread.is_finished() && Instant::now() < end {
                 thread::sleep(Duration::from_millis(2));

@@ -17,9 +17,9 @@ const CONDITION_S: u64 = 1;
 /// Default interval between two complete states, s.
 const TELEMETRY_S: u64 = 10;
 /// Waiting time after which the disk is reported as hanging.
-const HANGS_AFTER: Duration = Duration::from_secs(3);
+const DISK_TIMEOUT: Duration = Duration::from_secs(3);
 /// Polling interval.
-const LOOK: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// State shared by both threads.
 pub(super) struct Shared {
@@ -31,9 +31,9 @@ pub(super) struct Shared {
     condition_s: AtomicU64,
     telemetry_s: AtomicU64,
     /// Disk wait of the activating thread.
-    pub(super) acting: Arc<AtDisk>,
+    pub(super) activating: Arc<DiskMonitor>,
     /// Disk wait of the sending thread.
-    pub(super) telling: Arc<AtDisk>,
+    pub(super) reporting: Arc<DiskMonitor>,
 }
 
 impl Shared {
@@ -45,8 +45,8 @@ impl Shared {
             forbidding: AtomicU64::new(0),
             condition_s: AtomicU64::new(CONDITION_S),
             telemetry_s: AtomicU64::new(TELEMETRY_S),
-            acting: Arc::default(),
-            telling: Arc::default(),
+            activating: Arc::default(),
+            reporting: Arc::default(),
         }
     }
 
@@ -81,21 +81,21 @@ impl Shared {
 
 /// Start of the current wait for the disk.
 #[derive(Default)]
-pub(super) struct AtDisk(Mutex<Option<Instant>>);
+pub(super) struct DiskMonitor(Mutex<Option<Instant>>);
 
 /// Ends the wait when it is dropped.
-pub(super) struct Waits(Arc<AtDisk>);
+pub(super) struct DiskWait(Arc<DiskMonitor>);
 
-impl AtDisk {
+impl DiskMonitor {
     /// Starts a wait.
-    pub(super) fn wait(self: &Arc<Self>) -> Waits {
+    pub(super) fn wait(self: &Arc<Self>) -> DiskWait {
         *self.since() = Some(Instant::now());
-        Waits(Arc::clone(self))
+        DiskWait(Arc::clone(self))
     }
 
     fn hangs(&self) -> bool {
         self.since()
-            .is_some_and(|since| since.elapsed() > HANGS_AFTER)
+            .is_some_and(|since| since.elapsed() > DISK_TIMEOUT)
     }
 
     fn since(&self) -> MutexGuard<'_, Option<Instant>> {
@@ -104,7 +104,7 @@ impl AtDisk {
     }
 }
 
-impl Drop for Waits {
+impl Drop for DiskWait {
     fn drop(&mut self) {
         *self.0.since() = None;
     }
@@ -114,24 +114,25 @@ impl Drop for Waits {
 /// thread reports afterwards.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
     let hangs = format!("{folder}: the disk does not answer");
-    let acting = format!("{hangs}: what was accepted is not in force before it does");
-    let telling = format!("{hangs}: the centre is told nothing before it does");
+    let activating = format!("{hangs}: the accepted manifest is activated once it does");
+    let reporting = format!("{hangs}: messages to the centre wait until it does");
     loop {
-        tokio::time::sleep(LOOK).await;
-        let (is_acting_late, is_telling_late) = (shared.acting.hangs(), shared.telling.hangs());
-        shared.published.tell_fleet(|state| {
-            tell(&mut state.trouble, is_acting_late, &acting);
-            tell(&mut state.waiting, is_telling_late, &telling);
+        tokio::time::sleep(POLL_INTERVAL).await;
+        let (is_acting_late, is_telling_late) =
+            (shared.activating.hangs(), shared.reporting.hangs());
+        shared.published.update_fleet(|state| {
+            tell(&mut state.trouble, is_acting_late, &activating);
+            tell(&mut state.waiting, is_telling_late, &reporting);
         });
     }
 }
 
 /// Sets the message while the disk hangs; afterwards clears only that message.
-fn tell(told: &mut Option<String>, hangs: bool, what: &str) {
+fn tell(message: &mut Option<String>, hangs: bool, what: &str) {
     if hangs {
-        *told = Some(what.to_owned());
-    } else if told.as_deref() == Some(what) {
-        *told = None;
+        *message = Some(what.to_owned());
+    } else if message.as_deref() == Some(what) {
+        *message = None;
     }
 }
 
@@ -139,17 +140,17 @@ fn tell(told: &mut Option<String>, hangs: bool, what: &str) {
 mod tests {
     use super::*;
 
-    /// Whoever waited goes on with something else for long, or was answered between two looks: before, what was told stayed.
+    /// The waiting thread continued with other work, or its wait ended between two polls: an earlier version kept the message.
     #[test]
-    fn what_was_told_of_a_disk_ends_with_it() {
-        let mut told = None;
-        tell(&mut told, true, "it hangs");
-        assert_eq!(told.as_deref(), Some("it hangs"));
-        tell(&mut told, false, "it hangs");
-        assert_eq!(told, None);
-        // What somebody else told stays.
-        told = Some("another trouble".to_owned());
-        tell(&mut told, false, "it hangs");
-        assert_eq!(told.as_deref(), Some("another trouble"));
+    fn a_disk_message_ends_with_the_wait() {
+        let mut message = None;
+        tell(&mut message, true, "it hangs");
+        assert_eq!(message.as_deref(), Some("it hangs"));
+        tell(&mut message, false, "it hangs");
+        assert_eq!(message, None);
+        // Messages of others remain.
+        message = Some("another trouble".to_owned());
+        tell(&mut message, false, "it hangs");
+        assert_eq!(message.as_deref(), Some("another trouble"));
     }
 }

@@ -33,7 +33,7 @@ pub(crate) struct Standing {
 
 /// A manifest that a trusted key signed for this machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Held {
+pub(crate) struct StoredManifest {
     /// The signed document, without its machine file.
     pub(crate) desired: Desired,
     /// The decoded content of the document.
@@ -42,12 +42,12 @@ pub(crate) struct Held {
 
 /// The content of the folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Kept {
+pub(crate) struct StoredFleet {
     pub(crate) standing: Standing,
     /// The highest accepted manifest.
-    pub(crate) newest: Option<Held>,
+    pub(crate) newest: Option<StoredManifest>,
     /// The active manifest; its machine file is present and intact.
-    pub(crate) active: Option<Held>,
+    pub(crate) active: Option<StoredManifest>,
     /// Description of the damage, if any.
     pub(crate) damage: Option<String>,
 }
@@ -93,8 +93,8 @@ impl Store {
 
     /// Reads the folder. Only content signed by a trusted key for this machine is used. A missing folder counts as
     /// empty.
-    pub(crate) fn read(&self, config: &FleetConfig) -> Kept {
-        let mut kept = Kept::default();
+    pub(crate) fn read(&self, config: &FleetConfig) -> StoredFleet {
+        let mut kept = StoredFleet::default();
         let mut damage = Vec::new();
         match read_standing(&self.dir.join(STANDING)) {
             Ok(standing) => kept.standing = standing.unwrap_or_default(),
@@ -123,7 +123,7 @@ impl Store {
         if let Some(version) = kept.standing.active {
             match with(version) {
                 None => damage.push(format!(
-                    "{}: the manifest in force is missing, or no trusted key has signed it for this machine",
+                    "{}: the active manifest is missing, or no trusted key has signed it for this machine",
                     self.manifest(version).display()
                 )),
                 Some(held) if !self.has_machine(&held.manifest) => damage.push(format!(
@@ -145,7 +145,7 @@ impl Store {
     }
 
     /// The stored manifests signed by a trusted key for this machine.
-    fn manifests(&self, config: &FleetConfig) -> Vec<Held> {
+    fn manifests(&self, config: &FleetConfig) -> Vec<StoredManifest> {
         let Ok(entries) = fs::read_dir(&self.dir) else {
             return Vec::new();
         };
@@ -164,7 +164,7 @@ impl Store {
     }
 
     /// Saves an accepted manifest, then the new standing; the order matters.
-    pub(crate) fn keep(&self, held: &Held, standing: &Standing) -> io::Result<()> {
+    pub(crate) fn keep(&self, held: &StoredManifest, standing: &Standing) -> io::Result<()> {
         self.make()?;
         let text = serde_json::to_string(&held.desired)?;
         replace_file(&self.manifest(held.manifest.version), &text)?;
@@ -181,7 +181,7 @@ impl Store {
     }
 
     /// Removes files that belong to none of these manifests.
-    pub(crate) fn tidy(&self, held: &[&Held]) {
+    pub(crate) fn tidy(&self, held: &[&StoredManifest]) {
         let needed: BTreeSet<PathBuf> = held
             .iter()
             .flat_map(|held| {
@@ -218,7 +218,7 @@ fn read_standing(path: &Path) -> Result<Option<Standing>, String> {
 
 /// Reads a manifest that a trusted key signed for this machine. Its axes are compared with the machine at activation,
 /// its machine file with the checksum.
-fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
+fn verified(path: &Path, config: &FleetConfig) -> Option<StoredManifest> {
     let desired = Desired::parse(&fs::read(path).ok()?).ok()?;
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;
     let trust = Trust {
@@ -226,7 +226,7 @@ fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
         ..trust(config, config.identity().ok()?.machine)
     };
     let accepted = trust.accept(&desired).ok()?;
-    Some(Held {
+    Some(StoredManifest {
         desired,
         manifest: accepted.manifest,
     })

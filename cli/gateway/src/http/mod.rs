@@ -7,15 +7,11 @@ use tracing::Instrument;
 
 use crate::error::GatewayError;
 
-mod door;
-mod map;
-mod model;
+mod access;
 mod routes;
-mod tokens;
 
-pub use door::Door;
+pub use access::{AccessControl, Denied, Holder, Role, Tokens};
 pub use routes::{Dashboard, router};
-pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};
 
 /// Opens the socket of a dashboard.

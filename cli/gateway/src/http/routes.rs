@@ -2,7 +2,7 @@
 
 use std::{
     convert::Infallible,
-    net::SocketAddr,
+    net::{IpAddr, SocketAddr},
     sync::{
         Arc,
         atomic::{AtomicUsize, Ordering},
@@ -13,9 +13,9 @@ use std::{
 
 use axum::{
     Extension, Json, Router,
-    body::Bytes,
-    extract::{DefaultBodyLimit, State},
-    http::{HeaderMap, StatusCode, header},
+    body::{Body, Bytes},
+    extract::{DefaultBodyLimit, FromRequestParts, Query, State},
+    http::{HeaderMap, StatusCode, header, request::Parts},
     middleware,
     response::{
         IntoResponse, Response,
@@ -23,23 +23,24 @@ use axum::{
     },
     routing::{get, post},
 };
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tokio::{sync::oneshot, time::MissedTickBehavior};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
-use volcomp_runtime::DisarmSwitch;
-
-use super::{
-    door::{self, Door, Operator, refuse},
-    map, model,
-    tokens::Role,
-};
+use volcomp_kinematics::State as AxisState;
+use volcomp_runtime::{DisarmSwitch, Model};
+use volcomp_vocabulary::{AxisName, Displacement, PerAxis};
 
 use crate::{
-    documents::{Confirmation, Status},
+    documents::{Confirmation, ErrorMap, MapAxis, ModelActivate, ModelBack, ModelRequest, Status},
+    http::access::{
+        AccessControl, Role, UPLOAD_PATH, answer, bearer, check_request, page, refuse,
+        require_view, token,
+    },
     interop::quantities::Quantity,
     metrics,
-    models::Models,
+    models::{MAX_FILE_BYTES, Models, PendingReply, UploadSlot},
     published::Published,
-    request::{Ask, Asked, Asks},
+    request::{Operation, Reply, RequestSender, ServiceRequest},
 };
 
 /// Maximum size of a request body, bytes.
@@ -77,11 +78,11 @@ pub struct Dashboard {
     /// Quantities of the gateway.
     pub quantities: Vec<Quantity>,
     /// Queue of requests to the service.
-    pub asks: Asks,
+    pub requests: RequestSender,
     /// Disarms without waiting for the service.
     pub switch: DisarmSwitch,
     /// Access control.
-    pub door: Arc<Door>,
+    pub access: Arc<AccessControl>,
     /// Number of open event streams.
     pub streams: AtomicUsize,
 }
@@ -108,6 +109,39 @@ impl Drop for StreamSlot {
     }
 }
 
+/// Extracts the name of a token that may operate; other requests are refused.
+struct Operator(String);
+
+/// Extracts the name of a token that may upload and activate models; other requests are refused.
+struct Engineer(String);
+
+impl FromRequestParts<Shared> for Operator {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Response> {
+        holder(parts, shared, Role::Operate).map(Self)
+    }
+}
+
+impl FromRequestParts<Shared> for Engineer {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Response> {
+        holder(parts, shared, Role::Engineer).map(Self)
+    }
+}
+
+#[expect(clippy::result_large_err, reason = "an answer of HTTP")]
+fn holder(parts: &Parts, shared: &Shared, needed: Role) -> Result<String, Response> {
+    // The server sets the address on every request; if it is missing, assume a remote one.
+    let from = parts.extensions.get::<SocketAddr>();
+    let from = from.map_or(IpAddr::from([0; 4]), SocketAddr::ip);
+    let checked = (shared.access.tokens).check(from, bearer(&parts.headers), needed);
+    checked
+        .map(|holder| holder.name)
+        .map_err(IntoResponse::into_response)
+}
+
 /// Routes for pages, reading and operating.
 pub fn router(dashboard: Shared) -> Router {
     let read = Router::new()
@@ -115,12 +149,12 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/events", get(events))
         .route("/api/history", get(history))
         .route("/api/map", get(error_map))
-        .route("/api/model", get(model::state))
-        .route("/api/model/candidate", get(model::candidate))
+        .route("/api/model", get(model_state))
+        .route("/api/model/candidate", get(model_candidate))
         .route("/metrics", get(prometheus))
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard.door),
-            door::may_view,
+            Arc::clone(&dashboard.access),
+            require_view,
         ));
     let operate = Router::new()
         .route("/api/arm", post(arm))
@@ -129,20 +163,20 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/reload", post(reload))
         .route(
             "/api/token",
-            get(door::token).with_state(Arc::clone(&dashboard.door)),
+            get(token).with_state(Arc::clone(&dashboard.access)),
         );
     let pages = PAGES
         .iter()
         .fold(Router::new(), |router, &(path, kind, text)| {
-            router.route(path, get(async move || door::page(kind, text)))
+            router.route(path, get(async move || page(kind, text)))
         });
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
-        .merge(model::router())
+        .merge(model_routes())
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard.door),
-            door::every_request,
+            Arc::clone(&dashboard.access),
+            check_request,
         ))
         .with_state(dashboard)
 }
@@ -154,7 +188,7 @@ async fn state(State(dashboard): State<Shared>) -> Response {
 /// The current state, with the token information of the dashboard.
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
-    let mut holders = dashboard.door.tokens.holders();
+    let mut holders = dashboard.access.tokens.holders();
     status.operable = holders.any(|holder| holder.role >= Role::Operate);
     status
 }
@@ -171,7 +205,7 @@ async fn prometheus(State(dashboard): State<Shared>) -> Response {
 
 async fn error_map(State(dashboard): State<Shared>) -> Response {
     let published = &dashboard.published;
-    Json(map::map(&published.model(), &published.latest())).into_response()
+    Json(error_map_of(&published.model(), &published.latest())).into_response()
 }
 
 /// Streams the state.
@@ -197,7 +231,7 @@ async fn events(State(dashboard): State<Shared>) -> Response {
 }
 
 async fn arm(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
-    operate(dashboard, operator, &body, Ask::Arm).await
+    operate(dashboard, operator, &body, Operation::Arm).await
 }
 
 async fn disarm(
@@ -205,18 +239,18 @@ async fn disarm(
     Extension(from): Extension<SocketAddr>,
     headers: HeaderMap,
 ) -> Response {
-    match dashboard.door.who_disarms(from.ip(), &headers) {
-        Ok(who) => request(&dashboard, who, Ask::Disarm).await,
+    match dashboard.access.authorize_disarm(from.ip(), &headers) {
+        Ok(who) => request(&dashboard, who, Operation::Disarm).await,
         Err(denied) => denied.into_response(),
     }
 }
 
 async fn acknowledge(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
-    operate(dashboard, operator, &body, |_| Ask::Acknowledge).await
+    operate(dashboard, operator, &body, |_| Operation::Acknowledge).await
 }
 
 async fn reload(dashboard: State<Shared>, operator: Operator, body: Bytes) -> Response {
-    operate(dashboard, operator, &body, Ask::Reload).await
+    operate(dashboard, operator, &body, Operation::Reload).await
 }
 
 /// Forwards a request of an operator to the service; the body may confirm a model.
@@ -224,7 +258,7 @@ async fn operate(
     State(dashboard): State<Shared>,
     Operator(who): Operator,
     body: &Bytes,
-    ask: impl FnOnce(Option<String>) -> Ask,
+    operation: impl FnOnce(Option<String>) -> Operation,
 ) -> Response {
     let confirm = if body.is_empty() {
         None
@@ -235,15 +269,15 @@ async fn operate(
         };
         confirm
     };
-    request(&dashboard, who, ask(confirm)).await
+    request(&dashboard, who, operation(confirm)).await
 }
 
 /// Sends a request to the service and waits for the response.
-async fn request(dashboard: &Dashboard, who: String, ask: Ask) -> Response {
-    let (answer, wait) = oneshot::channel();
+async fn request(dashboard: &Dashboard, who: String, operation: Operation) -> Response {
+    let (reply_to, wait) = oneshot::channel();
     // Creating the request already orders the disarm, even if the queue is full.
-    let asked = Asked::new(ask, who, Some(answer), &dashboard.switch);
-    match dashboard.asks.try_send(asked) {
+    let message = ServiceRequest::new(operation, who, Some(reply_to), &dashboard.switch);
+    match dashboard.requests.try_send(message) {
         Ok(()) => {}
         Err(TrySendError::Full(_)) => {
             return refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait");
@@ -253,7 +287,216 @@ async fn request(dashboard: &Dashboard, who: String, ask: Ask) -> Response {
         }
     }
     match wait.await {
-        Ok(reply) => door::answer(reply),
+        Ok(reply) => answer(reply),
         Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
+    }
+}
+
+/// Maximum size of a request body without a file, bytes.
+const MAX_MODEL_BODY: usize = 16 * 1024;
+/// Timeout between two parts of a file.
+const PART_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Routes for engineers.
+fn model_routes() -> Router<Shared> {
+    Router::new()
+        .route(UPLOAD_PATH, post(upload))
+        .route("/api/model/activate", post(activate))
+        .route("/api/model/back", post(back))
+        .route("/api/model/discard", post(discard))
+        .layer(DefaultBodyLimit::max(MAX_MODEL_BODY))
+}
+
+async fn model_state(State(dashboard): State<Shared>) -> Response {
+    Json(dashboard.models.state()).into_response()
+}
+
+async fn model_candidate(State(dashboard): State<Shared>) -> Response {
+    match dashboard.models.candidate() {
+        Some(candidate) => Json(candidate).into_response(),
+        None => refuse(StatusCode::NOT_FOUND, "no engineer has sent a machine file"),
+    }
+}
+
+fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
+    match found {
+        Ok(document) => Json(document).into_response(),
+        Err(reply) => answer(reply),
+    }
+}
+
+/// Decodes the body of a request; the error response states what is wrong.
+fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
+    serde_json::from_slice(body).map_err(|e| {
+        let what = format!("the body is wrong: {e}");
+        Box::new(refuse(StatusCode::BAD_REQUEST, &what))
+    })
+}
+
+/// Query parameters of an upload.
+#[derive(Deserialize)]
+struct Upload {
+    kind: String,
+    name: String,
+}
+
+/// Receives a machine file, which is the body of the request.
+async fn upload(
+    State(dashboard): State<Shared>,
+    Engineer(who): Engineer,
+    headers: HeaderMap,
+    query: Result<Query<Upload>, axum::extract::rejection::QueryRejection>,
+    body: Body,
+) -> Response {
+    let Ok(Query(query)) = query else {
+        let why = "expected ?kind=machine&name=NAME in UTF-8";
+        return refuse(StatusCode::BAD_REQUEST, why);
+    };
+    match query.kind.as_str() {
+        "machine" => {}
+        "measurement" => {
+            let why = "measurement files are not accepted: convert them to a machine file with `volcomp studio`, which sends it";
+            return refuse(StatusCode::BAD_REQUEST, why);
+        }
+        _ => return refuse(StatusCode::BAD_REQUEST, "expected kind=machine"),
+    }
+    let models = &dashboard.models;
+    // Released when the file is received or the upload fails.
+    let _place: UploadSlot = match models.place() {
+        Ok(place) => place,
+        Err(reply) => return answer(reply),
+    };
+    match received(&headers, body).await {
+        Ok(bytes) => answered(models.take(&who, &query.name, bytes)),
+        Err(refusal) => *refusal,
+    }
+}
+
+/// Reads the complete body.
+async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Response>> {
+    let refused = |status, why: &str| Err(Box::new(refuse(status, why)));
+    let large = || {
+        let mib = MAX_FILE_BYTES / 1024 / 1024;
+        let why = format!("the file is larger than the maximum of {mib} MiB");
+        refused(StatusCode::PAYLOAD_TOO_LARGE, &why)
+    };
+    let length = headers.get(header::CONTENT_LENGTH);
+    let length = length.and_then(|length| length.to_str().ok()?.parse().ok());
+    if length.is_some_and(|length: usize| length > MAX_FILE_BYTES) {
+        return large();
+    }
+    let mut bytes = Vec::with_capacity(length.unwrap_or_default());
+    let mut stream = body.into_data_stream();
+    loop {
+        match tokio::time::timeout(PART_TIMEOUT, stream.next()).await {
+            Ok(Some(Ok(part))) if bytes.len() + part.len() > MAX_FILE_BYTES => return large(),
+            Ok(Some(Ok(part))) => bytes.extend_from_slice(&part),
+            Ok(None) => return Ok(bytes),
+            // Disconnected or timed out: discard the received part.
+            Ok(Some(Err(_))) | Err(_) => {
+                let count = bytes.len();
+                let why = format!("the file is incomplete: {count} bytes received, none kept");
+                return refused(StatusCode::BAD_REQUEST, &why);
+            }
+        }
+    }
+}
+
+async fn discard(State(dashboard): State<Shared>, _: Engineer, body: Bytes) -> Response {
+    match decoded::<ModelRequest>(&body) {
+        Ok(query) => answered(dashboard.models.discard(&query.candidate)),
+        Err(refusal) => *refusal,
+    }
+}
+
+async fn activate(
+    State(dashboard): State<Shared>,
+    Engineer(who): Engineer,
+    body: Bytes,
+) -> Response {
+    let ModelActivate {
+        candidate,
+        hash,
+        confirm,
+    } = match decoded(&body) {
+        Ok(query) => query,
+        Err(refusal) => return *refusal,
+    };
+    answer_of(dashboard.models.activate(&who, &candidate, &hash, confirm)).await
+}
+
+async fn back(State(dashboard): State<Shared>, Engineer(who): Engineer, body: Bytes) -> Response {
+    match decoded::<ModelBack>(&body) {
+        Ok(query) => answer_of(dashboard.models.back(&who, query.hash, query.confirm)).await,
+        Err(refusal) => *refusal,
+    }
+}
+
+async fn answer_of(query: Result<PendingReply, Reply>) -> Response {
+    answer(match query {
+        Err(reply) => reply,
+        Ok(answering) => answering.answer().await,
+    })
+}
+
+/// Number of nodes along each of the two axes.
+const NODES: usize = 25;
+
+/// Magnitude of the error over the travels of the first two linear axes, with the other axes at their current
+/// positions.
+fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
+    let mut linear: Vec<(AxisName, usize)> = model
+        .axes
+        .iter()
+        .enumerate()
+        .filter(|(_, name)| !name.is_rotary())
+        .map(|(index, name)| (*name, index))
+        .collect();
+    linear.sort_unstable();
+    let [(_, first), (_, second), ..] = linear[..] else {
+        return ErrorMap::default();
+    };
+    let temperature = |name: &str| {
+        let mut sensors = status.temperatures.iter();
+        sensors.find(|sensor| sensor.name == name)?.degc
+    };
+    let model = model.warmed(temperature);
+    let mut at = AxisState::default();
+    for (q, name) in at.q.iter_mut().zip(&model.axes) {
+        let shown = if name.is_rotary() {
+            &status.positions_deg
+        } else {
+            &status.positions_mm
+        };
+        // Without the position of every axis there is no map.
+        let Some(coordinate) = shown.get(name).copied() else {
+            return ErrorMap::default();
+        };
+        *q = Displacement::from_coordinate(name.kind(), coordinate).mm_or_rad();
+    }
+    let nodes = |axis: usize| {
+        let [low, high] = model.travel[axis].map(Displacement::mm_or_rad);
+        (0..NODES).map(move |i| low + (high - low) * i as f64 / (NODES - 1) as f64)
+    };
+    let error_um = nodes(second)
+        .map(|y| {
+            nodes(first)
+                .map(|x| {
+                    let mut state = at;
+                    (state.q[first], state.q[second]) = (x, y);
+                    let [error, _] = model.errors(&state, &PerAxis::ZERO);
+                    let [x, y, z] = error.position_mm;
+                    (1e4 * (x * x + y * y + z * z).sqrt()).round() / 10.0
+                })
+                .collect()
+        })
+        .collect();
+    let axis = |index: usize| MapAxis {
+        name: model.axes[index],
+        travel: model.travel[index].map(Displacement::mm_or_deg),
+    };
+    ErrorMap {
+        axes: vec![axis(first), axis(second)],
+        error_um,
     }
 }

@@ -49,8 +49,12 @@ impl Interop {
     ///
     /// # Errors
     /// A thread cannot be started.
-    pub fn serve(self, shape: &Shape, published: &Published) -> Result<Served, GatewayError> {
-        Ok(Served {
+    pub fn serve(
+        self,
+        shape: &Shape,
+        published: &Published,
+    ) -> Result<RunningInterfaces, GatewayError> {
+        Ok(RunningInterfaces {
             #[cfg(feature = "shdr")]
             _shdr: (self.shdr)
                 .map(|shdr| shdr.serve(shape, published.clone()))
@@ -64,22 +68,22 @@ impl Interop {
 }
 
 /// The threads of the interfaces. They end, and their sockets close, when this is dropped.
-pub struct Served {
+pub struct RunningInterfaces {
     #[cfg(feature = "shdr")]
-    _shdr: Option<Serving>,
+    _shdr: Option<InterfaceThread>,
     #[cfg(feature = "opc-ua-server")]
-    _opc_ua: Option<Serving>,
+    _opc_ua: Option<InterfaceThread>,
 }
 
 /// A thread that serves one interface. It ends and closes its sockets when this is dropped.
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
-struct Serving {
+struct InterfaceThread {
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
-impl Drop for Serving {
+impl Drop for InterfaceThread {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
@@ -95,7 +99,7 @@ impl Drop for Serving {
 fn start<F: Future<Output = ()>>(
     name: &'static str,
     make: impl FnOnce() -> F + Send + 'static,
-) -> Result<Serving, GatewayError> {
+) -> Result<InterfaceThread, GatewayError> {
     let failed = |e| GatewayError::system(name, e);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_io()
@@ -118,7 +122,7 @@ fn start<F: Future<Output = ()>>(
             runtime.shutdown_background();
         })
         .map_err(failed)?;
-    Ok(Serving {
+    Ok(InterfaceThread {
         stop: Some(stop),
         thread: Some(thread),
     })

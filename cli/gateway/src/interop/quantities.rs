@@ -167,7 +167,7 @@ const OF_GATEWAY: &[Row<()>] = &[
         |s, ()| known(s, Value::Text(s.state.name().to_owned()))),
     Row("reasons", Kind::Text, "Reasons of the state and warnings, separated by semicolons",
         |s, ()| known(s, Value::Text(reasons(s).join("; ")))),
-    Row("armed", Kind::Truth, "Whether it corrects, or will again by itself",
+    Row("armed", Kind::Truth, "Whether it corrects, or will resume automatically",
         |s, ()| while_cycling(s, Some(Value::Truth(s.armed)))),
     Row("correction_known", Kind::Truth, "Whether the correction that the control applies was confirmed in time",
         |s, ()| known(s, Value::Truth(s.correction_known))),

@@ -2,7 +2,7 @@
 //! reload.
 //!
 //! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on low-priority
-//! threads; one thread, the desk, stores models on disk and requests their activation. State: the folder of `store`,
+//! threads; one thread, the worker, stores models on disk and requests their activation. State: the folder of `store`,
 //! and the candidate, which does not survive a restart.
 
 use std::{
@@ -23,20 +23,18 @@ use crate::{
     error::GatewayError,
     locked,
     published::Published,
-    request::{Asks, Reply, refused},
+    request::{Reply, RequestSender, refused},
 };
 
 mod candidate;
-mod desk;
-mod diagonals;
-mod quiet;
 mod shared;
 pub(crate) mod store;
+mod worker;
 
-pub(crate) use candidate::{LARGEST_FILE, Place};
-use desk::Desk;
-use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared};
+pub(crate) use candidate::{MAX_FILE_BYTES, UploadSlot};
+use shared::{Activate, BUILT_IN, GIVEN_UP, Job, RequestDeadline, Shared};
 use store::Store;
+use worker::ModelWorker;
 
 /// The models of a machine, as used by the dashboard.
 #[derive(Clone)]
@@ -45,16 +43,16 @@ pub struct Models {
     jobs: Sender<Job>,
 }
 
-/// Channel on which the service reports the outcomes of models; without a desk, reports are dropped.
+/// Channel on which the service reports the outcomes of models; without a worker, reports are dropped.
 #[derive(Clone, Default)]
-pub struct ModelNotes(Option<Sender<Job>>);
+pub struct ModelReports(Option<Sender<Job>>);
 
-impl ModelNotes {
+impl ModelReports {
     /// Reports the outcome of a model; `text` is its machine file if it was activated.
-    pub(crate) fn tell(&self, entry: ModelEntry, text: Option<String>) {
+    pub(crate) fn report(&self, entry: ModelEntry, text: Option<String>) {
         if let Some(jobs) = &self.0 {
-            // The desk ends only when the gateway ends.
-            let _ = jobs.send(Job::Noted(Box::new(entry), text));
+            // The worker ends only when the gateway ends.
+            let _ = jobs.send(Job::Record(Box::new(entry), text));
         }
     }
 
@@ -76,7 +74,7 @@ impl Models {
         config: &Config,
         is_built_in: bool,
         published: &Published,
-        asks: &Asks,
+        requests: &RequestSender,
         switch: &DisarmSwitch,
     ) -> Result<Self, GatewayError> {
         let shared = Arc::new(Shared {
@@ -84,56 +82,56 @@ impl Models {
             is_built_in,
             cycle_cpu: config.realtime.cpu,
             published: published.clone(),
-            asks: asks.clone(),
+            requests: requests.clone(),
             switch: switch.clone(),
-            told: Mutex::default(),
+            shown: Mutex::default(),
             candidate: Mutex::default(),
             uploading: AtomicUsize::new(0),
             is_comparing: AtomicBool::new(false),
         });
         let (jobs, work) = channel();
-        let desk = Desk::new(Arc::clone(&shared), config.configured_machine.clone());
-        quiet::spawn("volcomp-models", config.realtime.cpu, move || {
-            desk.run(&work);
+        let worker = ModelWorker::new(Arc::clone(&shared), config.configured_machine.clone());
+        candidate::spawn("volcomp-models", config.realtime.cpu, move || {
+            worker.run(&work);
         })
         .map_err(|e| GatewayError::system("models", e))?;
         Ok(Self { shared, jobs })
     }
 
     /// Channel on which the service reports the outcomes of models.
-    pub fn notes(&self) -> ModelNotes {
-        ModelNotes(Some(self.jobs.clone()))
+    pub fn notes(&self) -> ModelReports {
+        ModelReports(Some(self.jobs.clone()))
     }
 
     pub(crate) fn state(&self) -> ModelState {
         let shared = &self.shared;
         let model = shared.published.model();
         let candidate = locked(&shared.candidate);
-        let told = locked(&shared.told);
-        let mut configured = told.configured.clone();
+        let shown = locked(&shared.shown);
+        let mut configured = shown.configured.clone();
         // The built-in simulation has no file that could differ.
         configured.differs = !shared.is_built_in && configured.hash.as_ref() != Some(&model.hash);
         ModelState {
             hash: model.hash.clone(),
             name: model.name.clone(),
-            from: told.from,
-            put_in_force: told
+            from: shown.from,
+            put_in_force: shown
                 .kept
                 .in_force
                 .clone()
-                .filter(|known| known.hash == model.hash && told.from != ModelSource::Centre),
+                .filter(|known| known.hash == model.hash && shown.from != ModelSource::Centre),
             configured,
             candidate: candidate.as_ref().map(|held| held.document.brief.clone()),
-            history: told.kept.history.iter().rev().cloned().collect(),
-            kept: told.there.clone(),
-            largest_file_bytes: LARGEST_FILE as u64,
+            history: shown.kept.history.iter().rev().cloned().collect(),
+            kept: shown.stored.clone(),
+            largest_file_bytes: MAX_FILE_BYTES as u64,
             no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
-            trouble: told.trouble.clone(),
+            trouble: shown.trouble.clone(),
         }
     }
 
     /// Reserves an upload slot.
-    pub(crate) fn place(&self) -> Result<Place, Reply> {
+    pub(crate) fn place(&self) -> Result<UploadSlot, Reply> {
         candidate::place(&self.shared)
     }
 
@@ -159,9 +157,9 @@ impl Models {
         id: &str,
         hash: &str,
         confirm: Option<String>,
-    ) -> Result<Answering, Reply> {
+    ) -> Result<PendingReply, Reply> {
         let what = self.shared.ready(id, hash)?;
-        Ok(self.ask(who, what, confirm))
+        Ok(self.request_activation(who, what, confirm))
     }
 
     /// Requests activation of a stored model or of the configured machine file.
@@ -170,44 +168,49 @@ impl Models {
         who: &str,
         hash: Option<String>,
         confirm: Option<String>,
-    ) -> Result<Answering, Reply> {
+    ) -> Result<PendingReply, Reply> {
         if self.shared.is_built_in {
             return Err(refused(422, BUILT_IN));
         }
         let what = hash.map_or(Activate::Configured, Activate::Kept);
-        Ok(self.ask(who, what, confirm))
+        Ok(self.request_activation(who, what, confirm))
     }
 
-    fn ask(&self, who: &str, what: Activate, confirm: Option<String>) -> Answering {
+    fn request_activation(
+        &self,
+        who: &str,
+        what: Activate,
+        confirm: Option<String>,
+    ) -> PendingReply {
         let (answer, answered) = oneshot::channel();
-        let patience = Patience::begin();
-        // If the desk has ended, the receiver returns an error.
+        let deadline = RequestDeadline::start();
+        // If the worker has ended, the receiver returns an error.
         let _ = self.jobs.send(Job::Activate {
             who: who.to_owned(),
             what,
             confirm,
             answer,
-            patience: patience.clone(),
+            deadline: deadline.clone(),
         });
-        Answering { answered, patience }
+        PendingReply { answered, deadline }
     }
 }
 
-/// A pending response of the desk.
-pub(crate) struct Answering {
+/// A pending response of the worker.
+pub(crate) struct PendingReply {
     answered: oneshot::Receiver<Reply>,
-    patience: Patience,
+    deadline: RequestDeadline,
 }
 
-impl Answering {
+impl PendingReply {
     /// Waits for the response. If the disk hangs, the request times out and is withdrawn.
     pub(crate) async fn answer(self) -> Reply {
         let Self {
             mut answered,
-            patience,
+            deadline,
         } = self;
-        let ended = match tokio::time::timeout(patience.left(), &mut answered).await {
-            Err(_) if patience.gives_up() => {
+        let ended = match tokio::time::timeout(deadline.left(), &mut answered).await {
+            Err(_) if deadline.withdraw() => {
                 tracing::warn!("models: {GIVEN_UP}");
                 return refused(503, GIVEN_UP);
             }

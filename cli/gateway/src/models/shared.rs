@@ -16,7 +16,7 @@ use super::store::Store;
 use crate::{
     documents::{Candidate, ConfiguredModel, ModelEntry, ModelSource, ModelsKept},
     published::Published,
-    request::{Asks, Reply, refused},
+    request::{Reply, RequestSender, refused},
 };
 
 /// State shared by the threads. No holder of its locks waits for a disk.
@@ -26,21 +26,21 @@ pub(super) struct Shared {
     pub(super) is_built_in: bool,
     pub(super) cycle_cpu: Option<usize>,
     pub(super) published: Published,
-    pub(super) asks: Asks,
+    pub(super) requests: RequestSender,
     pub(super) switch: DisarmSwitch,
-    pub(super) told: Mutex<Told>,
-    pub(super) candidate: Mutex<Option<Held>>,
+    pub(super) shown: Mutex<ShownModels>,
+    pub(super) candidate: Mutex<Option<HeldCandidate>>,
     pub(super) uploading: AtomicUsize,
     /// Whether a comparison is running, even if its candidate was discarded.
     pub(super) is_comparing: AtomicBool,
 }
 
-/// State of the desk shown on the dashboard.
+/// State of the worker shown on the dashboard.
 #[derive(Default)]
-pub(super) struct Told {
+pub(super) struct ShownModels {
     pub(super) kept: ModelsKept,
     /// Hashes of the models on disk.
-    pub(super) there: Vec<String>,
+    pub(super) stored: Vec<String>,
     /// Origin of the active model.
     pub(super) from: ModelSource,
     pub(super) configured: ConfiguredModel,
@@ -64,7 +64,7 @@ pub(super) enum Activate {
 
 pub(super) enum Job {
     /// The outcome of a model, with its machine file if it was activated.
-    Noted(Box<ModelEntry>, Option<String>),
+    Record(Box<ModelEntry>, Option<String>),
     /// The configuration now names this machine file.
     Configured(PathBuf),
     Activate {
@@ -72,12 +72,12 @@ pub(super) enum Job {
         what: Activate,
         confirm: Option<String>,
         answer: oneshot::Sender<Reply>,
-        patience: Patience,
+        deadline: RequestDeadline,
     },
 }
 
 /// The candidate and its machine file.
-pub(super) struct Held {
+pub(super) struct HeldCandidate {
     pub(super) document: Candidate,
     /// The text to be stored; `None` until the file was parsed.
     pub(super) text: Option<String>,
@@ -85,20 +85,20 @@ pub(super) struct Held {
 
 /// Timeout until the request is passed to the service. A request delayed by a disk that hangs must not take effect
 /// later, unexpectedly: the client receives the timeout before the request becomes too old for a response.
-const WITHIN: Duration = Duration::from_secs(5);
+const ACTIVATION_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The deadline of one request. Invariant: the request is either passed to the service or given up, never both.
 #[derive(Clone, Debug)]
-pub(super) struct Patience {
+pub(super) struct RequestDeadline {
     until: Instant,
     is_decided: Arc<AtomicBool>,
 }
 
-impl Patience {
+impl RequestDeadline {
     /// Starts the timeout.
-    pub(super) fn begin() -> Self {
+    pub(super) fn start() -> Self {
         Self {
-            until: Instant::now() + WITHIN,
+            until: Instant::now() + ACTIVATION_TIMEOUT,
             is_decided: Arc::default(),
         }
     }
@@ -108,26 +108,26 @@ impl Patience {
     }
 
     /// Claims the request for the service; `false` if it has timed out or was given up.
-    pub(super) fn lets_go_on(&self) -> bool {
+    pub(super) fn claim(&self) -> bool {
         !self.left().is_zero() && !self.is_decided.swap(true, Ordering::AcqRel)
     }
 
     /// Gives the request up; `false` if it has already been passed to the service.
-    pub(super) fn gives_up(&self) -> bool {
+    pub(super) fn withdraw(&self) -> bool {
         !self.is_decided.swap(true, Ordering::AcqRel)
     }
 }
 
-pub(super) const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
+pub(super) const BUILT_IN: &str = "the machine file of the built-in simulation cannot be replaced; start the gateway with a configuration, which may name a simulated control";
 
 /// The refusal after a timeout of the disk.
-pub(super) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not put in force, and will not be later. Try again once it answers";
+pub(super) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not activated, and will not be later. Try again once it answers";
 
 /// The refusal of a request for a candidate that no longer exists.
-pub(super) fn gone() -> Reply {
+pub(super) fn candidate_gone() -> Reply {
     refused(
         409,
-        "this machine file is not here any more: it was discarded, or put in force",
+        "this machine file is not here any more: it was discarded or activated",
     )
 }
 
@@ -136,20 +136,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_request_goes_on_or_is_given_up() {
-        let patience = Patience::begin();
-        let of_desk = patience.clone();
-        assert!(of_desk.lets_go_on());
-        assert!(!patience.gives_up(), "its answer comes from the service");
-        let patience = Patience::begin();
-        let of_desk = patience.clone();
-        assert!(patience.gives_up());
-        assert!(!of_desk.lets_go_on());
-        // Nobody gave it up, and it is late.
-        let late = Patience {
+    fn a_request_is_claimed_or_withdrawn() {
+        let deadline = RequestDeadline::start();
+        let of_desk = deadline.clone();
+        assert!(of_desk.claim());
+        assert!(!deadline.withdraw(), "its answer comes from the service");
+        let deadline = RequestDeadline::start();
+        let of_desk = deadline.clone();
+        assert!(deadline.withdraw());
+        assert!(!of_desk.claim());
+        // Not withdrawn, but past its deadline.
+        let late = RequestDeadline {
             until: Instant::now(),
             is_decided: Arc::default(),
         };
-        assert!(!late.lets_go_on());
+        assert!(!late.claim());
     }
 }

@@ -1,4 +1,4 @@
-//! The folder of stored models: `models` beside the audit log.
+//! The folder of stored models: `models` in the folder of the audit log.
 //!
 //! `standing.json` records the model activated by an operator and the history; it is replaced atomically. Machine files
 //! are named by their hash, which is verified on reading. A machine file is on disk before it has any effect.
@@ -20,7 +20,7 @@ use crate::{
 
 const STANDING: &str = "standing.json";
 /// Maximum number of history entries; only the models of these entries are kept.
-pub(crate) const MOST: usize = 100;
+pub(crate) const MAX_HISTORY: usize = 100;
 
 /// Disk space that must remain free, bytes: the audit log needs it, and without the log nothing is armed.
 const RESERVE: u64 = 64 * 1024 * 1024;
@@ -32,7 +32,7 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// The folder beside an audit log.
+    /// The folder of an audit log.
     pub(crate) fn new(audit_dir: &Path) -> Self {
         Self {
             dir: audit_dir.join("models"),
@@ -57,7 +57,7 @@ impl Store {
         let path = self.dir.join(STANDING);
         let damaged = |error: String| {
             let what = format!(
-                "{}: {error}: which model a person has put in force is not known any more",
+                "{}: {error}: the model that an operator activated is unknown",
                 path.display()
             );
             (ModelsKept::default(), Some(what))
@@ -141,13 +141,13 @@ impl Store {
     }
 
     /// Hashes of the models on disk, without duplicates, newest first.
-    pub(crate) fn there(&self, kept: &ModelsKept) -> Vec<String> {
+    pub(crate) fn stored_hashes(&self, kept: &ModelsKept) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));
-        let there = all.filter(|hash| self.machine(hash).is_file());
-        let mut there: Vec<String> = there.map(str::to_owned).collect();
-        there.reverse();
-        there
+        let stored = all.filter(|hash| self.machine(hash).is_file());
+        let mut stored: Vec<String> = stored.map(str::to_owned).collect();
+        stored.reverse();
+        stored
     }
 }
 
@@ -170,10 +170,10 @@ fn is_missing(error: &io::Error) -> bool {
     )
 }
 
-/// Appends a history entry; the oldest ones beyond [`MOST`] are dropped.
+/// Appends a history entry; the oldest ones beyond [`MAX_HISTORY`] are dropped.
 pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
     kept.history.push(entry);
-    let more = kept.history.len().saturating_sub(MOST);
+    let more = kept.history.len().saturating_sub(MAX_HISTORY);
     kept.history.drain(..more);
 }
 
@@ -240,7 +240,7 @@ mod tests {
         let dir = tempfile::tempdir().expect("writable");
         let store = Store::new(dir.path());
         let (hash, text) = canonical();
-        assert_eq!(store.in_force(), Ok(None), "nothing is there");
+        assert_eq!(store.in_force(), Ok(None), "nothing is stored");
         store.make().expect("writable");
         // The machine file is half written.
         let machine = store.machine(&hash);
@@ -256,7 +256,7 @@ mod tests {
         // It stands.
         store.keep_standing(&standing(&hash)).expect("writable");
         assert_eq!(store.in_force(), Ok(Some(machine.clone())));
-        // The file is damaged afterwards: it is not loaded, and that is told.
+        // The file is damaged afterwards: it is not loaded, and that is shown.
         fs::write(&machine, text.replace("20.0", "90.0")).expect("writable");
         assert!(store.in_force().is_err());
         fs::write(&machine, "").expect("writable");
@@ -275,14 +275,14 @@ mod tests {
         add(&mut kept, entry(&hash));
         store.keep_standing(&kept).expect("writable");
         assert!(store.text(&hash).is_ok());
-        for number in 0..MOST {
+        for number in 0..MAX_HISTORY {
             add(&mut kept, entry(&format!("sha256:{number:064x}")));
         }
-        assert_eq!(kept.history.len(), MOST);
+        assert_eq!(kept.history.len(), MAX_HISTORY);
         store.keep_standing(&kept).expect("writable");
         assert!(
             store.text(&hash).is_err(),
-            "its line is gone, and it with it"
+            "its entry is gone, and the file with it"
         );
     }
 

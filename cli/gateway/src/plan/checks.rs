@@ -90,7 +90,7 @@ fn can_write_in(folder: &Path) -> io::Result<()> {
 pub(super) fn device_twice(config: &Config, table: &str, url: &str) -> GatewayError {
     GatewayError::invalid_in(
         &config.file,
-        format_args!("{url} stands in two [[{table}]], expected one for each device"),
+        format_args!("{url} is configured in two [[{table}]], expected one for each device"),
     )
 }
 
@@ -309,7 +309,7 @@ pub(super) fn built(config: &Config) -> Result<(), GatewayError> {
             return Err(GatewayError::invalid_in(
                 &config.file,
                 format_args!(
-                    "[{table}]: this program was built without it: build it with the feature {feature}"
+                    "[{table}]: not included in this program: build it with the feature {feature}"
                 ),
             ));
         }
@@ -332,7 +332,7 @@ pub(super) fn fleet(config: &Config) -> Result<Option<Fleet>, GatewayError> {
             return Err(GatewayError::invalid_in(ca.display(), expected));
         }
     }
-    let kept = crate::fleet::kept(fleet);
+    let kept = crate::fleet::stored(fleet);
     let document = crate::documents::FleetPlan {
         // A seed without a public key was rejected with the settings.
         nkey: settings.public_key().unwrap_or_default(),

@@ -25,7 +25,6 @@ use crate::{
 
 mod checks;
 mod describe;
-mod notes;
 
 /// A checked configuration with everything it refers to. No device has been opened.
 pub struct Plan {
@@ -62,7 +61,7 @@ struct Devices {
 }
 
 /// A plan with open devices.
-pub struct Opened {
+pub struct OpenedPlan {
     /// The source configuration.
     pub config: Config,
     /// The cycle before its first run.
@@ -187,7 +186,7 @@ impl Plan {
     ///
     /// # Errors
     /// A device cannot be opened.
-    pub fn open(mut self) -> Result<Opened, GatewayError> {
+    pub fn open(mut self) -> Result<OpenedPlan, GatewayError> {
         let devices = std::mem::take(&mut self.devices);
         let plan = |source| self.config.plan_error(source);
         let (controllers, thermometers, truth) = devices.open().map_err(GatewayError::Device)?;
@@ -216,12 +215,12 @@ impl Plan {
         .map_err(plan)?
         .with_rapid(self.guard.rapid);
         let opened = self.opened(cycle);
-        Ok(Opened { truth, ..opened })
+        Ok(OpenedPlan { truth, ..opened })
     }
 
     /// Combines the plan with a cycle that was built from it.
-    pub(crate) fn opened(self, cycle: Cycle) -> Opened {
-        Opened {
+    pub(crate) fn opened(self, cycle: Cycle) -> OpenedPlan {
+        OpenedPlan {
             controllers: self.descriptions().cloned().collect(),
             config: self.config,
             cycle,
@@ -250,11 +249,12 @@ impl Plan {
         let limits = self.paths.iter().map(|path| Some(&path.limits));
         let limits = limits.chain(std::iter::repeat(None));
         let configured = controllers.zip(&self.config.controllers).zip(limits);
-        let told = configured.map(|((device, config), limits)| online(&**device, config, limits));
-        let told = told.collect::<Result<Vec<_>, _>>();
-        let told = told.map_err(GatewayError::Device)?;
+        let online_plans =
+            configured.map(|((device, config), limits)| online(&**device, config, limits));
+        let online_plans = online_plans.collect::<Result<Vec<_>, _>>();
+        let online_plans = online_plans.map_err(GatewayError::Device)?;
         Ok(PlanDocument {
-            online: Some(told.into_iter().flatten().collect()),
+            online: Some(online_plans.into_iter().flatten().collect()),
             ..self.document()?
         })
     }

@@ -12,7 +12,7 @@ pub struct Fault {
     /// Description of the fault.
     pub meaning: &'static str,
     /// The action that causes the fault.
-    pub(super) act: Act,
+    pub(super) act: FaultAction,
     /// The fault causes a step that cannot be detected without a barrier; only the limit bounds it.
     pub(super) is_unseen_without_barrier: bool,
     /// The fault reports to the gateway that the machine may be moved while it may not; only a barrier can hold then.
@@ -21,7 +21,7 @@ pub struct Fault {
 
 /// Action taken for the duration of a fault.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Act {
+pub(super) enum FaultAction {
     /// No action: normal correction.
     Nothing,
     /// Random faults.
@@ -109,7 +109,7 @@ const ALL: Faults = Faults {
     ..NONE
 };
 
-const fn fault(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+const fn fault(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
     Fault {
         name,
         meaning,
@@ -119,27 +119,27 @@ const fn fault(name: &'static str, meaning: &'static str, act: Act) -> Fault {
     }
 }
 
-const fn unseen(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+const fn unseen(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
     Fault {
         is_unseen_without_barrier: true,
         ..fault(name, meaning, act)
     }
 }
 
-const fn hiding(name: &'static str, meaning: &'static str, act: Act) -> Fault {
+const fn hiding(name: &'static str, meaning: &'static str, act: FaultAction) -> Fault {
     Fault {
         hides_interlock: true,
         ..fault(name, meaning, act)
     }
 }
 
-const fn lie(lie: Lie) -> Act {
-    Act::Directed(Injection::Lie { lie, readings: 5 })
+const fn lie(lie: Lie) -> FaultAction {
+    FaultAction::Directed(Injection::Lie { lie, readings: 5 })
 }
 
 /// A wrong position of the first axis: `factor` · position + `add`.
-const fn wrong_position(factor: f64, add: f64) -> Act {
-    Act::Directed(Injection::WrongPosition {
+const fn wrong_position(factor: f64, add: f64) -> FaultAction {
+    FaultAction::Directed(Injection::WrongPosition {
         axis: 0,
         factor,
         add,
@@ -150,61 +150,61 @@ const fn wrong_position(factor: f64, add: f64) -> Act {
 /// All faults, in the order of the rehearsal.
 #[rustfmt::skip]
 pub const CATALOGUE: &[Fault] = &[
-    fault("none", "no fault: start, ramp, correction", Act::Nothing),
+    fault("none", "no fault: start, ramp, correction", FaultAction::Nothing),
     // Random faults.
-    fault("delay", "a busy network", Act::Chance(Faults { delay: Duration::from_millis(1), jitter: true, ..NONE })),
-    fault("drop", "answers that are lost", Act::Chance(Faults { drop: CHANCE, ..NONE })),
-    fault("corrupt", "positions that are wrong or no number", Act::Chance(Faults { corrupt: CHANCE, ..NONE })),
-    unseen("freeze", "a module that answers from its memory", Act::Chance(Faults { freeze: SELDOM, ..NONE })),
-    fault("disconnect", "a cable that is pulled and plugged in", Act::Chance(Faults { disconnect: SELDOM, ..NONE })),
-    unseen("lie", "read-backs that are wrong", Act::Chance(Faults { lie: CHANCE, ..NONE })),
-    unseen("constant", "read-backs that stay as they are", Act::Chance(Faults { constant: SELDOM, ..NONE })),
-    unseen("late_write", "writes that arrive late", Act::Chance(Faults { late_write: CHANCE, ..NONE })),
-    unseen("double_write", "writes that arrive twice", Act::Chance(Faults { double_write: CHANCE, ..NONE })),
-    fault("torn_write", "words read while they are written", Act::Chance(Faults { torn_write: CHANCE, ..NONE })),
-    unseen("reordered_write", "writes that overtake one another", Act::Chance(Faults { reordered_write: CHANCE, ..NONE })),
-    fault("late_answer", "answers just within the deadline", Act::Chance(Faults { late_answer: CHANCE, ..NONE })),
-    fault("frozen_positions", "positions that stay as they are", Act::Chance(Faults { frozen_positions: SELDOM, ..NONE })),
-    fault("stop_after_read", "the program stands after a reading", Act::Chance(Faults { stop_after_read: SELDOM, ..NONE })),
-    fault("stop_before_write", "the program stands before a write", Act::Chance(Faults { stop_before_write: SELDOM, ..NONE })),
-    hiding("dropped_flag", "an emergency stop that is seen at times", Act::HiddenStopByChance),
-    fault("flicker", "a count that flickers", Act::Chance(Faults { flicker: CHANCE, ..NONE })),
-    fault("lag", "positions five readings late", Act::Chance(Faults { lag: 5, ..NONE })),
-    unseen("all", "all of these at once", Act::Chance(ALL)),
+    fault("delay", "a busy network", FaultAction::Chance(Faults { delay: Duration::from_millis(1), jitter: true, ..NONE })),
+    fault("drop", "answers that are lost", FaultAction::Chance(Faults { drop: CHANCE, ..NONE })),
+    fault("corrupt", "positions that are wrong or no number", FaultAction::Chance(Faults { corrupt: CHANCE, ..NONE })),
+    unseen("freeze", "a module that answers from its memory", FaultAction::Chance(Faults { freeze: SELDOM, ..NONE })),
+    fault("disconnect", "a cable that is pulled and plugged in", FaultAction::Chance(Faults { disconnect: SELDOM, ..NONE })),
+    unseen("lie", "read-backs that are wrong", FaultAction::Chance(Faults { lie: CHANCE, ..NONE })),
+    unseen("constant", "read-backs that stay as they are", FaultAction::Chance(Faults { constant: SELDOM, ..NONE })),
+    unseen("late_write", "writes that arrive late", FaultAction::Chance(Faults { late_write: CHANCE, ..NONE })),
+    unseen("double_write", "writes that arrive twice", FaultAction::Chance(Faults { double_write: CHANCE, ..NONE })),
+    fault("torn_write", "words read while they are written", FaultAction::Chance(Faults { torn_write: CHANCE, ..NONE })),
+    unseen("reordered_write", "writes that overtake one another", FaultAction::Chance(Faults { reordered_write: CHANCE, ..NONE })),
+    fault("late_answer", "answers just within the deadline", FaultAction::Chance(Faults { late_answer: CHANCE, ..NONE })),
+    fault("frozen_positions", "positions that stay as they are", FaultAction::Chance(Faults { frozen_positions: SELDOM, ..NONE })),
+    fault("stop_after_read", "the program pauses after a reading", FaultAction::Chance(Faults { stop_after_read: SELDOM, ..NONE })),
+    fault("stop_before_write", "the program pauses before a write", FaultAction::Chance(Faults { stop_before_write: SELDOM, ..NONE })),
+    hiding("dropped_flag", "an emergency stop that is seen at times", FaultAction::HiddenStopByChance),
+    fault("flicker", "a count that flickers", FaultAction::Chance(Faults { flicker: CHANCE, ..NONE })),
+    fault("lag", "positions five readings late", FaultAction::Chance(Faults { lag: 5, ..NONE })),
+    unseen("all", "all of these at once", FaultAction::Chance(ALL)),
     // Injected faults.
     fault("lie_value", "five read-backs with a wrong value", lie(Lie::Value)),
     fault("lie_not_a_number", "five read-backs that are no number", lie(Lie::NotANumber)),
     unseen("lie_other_axis", "five read-backs of another axis", lie(Lie::OtherAxis)),
     fault("lie_torn", "five read-backs that are torn", lie(Lie::Torn)),
     unseen("lie_zero", "five read-backs of zero", lie(Lie::Zero)),
-    unseen("constant_100", "100 read-backs that stay as they are", Act::Directed(Injection::Constant { readings: 100 })),
-    unseen("late_write_50", "a write that arrives 50 calls late", Act::Directed(Injection::LateWrite { calls: 50 })),
-    unseen("double_write_50", "a write that arrives again after 50 calls", Act::Directed(Injection::DoubleWrite { calls: 50 })),
-    fault("torn_write_one", "single writes that are torn", Act::Directed(Injection::TornWrite)),
-    unseen("reordered_one", "single writes that are overtaken", Act::Directed(Injection::ReorderedWrite)),
-    unseen("held_back", "writes that arrive after seconds", Act::HeldBack),
-    fault("late_answer_one", "single answers that are late", Act::Directed(Injection::LateAnswer(Duration::from_millis(100)))),
-    fault("frozen_100", "100 readings of the same position", Act::Directed(Injection::FrozenPositions { readings: 100 })),
+    unseen("constant_100", "100 read-backs that stay as they are", FaultAction::Directed(Injection::Constant { readings: 100 })),
+    unseen("late_write_50", "a write that arrives 50 calls late", FaultAction::Directed(Injection::LateWrite { calls: 50 })),
+    unseen("double_write_50", "a write that arrives again after 50 calls", FaultAction::Directed(Injection::DoubleWrite { calls: 50 })),
+    fault("torn_write_one", "single writes that are torn", FaultAction::Directed(Injection::TornWrite)),
+    unseen("reordered_one", "single writes that are overtaken", FaultAction::Directed(Injection::ReorderedWrite)),
+    unseen("held_back", "writes that arrive after seconds", FaultAction::HeldBack),
+    fault("late_answer_one", "single answers that are late", FaultAction::Directed(Injection::LateAnswer(Duration::from_millis(100)))),
+    fault("frozen_100", "100 readings of the same position", FaultAction::Directed(Injection::FrozenPositions { readings: 100 })),
     fault("position_jump", "20 readings of a position 4 m away", wrong_position(1.0, 4000.0)),
-    fault("position_jump_within", "20 readings of a position elsewhere in the travel", Act::OtherEnd { every: 100, readings: 20 }),
-    fault("position_alternates", "each second position is elsewhere in the travel", Act::OtherEnd { every: 2, readings: 1 }),
+    fault("position_jump_within", "20 readings of a position elsewhere in the travel", FaultAction::OtherEnd { every: 100, readings: 20 }),
+    fault("position_alternates", "every other position is elsewhere in the travel", FaultAction::OtherEnd { every: 2, readings: 1 }),
     fault("position_inches", "20 readings of a position in inches", wrong_position(1.0 / 25.4, 0.0)),
-    fault("stop_read_2s", "the program stands for 2 s after a reading", Act::Directed(Injection::StopAfterRead(Duration::from_secs(2)))),
-    fault("stop_write_2s", "the program stands for 2 s before a write", Act::Directed(Injection::StopBeforeWrite(Duration::from_secs(2)))),
-    hiding("hidden_stop", "an emergency stop that is not seen", Act::HiddenStop),
-    fault("flicker_one", "single counts that flicker", Act::Directed(Injection::Flicker { axis: 0 })),
-    fault("lag_20", "positions 20 readings late", Act::Directed(Injection::Lag(20))),
-    fault("disconnect_50", "50 calls without a connection", Act::Directed(Injection::Disconnect { calls: 50 })),
+    fault("stop_read_2s", "the program pauses for 2 s after a reading", FaultAction::Directed(Injection::StopAfterRead(Duration::from_secs(2)))),
+    fault("stop_write_2s", "the program pauses for 2 s before a write", FaultAction::Directed(Injection::StopBeforeWrite(Duration::from_secs(2)))),
+    hiding("hidden_stop", "an emergency stop that is not seen", FaultAction::HiddenStop),
+    fault("flicker_one", "single counts that flicker", FaultAction::Directed(Injection::Flicker { axis: 0 })),
+    fault("lag_20", "positions 20 readings late", FaultAction::Directed(Injection::Lag(20))),
+    fault("disconnect_50", "50 calls without a connection", FaultAction::Directed(Injection::Disconnect { calls: 50 })),
     // Faults of the control, the gateway and the sensors.
-    fault("emergency_stop", "the emergency stop is pressed", Act::EmergencyStop),
-    fault("alarm", "the control has an alarm", Act::Alarm),
-    fault("unreferenced", "the axes lose their reference", Act::Unreferenced),
-    fault("reset", "the control starts anew", Act::Reset),
-    fault("power_up", "the control is switched off and on", Act::PowerUp),
-    fault("program_stopped", "the program in the control stops", Act::ProgramStopped),
-    fault("garbage", "somebody else writes random words", Act::Garbage),
-    fault("restart", "the gateway is ended and started anew", Act::Restart),
-    fault("positions_lost", "the connection is gone for long", Act::PositionsLost),
-    fault("sensor_jump", "a temperature jumps by 15 K", Act::SensorJump),
-    fault("sensor_corrupt", "temperatures that are wrong or no number", Act::SensorCorrupt),
+    fault("emergency_stop", "the emergency stop is pressed", FaultAction::EmergencyStop),
+    fault("alarm", "the control has an alarm", FaultAction::Alarm),
+    fault("unreferenced", "the axes lose their reference", FaultAction::Unreferenced),
+    fault("reset", "the control starts anew", FaultAction::Reset),
+    fault("power_up", "the control is switched off and on", FaultAction::PowerUp),
+    fault("program_stopped", "the program in the control stops", FaultAction::ProgramStopped),
+    fault("garbage", "another sender writes random words", FaultAction::Garbage),
+    fault("restart", "the gateway is ended and started anew", FaultAction::Restart),
+    fault("positions_lost", "the connection is gone for long", FaultAction::PositionsLost),
+    fault("sensor_jump", "a temperature jumps by 15 K", FaultAction::SensorJump),
+    fault("sensor_corrupt", "temperatures that are wrong or no number", FaultAction::SensorCorrupt),
 ];

@@ -10,9 +10,9 @@ use volcomp_runtime::{
 use volcomp_vocabulary::AxisKind;
 
 use super::{
-    faults::{Act, Fault},
+    faults::{Fault, FaultAction},
     machine::Rig,
-    run::{GARBAGE, MOST_ACTS},
+    run::{GARBAGE, MAX_ACTIONS},
 };
 use crate::documents::{Excursion, RehearsedAxis, RehearsedFault, round};
 
@@ -49,14 +49,17 @@ pub(super) struct Findings {
     pub(super) reasons: Reasons,
     pub(super) worst: State,
     /// Whether a position was rejected.
-    pub(super) disbelieved: bool,
+    pub(super) rejected_position: bool,
 }
 
 /// Whether only the limit bounds the effect of a fault, because it causes an undetectable step.
 fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
     // Without read-back the gateway cannot detect that the words in the control have changed.
-    let is_unknown =
-        path.no_read_back && matches!(fault.act, Act::PowerUp | Act::ProgramStopped | Act::Garbage);
+    let is_unknown = path.no_read_back
+        && matches!(
+            fault.act,
+            FaultAction::PowerUp | FaultAction::ProgramStopped | FaultAction::Garbage
+        );
     path.barrier.is_none() && (fault.is_unseen_without_barrier || is_unknown)
 }
 
@@ -64,9 +67,9 @@ fn is_bounded_by_limit(fault: &Fault, path: &PathPlan) -> bool {
 fn can_hold(fault: &Fault, path: &PathPlan) -> bool {
     let shown = path.description.shown;
     let is_shown = match fault.act {
-        Act::EmergencyStop => shown.emergency_stop,
-        Act::Alarm => shown.alarm,
-        Act::Unreferenced => shown.referenced,
+        FaultAction::EmergencyStop => shown.emergency_stop,
+        FaultAction::Alarm => shown.alarm,
+        FaultAction::Unreferenced => shown.referenced,
         _ => !fault.hides_interlock,
     };
     path.barrier.is_some() || is_shown
@@ -86,7 +89,7 @@ pub(super) fn judge(
     let (mut broken, mut axes) = (Vec::new(), Vec::new());
     for (place, axis) in path.description.axes.iter().enumerate() {
         let limits = &path.limits.axes[place];
-        let overwritten = matches!(fault.act, Act::Garbage) && rig.barrier.is_none();
+        let overwritten = matches!(fault.act, FaultAction::Garbage) && rig.barrier.is_none();
         // The values of the other sender were already applied; the correction ramps in from there.
         let most = if overwritten {
             limits.limit * GARBAGE
@@ -117,7 +120,7 @@ pub(super) fn judge(
         };
         if is_fast {
             broken.push(format!(
-                "axis {name} moved by {} {unit} at once, allowed are {} {unit}",
+                "axis {name} moved by {} {unit} in one step, allowed {} {unit}",
                 excursion.largest_change, excursion.allowed_change
             ));
         }
@@ -140,17 +143,16 @@ pub(super) fn judge(
             "axes moved {moved_while_held} times in emergency stop, alarm or without reference"
         ));
     }
-    let is_jump =
-        matches!(fault.act, Act::Directed(Injection::WrongPosition { add, .. }) if add != 0.0);
-    if is_jump && findings.ready && !findings.disbelieved {
-        broken.push("a position 4 m away was believed: see rapid_m_per_min".to_owned());
+    let is_jump = matches!(fault.act, FaultAction::Directed(Injection::WrongPosition { add, .. }) if add != 0.0);
+    if is_jump && findings.ready && !findings.rejected_position {
+        broken.push("a position 4 m away was accepted: see rapid_m_per_min".to_owned());
     }
     if findings.again.is_none() {
         let reasons: Vec<&str> = findings.reasons.texts().collect();
         let when = if !findings.ready {
             "after the start within 30 s"
-        } else if findings.needed.len() > MOST_ACTS {
-            "again although it was acknowledged and armed again and again"
+        } else if findings.needed.len() > MAX_ACTIONS {
+            "again, despite repeated acknowledging and arming"
         } else {
             "again within 30 s"
         };

@@ -27,7 +27,7 @@ use volcomp_vocabulary::{AxisName, Displacement, PerChannel};
 use crate::{
     error::GatewayError,
     locked,
-    plan::{Opened, Plan},
+    plan::{OpenedPlan, Plan},
 };
 
 /// Duration of one move through the working volume, s.
@@ -36,15 +36,15 @@ const MOVE_S: f64 = 4.0;
 const ACCELERATING_S: f64 = 0.4;
 
 /// Connection to a simulated machine, shared by the runs of a gateway and the rehearsal.
-type Way = Arc<Mutex<Faulty<Wire>>>;
+type SharedWire = Arc<Mutex<Faulty<Wire>>>;
 
 /// A simulated machine in place of a configured one, with everything needed to disturb it. Its clock is advanced
 /// explicitly.
 pub struct Rig {
     pub(super) path: PathPlan,
     pub(super) clock: Clock,
-    pub(super) way: Way,
-    pub(super) thermometer: Option<Thermometers>,
+    pub(super) wire: SharedWire,
+    pub(super) thermometer: Option<ThermometerLink>,
     /// Switches of the machine and the record of its axis motion.
     pub controls: Arc<Controls>,
     /// True while the control's program is stopped.
@@ -61,9 +61,9 @@ pub(super) struct Wire {
 }
 
 /// The controller used by a cycle; the rehearsal shares its connection.
-struct Held {
+struct SharedController {
     description: Description,
-    way: Way,
+    wire: SharedWire,
 }
 
 /// A control program that can be stopped: its report then stays constant, and the outputs do not change.
@@ -121,30 +121,30 @@ impl Controller for Wire {
     }
 }
 
-impl Held {
-    fn new(way: &Way) -> Self {
+impl SharedController {
+    fn new(wire: &SharedWire) -> Self {
         Self {
-            description: locked(way).device.description.clone(),
-            way: Arc::clone(way),
+            description: locked(wire).device.description.clone(),
+            wire: Arc::clone(wire),
         }
     }
 }
 
-impl Controller for Held {
+impl Controller for SharedController {
     fn description(&self) -> &Description {
         &self.description
     }
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        locked(&self.way).read(deadline)
+        locked(&self.wire).read(deadline)
     }
 
     fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
-        locked(&self.way).post(frame, deadline)
+        locked(&self.wire).post(frame, deadline)
     }
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
-        locked(&self.way).apply(corrections, deadline)
+        locked(&self.wire).apply(corrections, deadline)
     }
 }
 
@@ -224,7 +224,7 @@ impl Rig {
         Ok(Self {
             path,
             clock,
-            way: Arc::new(Mutex::new(faulty)),
+            wire: Arc::new(Mutex::new(faulty)),
             thermometer,
             controls,
             stopped,
@@ -238,9 +238,9 @@ impl Rig {
     /// Plan and machine do not match.
     pub(super) fn cycle(&self, plan: &Plan, owner: u16) -> Result<Cycle, GatewayError> {
         let wrong = |source| plan.config.plan_error(source);
-        let held = Held::new(&self.way);
+        let held = SharedController::new(&self.wire);
         let control = ControlPath::new(Box::new(held), &self.path).map_err(wrong)?;
-        let thermometer = self.thermometer.as_ref().map(HeldThermometer::new);
+        let thermometer = self.thermometer.as_ref().map(SharedThermometer::new);
         let thermometers = thermometer.map(|held| Box::new(held) as Box<dyn Thermometer>);
         let guard = plan.guard();
         let cycle = Cycle::new(
@@ -259,7 +259,7 @@ impl Rig {
     ///
     /// # Errors
     /// Plan and machine do not match.
-    pub fn open(&self, plan: Plan) -> Result<Opened, GatewayError> {
+    pub fn open(&self, plan: Plan) -> Result<OpenedPlan, GatewayError> {
         let cycle = self.cycle(&plan, next_owner())?;
         Ok(plan.opened(cycle))
     }
@@ -271,13 +271,13 @@ impl Rig {
 
     /// Injects a fault into the connection to the control.
     pub fn inject(&self, injection: Injection) {
-        locked(&self.way).inject(injection);
+        locked(&self.wire).inject(injection);
     }
 
     /// Simulates another sender that writes these values (mm, rad) to the axes.
     pub fn overwrite(&self, values: &PerChannel<f64>) {
         // An unreachable machine is unreachable for other senders as well.
-        let _ = locked(&self.way)
+        let _ = locked(&self.wire)
             .device
             .control
             .apply(values, self.clock.now());
@@ -292,18 +292,18 @@ impl Rig {
 }
 
 /// The thermometer with its faults, shared by the runs of a gateway and the rehearsal; it survives a restart.
-type Thermometers = Arc<Mutex<Faulty<SimulatedThermometer>>>;
+type ThermometerLink = Arc<Mutex<Faulty<SimulatedThermometer>>>;
 
 /// The thermometer used by a cycle.
-struct HeldThermometer {
+struct SharedThermometer {
     device: String,
     names: Vec<String>,
-    shared: Thermometers,
+    shared: ThermometerLink,
     latest: Vec<Temperature>,
 }
 
-impl HeldThermometer {
-    fn new(shared: &Thermometers) -> Self {
+impl SharedThermometer {
+    fn new(shared: &ThermometerLink) -> Self {
         let (device, names) = {
             let faulty = locked(shared);
             (faulty.device().to_owned(), faulty.names().to_vec())
@@ -317,7 +317,7 @@ impl HeldThermometer {
     }
 }
 
-impl Thermometer for HeldThermometer {
+impl Thermometer for SharedThermometer {
     fn device(&self) -> &str {
         &self.device
     }

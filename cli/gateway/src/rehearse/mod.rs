@@ -6,28 +6,37 @@
 //! if the configuration has one, else with plain values, with or without read-back. Each fault starts on a new machine,
 //! so that it can be repeated alone.
 
+use std::{env, fs, time::Duration};
+
+use sha2::{Digest, Sha256};
+use volcomp_guard::barrier::Settings;
+use volcomp_runtime::PathPlan;
+use volcomp_vocabulary::AxisKind;
+
+use crate::{
+    audit::utc_now,
+    documents::{
+        AxisBounds, RehearsalDocument, RehearsedBarrier, RehearsedFault, RehearsedLimits,
+        RehearsedPath, round,
+    },
+    error::GatewayError,
+    plan::Plan,
+    rehearse::{
+        faults::FaultAction,
+        judge::{Findings, Phase, in_shown_unit},
+        run::Run,
+    },
+};
+
 mod faults;
 mod judge;
 mod machine;
-mod protocol;
 mod run;
 mod text;
-
-use std::time::Duration;
 
 pub use faults::{CATALOGUE, Fault};
 pub use machine::Rig;
 pub use text::{COLUMNS, text};
-use volcomp_runtime::PathPlan;
-
-use crate::{
-    documents::{RehearsalDocument, RehearsedFault, RehearsedPath, round},
-    error::GatewayError,
-    plan::Plan,
-};
-use faults::Act;
-use judge::{Findings, Phase};
-use run::Run;
 
 /// Timeout for reaching compensation after the start, and again after a fault.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -90,7 +99,7 @@ impl Rehearsal {
                 "[guard] is missing, expected it: without limits nothing is corrected",
             ));
         }
-        let head = protocol::Head::of(&plan.config.file)?;
+        let head = Head::of(&plan.config.file)?;
         let mut simulated = Duration::ZERO;
         let paths = plan.paths().iter();
         let controllers = paths
@@ -127,12 +136,15 @@ impl Rehearsal {
         path: &PathPlan,
         simulated: &mut Duration,
     ) -> Result<RehearsedPath, GatewayError> {
-        let asked = self.faults.iter().copied();
+        let requested = self.faults.iter().copied();
         let all = CATALOGUE.iter().filter(|_| self.faults.is_empty());
         let (mut found, mut left_out) = (Vec::new(), Vec::new());
-        for fault in asked.chain(all) {
-            // Faults of a sensor are skipped if there is none.
-            let needs_sensor = matches!(fault.act, Act::SensorJump | Act::SensorCorrupt);
+        for fault in requested.chain(all) {
+            // Faults of a sensor are skipped without one.
+            let needs_sensor = matches!(
+                fault.act,
+                FaultAction::SensorJump | FaultAction::SensorCorrupt
+            );
             if needs_sensor && plan.sensors.is_empty() {
                 left_out.push(fault.name.to_owned());
                 continue;
@@ -150,11 +162,11 @@ impl Rehearsal {
         Ok(RehearsedPath {
             url: path.description.device.clone(),
             scheme: scheme.to_owned(),
-            hold_ms: protocol::ms(path.limits.hold),
-            zero_after_ms: protocol::ms(path.limits.zero_after),
+            hold_ms: ms(path.limits.hold),
+            zero_after_ms: ms(path.limits.zero_after),
             ramp_s: round(path.limits.ramp_taken().as_secs_f64()),
-            barrier: protocol::barrier(path, barrier.as_ref()),
-            limits: protocol::limits(path, barrier.as_ref()),
+            barrier: barrier_document(path, barrier.as_ref()),
+            limits: limits(path, barrier.as_ref()),
             faults: found,
             left_out,
         })
@@ -171,9 +183,9 @@ impl Rehearsal {
         let mut run = Run::new(plan, path, self.seed, self.barrier_rate)?;
         // Move the axes before arming: otherwise the test shift proves nothing.
         run.run(Duration::from_secs(1));
-        let is_start = matches!(fault.act, Act::Nothing);
+        let is_start = matches!(fault.act, FaultAction::Nothing);
         if is_start {
-            run.look();
+            run.reset_axis_log();
         }
         let ready = match phase {
             Phase::Compensating => run.arm(PATIENCE, is_start),
@@ -183,9 +195,9 @@ impl Rehearsal {
             run.run(CALM);
         }
         if !is_start {
-            run.look();
+            run.reset_axis_log();
         }
-        run.look_at_state();
+        run.reset_worst_state();
         let (mut again, mut needed) = (None, Vec::new());
         if ready {
             run.disturb(fault.act)?;
@@ -199,7 +211,7 @@ impl Rehearsal {
             needed,
             reasons: run.reasons(),
             worst: run.worst(),
-            disbelieved: run.disbelieved(),
+            rejected_position: run.rejected_position(),
         };
         Ok(judge::judge(fault, phase, path, &run.rig, findings))
     }
@@ -221,7 +233,7 @@ fn not_rehearsed(plan: &Plan) -> Vec<String> {
     }
     for path in paths.iter().filter(|path| path.barrier.is_none()) {
         texts.push(format!(
-            "what the control behind {} does when nobody writes any more",
+            "what the control behind {} does when writes stop",
             path.description.device
         ));
     }
@@ -264,4 +276,81 @@ impl RehearsalDocument {
             "rehearsal: {broken} of {count} faults broke a rule"
         )))
     }
+}
+
+/// Time, place, user and configuration of a rehearsal.
+struct Head {
+    pub(super) time: String,
+    pub(super) user: String,
+    pub(super) host: String,
+    pub(super) config_hash: String,
+}
+
+impl Head {
+    /// Collects the data of a rehearsal that starts now.
+    ///
+    /// # Errors
+    /// The configuration cannot be read any more.
+    fn of(config: &str) -> Result<Self, GatewayError> {
+        let text = fs::read(config).map_err(|source| GatewayError::Read {
+            file: config.to_owned(),
+            source,
+        })?;
+        let mut names = ["USER", "LOGNAME"].into_iter();
+        let user = names.find_map(|name| env::var(name).ok());
+        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        Ok(Self {
+            time: utc_now(),
+            user: user.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw())),
+            host: host.trim().to_owned(),
+            config_hash: format!("sha256:{}", crate::hex(&Sha256::digest(&text))),
+        })
+    }
+}
+
+fn ms(time: Duration) -> f64 {
+    round(time.as_secs_f64() * 1e3)
+}
+
+/// The barrier in the control, for the document.
+fn barrier_document(path: &PathPlan, settings: Option<&Settings>) -> Option<RehearsedBarrier> {
+    let (settings, scan) = (settings?, path.barrier?.scan);
+    Some(RehearsedBarrier {
+        machine: settings.machine,
+        scan_ms: ms(scan),
+        hold_ms: ms(scan * u32::from(settings.hold_scans)),
+        time_out_ms: ms(scan * u32::from(settings.time_out_scans)),
+    })
+}
+
+/// The limits that apply, in display units.
+fn limits(path: &PathPlan, barrier: Option<&Settings>) -> Vec<RehearsedLimits> {
+    let step_s = |settings: &Settings| {
+        let scan = path.barrier.map(|barrier| barrier.scan);
+        scan.unwrap_or_default().as_secs_f64() * f64::from(settings.step_scans)
+    };
+    let axes = path.description.axes.iter().zip(&path.limits.axes);
+    let of_axis = |(place, (axis, limits)): (usize, (&volcomp_port::Axis, &_))| {
+        let limits: &volcomp_guard::AxisLimits = limits;
+        let shown = |value: f64| round(value * in_shown_unit(axis.kind()));
+        let rate = barrier
+            .map(|settings| f64::from(settings.rate[place]) * limits.resolution / step_s(settings));
+        let bounds = AxisBounds {
+            limit: shown(limits.reachable()),
+            slew_per_s: shown(limits.slew_per_s),
+            accel_per_s2: limits
+                .accel_per_s2
+                .is_finite()
+                .then(|| shown(limits.accel_per_s2)),
+            step: shown(limits.resolution),
+            barrier_per_s: rate.map(shown),
+        };
+        let is_linear = axis.kind() == AxisKind::Linear;
+        RehearsedLimits {
+            axis: axis.name,
+            um: is_linear.then_some(bounds),
+            urad: (!is_linear).then_some(bounds),
+        }
+    };
+    axes.enumerate().map(of_axis).collect()
 }

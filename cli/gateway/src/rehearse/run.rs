@@ -18,7 +18,7 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{Displacement, PerAxis, PerChannel};
 
-use super::{faults::Act, machine::Rig};
+use super::{faults::FaultAction, machine::Rig};
 use crate::{error::GatewayError, locked, plan::Plan};
 
 /// Number of cycles between two injections of a fault.
@@ -28,7 +28,7 @@ const STANDING: Duration = Duration::from_secs(8);
 /// Correction written by another sender, as a multiple of the limit.
 pub(super) const GARBAGE: f64 = 1.5;
 /// Maximum number of operator actions (acknowledging, arming) after a fault.
-pub(super) const MOST_ACTS: usize = 6;
+pub(super) const MAX_ACTIONS: usize = 6;
 /// Size of a temperature jump, K.
 const JUMP_K: f64 = 15.0;
 
@@ -44,7 +44,7 @@ pub(super) struct Run<'a> {
     /// Worst state so far, updated after each cycle.
     worst: State,
     /// Whether a position has been rejected so far.
-    disbelieved: bool,
+    rejected_position: bool,
 }
 
 /// Severity of a state, to find the worst one.
@@ -77,7 +77,7 @@ impl<'a> Run<'a> {
             random: ChaCha8Rng::seed_from_u64(seed),
             cycles: 0,
             worst: State::Compensating,
-            disbelieved: false,
+            rejected_position: false,
         })
     }
 
@@ -98,17 +98,17 @@ impl<'a> Run<'a> {
     }
 
     /// Whether a position has been rejected so far.
-    pub(super) fn disbelieved(&self) -> bool {
-        self.disbelieved
+    pub(super) fn rejected_position(&self) -> bool {
+        self.rejected_position
     }
 
     /// Restarts the observation of the axis motion.
-    pub(super) fn look(&self) {
+    pub(super) fn reset_axis_log(&self) {
         self.rig.controls.axes.forget();
     }
 
     /// Restarts the observation of the worst state.
-    pub(super) fn look_at_state(&mut self) {
+    pub(super) fn reset_worst_state(&mut self) {
         self.worst = self.state();
     }
 
@@ -123,7 +123,7 @@ impl<'a> Run<'a> {
         self.cycle.run(now, &asked, &mut || Duration::ZERO);
         self.cycles += 1;
         let report = self.cycle.report();
-        self.disbelieved |= (report.outside_travel | report.jumped) != 0;
+        self.rejected_position |= (report.outside_travel | report.jumped) != 0;
         if rank(self.state()) > rank(self.worst) {
             self.worst = self.state();
         }
@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
         self.state() == ramping
     }
 
-    /// Waits for compensation and performs the necessary operator actions until there are more than [`MOST_ACTS`].
+    /// Waits for compensation and performs the necessary operator actions until there are more than [`MAX_ACTIONS`].
     /// Returns the time taken and the actions.
     pub(super) fn recover(&mut self, most: Duration) -> (Option<Duration>, Vec<&'static str>) {
         let (begun, mut needed) = (self.elapsed(), Vec::new());
@@ -199,7 +199,7 @@ impl<'a> Run<'a> {
             }
         };
         let patience = Duration::from_secs(3);
-        while self.elapsed() < begun + most && needed.len() <= MOST_ACTS {
+        while self.elapsed() < begun + most && needed.len() <= MAX_ACTIONS {
             match self.state() {
                 State::Compensating => return (Some(self.elapsed().saturating_sub(begun)), needed),
                 State::Faulted(_) => {
@@ -223,80 +223,82 @@ impl<'a> Run<'a> {
     }
 
     /// Sets or clears the switches of the machine for a fault.
-    fn switch(&self, act: Act, on: bool) {
-        locked(&self.rig.way).device.control.plant().pass();
+    fn switch(&self, act: FaultAction, on: bool) {
+        locked(&self.rig.wire).device.control.plant().pass();
         let controls = &self.rig.controls;
         let switch = match act {
-            Act::EmergencyStop | Act::HiddenStop | Act::HiddenStopByChance => {
-                &controls.emergency_stop
-            }
-            Act::Alarm => &controls.alarm,
-            Act::Unreferenced => &controls.unreferenced,
-            Act::PositionsLost => &controls.disconnected,
-            Act::ProgramStopped => &self.rig.stopped,
-            Act::Reset if on => &controls.restart,
-            Act::PowerUp if on => &controls.clear_applied,
+            FaultAction::EmergencyStop
+            | FaultAction::HiddenStop
+            | FaultAction::HiddenStopByChance => &controls.emergency_stop,
+            FaultAction::Alarm => &controls.alarm,
+            FaultAction::Unreferenced => &controls.unreferenced,
+            FaultAction::PositionsLost => &controls.disconnected,
+            FaultAction::ProgramStopped => &self.rig.stopped,
+            FaultAction::Reset if on => &controls.restart,
+            FaultAction::PowerUp if on => &controls.clear_applied,
             _ => return,
         };
         switch.store(on, Ordering::Relaxed);
     }
 
     /// Applies a fault for its duration, then removes it.
-    pub(super) fn disturb(&mut self, act: Act) -> Result<(), GatewayError> {
+    pub(super) fn disturb(&mut self, act: FaultAction) -> Result<(), GatewayError> {
         self.switch(act, true);
         let mut lasts = Duration::from_secs(2);
         match act {
-            Act::Chance(faults) => self.rig.inject(Injection::Faults(faults)),
-            Act::HeldBack => {
+            FaultAction::Chance(faults) => self.rig.inject(Injection::Faults(faults)),
+            FaultAction::HeldBack => {
                 for _ in 0..4 {
                     self.rig.inject(Injection::LateWrite { calls: u32::MAX });
                     self.run(Duration::from_millis(200));
                 }
             }
-            Act::HiddenStop => self
+            FaultAction::HiddenStop => self
                 .rig
                 .inject(Injection::DroppedFlag { readings: u32::MAX }),
-            Act::HiddenStopByChance => self.rig.inject(Injection::Faults(Faults {
+            FaultAction::HiddenStopByChance => self.rig.inject(Injection::Faults(Faults {
                 dropped_flag: 0.02,
                 calls: 20,
                 ..Faults::default()
             })),
-            Act::PositionsLost => lasts = self.rig.path.limits.zero_after + Duration::from_secs(1),
-            Act::SensorJump => self.rig.inject_sensor(Injection::Jump {
+            FaultAction::PositionsLost => {
+                lasts = self.rig.path.limits.zero_after + Duration::from_secs(1);
+            }
+            FaultAction::SensorJump => self.rig.inject_sensor(Injection::Jump {
                 sensor: 0,
                 kelvin: JUMP_K,
             }),
-            Act::SensorCorrupt => self.rig.inject_sensor(Injection::Faults(Faults {
+            FaultAction::SensorCorrupt => self.rig.inject_sensor(Injection::Faults(Faults {
                 corrupt: 0.1,
                 ..Faults::default()
             })),
-            Act::Restart => self.restart(Duration::from_millis(20))?,
-            Act::Garbage if self.rig.barrier.is_none() => self.overwrite(),
+            FaultAction::Restart => self.restart(Duration::from_millis(20))?,
+            FaultAction::Garbage if self.rig.barrier.is_none() => self.overwrite(),
             _ => {}
         }
         let end = self.elapsed() + lasts;
         let begun = self.cycles;
         while self.elapsed() < end {
-            if let Act::Directed(injection) = act
+            if let FaultAction::Directed(injection) = act
                 && (self.cycles - begun).is_multiple_of(CYCLES_BETWEEN)
             {
                 self.rig.inject(injection);
             }
-            if let Act::OtherEnd { every, readings } = act
+            if let FaultAction::OtherEnd { every, readings } = act
                 && (self.cycles - begun).is_multiple_of(every)
             {
-                self.tell_other_end(readings);
+                self.inject_other_end(readings);
             }
-            if matches!(act, Act::Garbage) && self.rig.barrier.is_some() {
+            if matches!(act, FaultAction::Garbage) && self.rig.barrier.is_some() {
                 self.post_garbage();
             }
             self.step(None);
         }
-        self.mend(act)
+        self.restore(act)
     }
 
     /// Shows the position of the first axis mirrored between the ends of its travel, for this number of readings.
-    fn tell_other_end(&self, readings: u32) {
+    fn inject_other_end(&self, readings: u32) {
         let model = &self.plan.model;
         let axes = self.rig.path.description.axes.first();
         let travel = axes.and_then(|axis| model.travel.get(model.index_of(axis.name)?));
@@ -311,7 +313,7 @@ impl<'a> Run<'a> {
     }
 
     /// Removes a fault.
-    fn mend(&mut self, act: Act) -> Result<(), GatewayError> {
+    fn restore(&mut self, act: FaultAction) -> Result<(), GatewayError> {
         self.switch(act, false);
         for injection in [
             Injection::Faults(Faults::default()),
@@ -333,17 +335,17 @@ impl<'a> Run<'a> {
         ] {
             self.rig.inject(injection);
         }
-        if matches!(act, Act::HeldBack) {
+        if matches!(act, FaultAction::HeldBack) {
             self.rig.inject(Injection::Release);
         }
         self.rig.inject_sensor(Injection::Faults(Faults::default()));
-        if matches!(act, Act::SensorJump) {
+        if matches!(act, FaultAction::SensorJump) {
             self.rig.inject_sensor(Injection::Jump {
                 sensor: 0,
                 kelvin: 0.0,
             });
         }
-        if matches!(act, Act::Restart) {
+        if matches!(act, FaultAction::Restart) {
             self.restart(Duration::from_secs(1))?;
         }
         Ok(())
@@ -355,7 +357,7 @@ impl<'a> Run<'a> {
         self.owner = self.owner.wrapping_add(1).max(1);
         self.cycle = self.rig.cycle(self.plan, self.owner)?;
         self.rig.clock.advance(gone);
-        locked(&self.rig.way).device.control.plant().pass();
+        locked(&self.rig.wire).device.control.plant().pass();
         self.cycle.restore(&applied, gone);
         Ok(())
     }
@@ -366,7 +368,7 @@ impl<'a> Run<'a> {
         let length = self.random.random_range(1..=MOST_WORDS);
         words.fill_with(|| self.random.random());
         if self.foreign.is_none() {
-            self.foreign = locked(&self.rig.way).device.control.another();
+            self.foreign = locked(&self.rig.wire).device.control.another();
         }
         if let (Some(foreign), Some(words)) = (&mut self.foreign, Words::new(&words[..length])) {
             // An unreachable machine is unreachable for other senders as well.

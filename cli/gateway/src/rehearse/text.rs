@@ -34,7 +34,7 @@ const LEGEND: [(&str, &str); 5] = [
 ];
 const BOUNDED: (&str, &str) = (
     "*",
-    "without a barrier nobody can notice this; only the limit bounds the step",
+    "without a barrier this cannot be detected; only the limit bounds the step",
 );
 const HIDDEN: (&str, &str) = (
     "+",
@@ -125,7 +125,7 @@ impl Page {
         self.wrapped(
             "  ",
             &format!(
-                "positions: held when {} ms old, let go when {} ms old; ramp {} s",
+                "positions: held when {} ms old, zeroed when {} ms old; ramp {} s",
                 path.hold_ms, path.zero_after_ms, path.ramp_s
             ),
         );

@@ -11,12 +11,9 @@ use volcomp_tables::{Map, Transfer, axes_of};
 
 use crate::{config::MapSender, error::GatewayError};
 
-mod log;
-mod replace;
 mod sending;
 
-pub use replace::ask;
-pub use sending::run;
+pub use sending::{request_replacement, run};
 
 /// A checked map and its hash.
 #[derive(Clone, Debug)]

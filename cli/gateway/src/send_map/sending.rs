@@ -4,8 +4,12 @@
 //! disk that does not respond only prevents the map from being replaced.
 
 use std::{
-    io::Write as _,
-    sync::mpsc::Receiver,
+    collections::BTreeMap,
+    fs,
+    io::{self, Write as _},
+    path::{Path, PathBuf},
+    sync::mpsc::{Receiver, channel},
+    thread,
     time::{Duration, Instant},
 };
 
@@ -19,22 +23,23 @@ use volcomp_tables::{
     control::{FRAME_WORDS, REPORT_WORDS},
 };
 
-use super::{
-    Checked,
-    log::{Log, RECORD},
-    replace::{Another, fits, watch},
-};
 use crate::{
-    audit::clerk::Receipt,
+    audit::{
+        AuditLog, Entry, replace_file,
+        writer::{AuditWriter, Receipt},
+    },
+    config::MapSender,
+    documents::{Details, Event},
     error::GatewayError,
     lock,
-    signals::{Heard, Signal},
+    send_map::{Checked, check},
+    signals::{Signal, SignalReceiver},
 };
 
 /// Retry interval if a control is unreachable.
-const AGAIN: Duration = Duration::from_secs(1);
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 /// Polling interval if the control has not scanned yet.
-const SOON: Duration = Duration::from_millis(5);
+const SCAN_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Time added to the control's timeout when waiting for its effect, s.
 const PATIENCE_S: f64 = 2.0;
 
@@ -58,7 +63,7 @@ impl Exchange for Words {
 }
 
 /// The last observation of another sender.
-struct Other {
+struct OtherSender {
     sequence: u16,
     since: Instant,
 }
@@ -77,7 +82,7 @@ struct Sending {
     place: MapDevice,
     sender: Sender,
     /// Replacement maps confirmed while this sender runs.
-    others: Receiver<Another>,
+    replacements: Receiver<NewMap>,
     recording: Option<Recording>,
     /// The map in use while its replacement is being loaded.
     before: Option<Checked>,
@@ -85,9 +90,9 @@ struct Sending {
     log: Log,
     /// Number of the map in use; while a replacement is loaded, that of the previous map.
     in_use: Option<u16>,
-    other: Option<Other>,
+    other: Option<OtherSender>,
     /// The last warning, which is logged once.
-    told: String,
+    last_warning: String,
 }
 
 /// Sends the map and keeps it valid until a signal. Then waits until the control, after its timeout, has ramped to
@@ -109,28 +114,28 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let owner = u16::from_le_bytes(number).max(1);
     let map = checked.map.clone();
     let sender = Sender::new(map, config.keys.number, owner, config.allowed);
-    let others = watch(checked).map_err(|e| GatewayError::system("thread of files", e))?;
+    let replacements = watch(checked).map_err(|e| GatewayError::system("thread of files", e))?;
     let mut sending = Sending {
         clock,
         checked: checked.clone(),
         place,
         sender: sender.map_err(|e| ended(checked, &e.to_string()))?,
-        others,
+        replacements,
         recording: None,
         before: None,
         words: None,
         log,
         in_use: None,
         other: None,
-        told: String::new(),
+        last_warning: String::new(),
     };
-    let heard = Heard::new(|| ())?;
-    let begun = sending.log.wait_for_first(checked, &heard);
+    let signals = SignalReceiver::new(|| ())?;
+    let begun = sending.log.wait_for_first(checked, &signals);
     if !begun.map_err(in_folder)? {
         return Ok(());
     }
-    let outcome = sending.keep(&heard);
-    let silent = sending.fall_silent(&heard);
+    let outcome = sending.keep(&signals);
+    let silent = sending.end_sending(&signals);
     sending.log.end();
     match (outcome, silent) {
         // Return the first error, which ended the program; log the second.
@@ -160,27 +165,27 @@ impl Sending {
     }
 
     /// Runs until a signal or a permanent error.
-    fn keep(&mut self, heard: &Heard) -> Result<(), GatewayError> {
+    fn keep(&mut self, signals: &SignalReceiver) -> Result<(), GatewayError> {
         loop {
-            if let Ok(another) = self.others.try_recv() {
-                self.take(another);
+            if let Ok(another) = self.replacements.try_recv() {
+                self.begin_replacement(another);
             }
-            self.go_over();
-            self.log.look_after(&self.checked);
+            self.switch_map();
+            self.log.check_log(&self.checked);
             let wait = self.step()?;
-            if heard.next(wait) == Some(Signal::Stop) {
+            if signals.next(wait) == Some(Signal::Stop) {
                 return Ok(());
             }
         }
     }
 
     /// Starts recording that a confirmed replacement map will be sent.
-    fn take(&mut self, another: Another) {
+    fn begin_replacement(&mut self, another: NewMap) {
         let made = another.and_then(|another| {
             if self.in_use.is_none() || self.before.is_some() || self.recording.is_some() {
-                return Err("the map before is not in use yet".to_owned());
+                return Err("the previous map is not in use yet".to_owned());
             }
-            fits(&self.checked, &another)?;
+            check_compatible(&self.checked, &another)?;
             let admitted = another.config.allowed.check_map(&another.map);
             admitted.map_err(|e| e.to_string())?;
             Ok(*another)
@@ -191,7 +196,7 @@ impl Sending {
                 self.recording = Some(Recording {
                     checked,
                     receipt,
-                    until: self.clock.now() + RECORD,
+                    until: self.clock.now() + RECORD_TIMEOUT,
                 });
             }
             Err(why) => self.refuse(&why),
@@ -199,13 +204,13 @@ impl Sending {
     }
 
     fn refuse(&mut self, why: &str) {
-        self.tell(format!("another map is not sent: {why}"));
+        self.warn_once(format!("another map is not sent: {why}"));
         self.record("another map was refused");
     }
 
     /// Starts loading the replacement map once its record is written. The map in use stays active until the control has
     /// the complete replacement; then the control moves from value to value at its rate.
-    fn go_over(&mut self) {
+    fn switch_map(&mut self) {
         let Some(recording) = self.recording.take() else {
             return;
         };
@@ -222,13 +227,13 @@ impl Sending {
             // The record may still be written later: the refusal recorded after it states the outcome.
             None => self.refuse(&format!(
                 "the disk of the audit log has not answered for {} s: confirm it again once it does",
-                RECORD.as_secs()
+                RECORD_TIMEOUT.as_secs()
             )),
         }
     }
 
     /// Keeps the previous map if the control refuses its replacement. Returns `false` if there is no previous map.
-    fn go_back(&mut self, why: &str) -> bool {
+    fn revert_map(&mut self, why: &str) -> bool {
         let Some(checked) = self.before.take() else {
             return false;
         };
@@ -236,7 +241,7 @@ impl Sending {
         if self.sender.replace(checked.map.clone()).is_err() {
             return false;
         }
-        self.tell(format!("another map is not sent: {why}"));
+        self.warn_once(format!("another map is not sent: {why}"));
         self.record("another map was refused by the control");
         self.checked = checked;
         true
@@ -250,7 +255,7 @@ impl Sending {
         let step = self.sender.step(words);
         if let Ok(Step::Kept | Step::Loading) = step {
             self.other = None;
-            self.look_at_use();
+            self.check_use();
         }
         match step {
             Ok(Step::Kept) => {
@@ -259,31 +264,33 @@ impl Sending {
                 if self.in_use != Some(number) {
                     self.in_use = Some(number);
                     self.record("the map is in use");
-                    say(&format!("map {number} is in use"))?;
+                    print_line(&format!("map {number} is in use"))?;
                 }
-                self.told.clear();
+                self.last_warning.clear();
                 Ok(self.place.period)
             }
             Ok(Step::Loading) => Ok(Duration::ZERO),
-            Ok(Step::NotScanned) => Ok(SOON),
+            Ok(Step::NotScanned) => Ok(SCAN_POLL_INTERVAL),
             Ok(Step::Unreadable) => {
-                self.tell("the report is torn, or of another machine".to_owned());
-                Ok(SOON)
+                self.warn_once("the report is torn, or of another machine".to_owned());
+                Ok(SCAN_POLL_INTERVAL)
             }
             Err(SendError::Exchange(error)) => {
-                self.tell(error.to_string());
+                self.warn_once(error.to_string());
                 // Dropping the connection also discards responses in flight.
                 self.words = None;
-                Ok(SOON)
+                Ok(SCAN_POLL_INTERVAL)
             }
-            Err(SendError::Held { by, sequence }) if self.is_waited_for(sequence) => {
-                self.tell(format!("it is waited until sender {by} has let go"));
+            Err(SendError::Held { by, sequence }) if self.is_awaited(sequence) => {
+                self.warn_once(format!(
+                    "waiting until sender {by} has released the control"
+                ));
                 Ok(self.place.period)
             }
             Err(error) => {
                 let why = error.to_string();
-                if self.go_back(&why) {
-                    return Ok(SOON);
+                if self.revert_map(&why) {
+                    return Ok(SCAN_POLL_INTERVAL);
                 }
                 Err(ended(&self.checked, &why))
             }
@@ -291,14 +298,14 @@ impl Sending {
     }
 
     /// Detects that the control has lost the map in use, also while a replacement is loaded.
-    fn look_at_use(&mut self) {
+    fn check_use(&mut self) {
         if is_lost(
             self.in_use,
             self.checked.map.header().counter,
             self.sender.in_use(),
         ) {
             self.in_use = None;
-            self.tell("the control has lost the map, and is sent it again".to_owned());
+            self.warn_once("the control has lost the map: sending it again".to_owned());
             self.record("the control has lost the map");
         }
     }
@@ -310,17 +317,17 @@ impl Sending {
                 Duration::ZERO
             }
             Err(error) => {
-                self.tell(error.to_string());
-                AGAIN
+                self.warn_once(error.to_string());
+                RETRY_INTERVAL
             }
         }
     }
 
     /// Whether to wait for another sender: an inactive sender loses the control after its timeout, an active one is
     /// left undisturbed.
-    fn is_waited_for(&mut self, sequence: u16) -> bool {
+    fn is_awaited(&mut self, sequence: u16) -> bool {
         let now = self.clock.now();
-        let other = (self.other).get_or_insert(Other {
+        let other = (self.other).get_or_insert(OtherSender {
             sequence,
             since: now,
         });
@@ -328,22 +335,22 @@ impl Sending {
     }
 
     /// Logs a warning if it differs from the last one.
-    fn tell(&mut self, what: String) {
-        if self.told != what {
+    fn warn_once(&mut self, what: String) {
+        if self.last_warning != what {
             tracing::warn!("{}: {what}", self.checked.config.keys.url);
-            self.told = what;
+            self.last_warning = what;
         }
     }
 
     /// Stops sending and waits until the control reports zero corrections.
-    fn fall_silent(&mut self, heard: &Heard) -> Result<(), GatewayError> {
+    fn end_sending(&mut self, signals: &SignalReceiver) -> Result<(), GatewayError> {
         let still = self.checked.patience();
         let (mut last, mut since) = (None, self.clock.now());
         let mut is_zero = false;
         while !is_zero && self.clock.now() - since < still {
             let Some(words) = &mut self.words else {
                 let wait = self.connect();
-                if heard.next(wait) == Some(Signal::Stop) {
+                if signals.next(wait) == Some(Signal::Stop) {
                     break;
                 }
                 continue;
@@ -362,7 +369,7 @@ impl Sending {
                 Ok(None) => {}
                 Err(_) => self.words = None,
             }
-            if heard.next(self.place.period) == Some(Signal::Stop) {
+            if signals.next(self.place.period) == Some(Signal::Stop) {
                 break;
             }
         }
@@ -370,13 +377,12 @@ impl Sending {
             words.0.close();
         }
         if !is_zero {
-            let what =
-                "nothing is sent any more, but it is not known that the corrections are zero";
+            let what = "sending has stopped, but it is unknown whether the corrections are zero";
             self.record(what);
             return Err(ended(&self.checked, what));
         }
         self.record("the corrections are zero");
-        say("the corrections are zero")
+        print_line("the corrections are zero")
     }
 }
 
@@ -386,7 +392,7 @@ fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
 }
 
 /// Prints a line to standard output; a closed pipe is not an error.
-fn say(text: &str) -> Result<(), GatewayError> {
+fn print_line(text: &str) -> Result<(), GatewayError> {
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -396,18 +402,240 @@ fn say(text: &str) -> Result<(), GatewayError> {
     }
 }
 
+/// Timeout for the record of a new map, which is then not sent.
+const RECORD_TIMEOUT: Duration = Duration::from_secs(5);
+/// Polling interval for the first record, before anything is sent.
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
+/// Timeout for the last records at shutdown; then they are lost.
+const END_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// The log. Only calls before the first map is sent and after the last one wait for the disk.
+struct Log {
+    writer: AuditWriter,
+    clock: Clock,
+    /// The last reported reason why records may be missing.
+    trouble: Option<&'static str>,
+}
+
+impl Log {
+    /// Opens the log in a folder.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or the operating system cannot create a thread.
+    fn begin(folder: &Path, clock: Clock) -> io::Result<Self> {
+        let (audit, _) = AuditLog::open(folder)?;
+        Ok(Self {
+            writer: AuditWriter::start(audit, clock.clone())?,
+            clock,
+            trouble: None,
+        })
+    }
+
+    /// Queues a record about a map.
+    fn record(&self, checked: &Checked, what: &str) -> Receipt {
+        self.writer.record(entry(checked, what))
+    }
+
+    /// Waits until the first record is written; nothing is sent before. Returns `false` if a signal ends the wait.
+    ///
+    /// # Errors
+    /// The record cannot be written, or the disk does not respond.
+    fn wait_for_first(&self, checked: &Checked, signals: &SignalReceiver) -> io::Result<bool> {
+        let receipt = self.record(checked, "a map is going to be sent");
+        let until = self.clock.now() + RECORD_TIMEOUT;
+        loop {
+            match receipt.written() {
+                Some(true) => return Ok(true),
+                Some(false) => {
+                    return Err(io::Error::other(
+                        "the audit log cannot be written, and nothing was sent",
+                    ));
+                }
+                None if self.clock.now() > until => {
+                    return Err(io::Error::new(
+                        io::ErrorKind::TimedOut,
+                        format!(
+                            "the disk of the audit log has not answered for {} s, and nothing was sent",
+                            RECORD_TIMEOUT.as_secs()
+                        ),
+                    ));
+                }
+                None => {}
+            }
+            if signals.next(POLL_INTERVAL) == Some(Signal::Stop) {
+                return Ok(false);
+            }
+        }
+    }
+
+    /// Reports changes of the log's health and retries a failed log. `checked` is the map being sent.
+    fn check_log(&mut self, checked: &Checked) {
+        let trouble = self.writer.trouble();
+        if trouble != self.trouble {
+            if let Some(trouble) = trouble {
+                tracing::error!(
+                    "{trouble}: the map stays in use, and no other one is accepted until it is written again"
+                );
+            } else {
+                tracing::info!("the audit log is written again");
+            }
+            self.trouble = trouble;
+        }
+        let again = || entry(checked, "audit log can be written again");
+        self.writer.retry(again);
+    }
+
+    /// Waits at most [`END_TIMEOUT`] for the last records.
+    fn end(&self) {
+        if !self.writer.settle(END_TIMEOUT) {
+            tracing::error!("the disk of the audit log does not answer: the last records are lost");
+        }
+    }
+}
+
+/// A record about a map, with the current time.
+fn entry(checked: &Checked, what: &str) -> Entry {
+    let details = Details {
+        model: format!("map {}", checked.hash),
+        output_um: BTreeMap::new(),
+        output_urad: BTreeMap::new(),
+        what: Event::Nothing,
+    };
+    Entry::new("send-map", what, details)
+}
+
+/// Polling interval for a confirmation.
+const CONFIRMATION_POLL_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Path of the confirmation.
+fn confirmation(audit_dir: &Path) -> PathBuf {
+    audit_dir.join("confirmed-map")
+}
+
+/// Requests the running sender to use this map.
+///
+/// # Errors
+/// No sender is running with this configuration, or its folder cannot be written.
+pub fn request_replacement(checked: &Checked) -> Result<(), GatewayError> {
+    let config = &checked.config;
+    // A running sender locks its folder; a gateway on the same control uses another folder.
+    if !lock::is_folder_locked(&config.keys.audit.dir)? {
+        return Err(GatewayError::failed(format!(
+            "{}: --replace: found no sender that runs, expected one of {}",
+            config.keys.url,
+            checked.path.display()
+        )));
+    }
+    let file = confirmation(&config.keys.audit.dir);
+    replace_file(&file, &checked.hash)
+        .map_err(|e| GatewayError::system(file.display().to_string(), e))
+}
+
+/// A replacement map, or why it is refused.
+type NewMap = Result<Box<Checked>, String>;
+
+/// Polls for confirmations of a replacement map until the receiver is dropped. A confirmation is a file in the folder of
+/// the audit log. This thread does the disk work, because the map in use must be kept valid meanwhile; the replacement is
+/// activated without ramping the corrections to zero.
+///
+/// # Errors
+/// The operating system cannot create a thread.
+fn watch(running: &Checked) -> std::io::Result<Receiver<NewMap>> {
+    let (sender, receiver) = channel();
+    let (path, config) = (running.path.clone(), running.config.clone());
+    let file = confirmation(&config.keys.audit.dir);
+    // A confirmation left by an earlier sender is invalid.
+    let _ = fs::remove_file(&file);
+    thread::Builder::new()
+        .name("volcomp-files".to_owned())
+        .spawn(move || {
+            let mut trouble = String::new();
+            loop {
+                thread::sleep(CONFIRMATION_POLL_INTERVAL);
+                let another = match take_confirmation(&file) {
+                    Ok(None) => {
+                        trouble.clear();
+                        continue;
+                    }
+                    Ok(Some(hash)) => read_replacement(&path, &config, hash.trim()),
+                    Err(e) => {
+                        let what = format!("{}: {e}", file.display());
+                        // The error persists: report it once.
+                        if what == trouble {
+                            continue;
+                        }
+                        trouble.clone_from(&what);
+                        Err(what)
+                    }
+                };
+                if sender.send(another).is_err() {
+                    return;
+                }
+            }
+        })?;
+    Ok(receiver)
+}
+
+/// Takes the pending confirmation. It is renamed before it is read, so that a confirmation written meanwhile is kept
+/// for the next poll.
+fn take_confirmation(file: &Path) -> io::Result<Option<String>> {
+    let mine = file.with_extension("taken");
+    match fs::rename(file, &mine) {
+        Ok(()) => fs::read_to_string(&mine).map(Some),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(e),
+    }
+}
+
+/// The confirmed map, provided that nothing else in the sender's configuration has changed.
+fn read_replacement(path: &Path, running: &MapSender, hash: &str) -> NewMap {
+    let checked = check(path).map_err(|e| e.to_string())?;
+    checked.confirmed(hash).map_err(|e| e.to_string())?;
+    let mut but_for_the_map = checked.config.clone();
+    but_for_the_map.keys.map.clone_from(&running.keys.map);
+    if but_for_the_map != *running {
+        return Err(format!(
+            "{}: found other keys than `map` changed, expected the sender to be started again for those",
+            path.display()
+        ));
+    }
+    Ok(Box::new(checked))
+}
+
+/// Rejects a map that cannot replace the one in use: its number must differ, because the control identifies maps by
+/// number, and its axes and steps must match.
+fn check_compatible(running: &Checked, another: &Checked) -> Result<(), String> {
+    let (is, was) = (another.map.header(), running.map.header());
+    let file = another.config.keys.map.display();
+    if is.counter == was.counter {
+        return Err(format!(
+            "{file}: found the number {} of the map in use, expected another one (volcomp map-table --counter)",
+            is.counter
+        ));
+    }
+    let steps = |header: &volcomp_tables::Header| header.lines.map(|lines| lines.step_millionths);
+    if (is.grid, is.outputs, is.output_step_nm, steps(is))
+        != (was.grid, was.outputs, was.output_step_nm, steps(was))
+    {
+        return Err(format!(
+            "{file}: found other axes or other steps than those of the map in use, expected the same"
+        ));
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_map_is_lost_also_while_another_one_is_brought() {
+    fn a_lost_map_is_detected_during_a_replacement() {
         // Map 7 is kept; then map 8 is brought, and takes its place.
         assert!(!is_lost(None, 7, None));
         assert!(!is_lost(Some(7), 7, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(7)));
         assert!(!is_lost(Some(7), 8, Some(8)));
-        // The control has none, or one of somebody else.
+        // The control has none, or one of another sender.
         assert!(is_lost(Some(7), 7, None));
         assert!(is_lost(Some(7), 8, None));
         assert!(is_lost(Some(7), 7, Some(9)));

@@ -20,19 +20,19 @@ use volcomp_runtime::Model;
 use super::{
     Service,
     step::{
-        Compared, Comparing, FILES, Progress, Recording, Step, disk_silent, no_log, no_orders,
-        settled,
+        ArmingRecord, Comparison, ComparisonResult, FILES_TIMEOUT, Progress, Step,
+        control_unavailable, disk_timeout, log_unavailable, settled,
     },
 };
 use crate::{
-    audit::clerk::Receipt,
+    audit::writer::Receipt,
     documents::{Answer, ConfirmedLimits, Event},
     identity::{self, Judge},
     request::{Reply, refused},
 };
 
 /// Timeout for the record of an arming.
-const RECORD: Duration = Duration::from_secs(2);
+const RECORD_TIMEOUT: Duration = Duration::from_secs(2);
 impl Service {
     /// Paths of the machine file and the limits at the last arming.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
@@ -66,7 +66,7 @@ impl Service {
     }
 
     /// Starts comparing the current model and limits with those armed last.
-    fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<Compared>> {
+    fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<ComparisonResult>> {
         let judge = self.judge(confirm);
         let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
         let fading = fading.unwrap_or_default();
@@ -77,18 +77,18 @@ impl Service {
     }
 
     /// Starts the check, after a start or a change, whether the model or limits need confirmation.
-    pub(super) fn ask_whether_confirmed(&mut self) {
-        let told = self.comparison(None);
-        let until = self.clock.now() + FILES;
-        self.unconfirmed = told.map(|told| Comparing { told, until });
+    pub(super) fn begin_confirmation_check(&mut self) {
+        let result = self.comparison(None);
+        let until = self.clock.now() + FILES_TIMEOUT;
+        self.unconfirmed = result.map(|result| Comparison { result, until });
     }
 
     /// Shows that a confirmation is needed, as soon as the check is complete.
-    pub(super) fn tell_whether_confirmed(&mut self) {
+    pub(super) fn show_confirmation_need(&mut self) {
         let Some(comparing) = &self.unconfirmed else {
             return;
         };
-        match comparing.told.try_recv() {
+        match comparing.result.try_recv() {
             Err(TryRecvError::Empty) if self.clock.now() < comparing.until => {}
             Err(_) => self.unconfirmed = None,
             Ok(compared) => {
@@ -100,9 +100,9 @@ impl Service {
 
     /// Sets or clears the reason that a confirmation is needed.
     pub(super) fn must_confirm(&mut self, must: bool) {
-        let others = self.tells.without(Reasons::MUST_CONFIRM);
-        self.tells = others | Reasons::MUST_CONFIRM.when(must);
-        self.tell_thread();
+        let others = self.shown_reasons.without(Reasons::MUST_CONFIRM);
+        self.shown_reasons = others | Reasons::MUST_CONFIRM.when(must);
+        self.update_reasons();
     }
 
     /// Starts arming.
@@ -117,21 +117,21 @@ impl Service {
                 Some(why),
             ));
         }
-        let told = self.comparison(confirm).ok_or_else(disk_silent)?;
-        Ok(Step::Comparing(Comparing {
-            told,
-            until: self.clock.now() + FILES,
+        let result = self.comparison(confirm).ok_or_else(disk_timeout)?;
+        Ok(Step::Comparison(Comparison {
+            result,
+            until: self.clock.now() + FILES_TIMEOUT,
         }))
     }
 
     /// Checks whether the comparison is complete; if it permits arming, starts writing the record.
-    pub(super) fn compared(&mut self, step: Comparing, who: &str) -> Progress {
-        let compared = match step.told.try_recv() {
+    pub(super) fn check_comparison(&mut self, step: Comparison, who: &str) -> Progress {
+        let compared = match step.result.try_recv() {
             Ok(compared) => compared,
             Err(TryRecvError::Empty) if self.clock.now() < step.until => {
-                return Progress::Waits(Step::Comparing(step));
+                return Progress::Waits(Step::Comparison(step));
             }
-            Err(_) => return Progress::Done(disk_silent()),
+            Err(_) => return Progress::Done(disk_timeout()),
         };
         match compared {
             Err(what) => {
@@ -148,58 +148,63 @@ impl Service {
             Ok(None) => {
                 let state = self.parts.handle.report().state.into();
                 let record = self.log(who, "arm", Event::Request { state });
-                Progress::Next(Step::Recording(Recording {
+                Progress::Next(Step::ArmingRecord(ArmingRecord {
                     receipts: {
-                        let [machine, limits] = self.keep_confirmed();
+                        let [machine, limits] = self.save_confirmed();
                         [machine, limits, record]
                     },
                     written: [false; 3],
-                    until: self.clock.now() + RECORD,
+                    until: self.clock.now() + RECORD_TIMEOUT,
                 }))
             }
         }
     }
 
     /// Saves the current model and limits as confirmed.
-    pub(super) fn keep_confirmed(&mut self) -> [Receipt; 2] {
+    pub(super) fn save_confirmed(&mut self) -> [Receipt; 2] {
         self.confirmed_model = Some(Arc::clone(&self.parts.model));
         let limits = serde_json::to_string(&self.limits()).unwrap_or_default();
         let texts = [self.parts.model.text.clone(), limits];
         let [machine, limits] = self.confirmed_paths();
         let [model, numbers] = texts;
         [
-            self.clerk.keep(machine, model),
-            self.clerk.keep(limits, numbers),
+            self.writer.keep(machine, model),
+            self.writer.keep(limits, numbers),
         ]
     }
 
     /// Saves a model as confirmed, but not the limits, which were not part of the question.
-    pub(super) fn keep_confirmed_machine(&self, model: &Model) -> Receipt {
+    pub(super) fn save_confirmed_machine(&self, model: &Model) -> Receipt {
         let [machine, _] = self.confirmed_paths();
-        self.clerk.keep(machine, model.text.clone())
+        self.writer.keep(machine, model.text.clone())
     }
 
     /// Checks whether the record is written; then gives the order, unless a disarm was ordered meanwhile.
-    pub(super) fn recorded(&mut self, mut step: Recording, who: &str, disarms: u64) -> Progress {
+    pub(super) fn check_arming_record(
+        &mut self,
+        mut step: ArmingRecord,
+        who: &str,
+        disarms: u64,
+    ) -> Progress {
         let state = self.parts.handle.report().state;
         for (receipt, written) in step.receipts.iter().zip(&mut step.written) {
             match receipt.written() {
                 Some(true) => *written = true,
                 // A receipt returns its result only once.
                 Some(false) if !*written => {
-                    return Progress::Done(no_log(state, self.clerk.trouble()));
+                    return Progress::Done(log_unavailable(state, self.writer.trouble()));
                 }
                 Some(false) | None => {}
             }
         }
         if step.written.contains(&false) {
             if self.clock.now() < step.until {
-                return Progress::Waits(Step::Recording(step));
+                return Progress::Waits(Step::ArmingRecord(step));
             }
             // The record may still be written later: this one after it states the outcome.
             let what = "not armed: its record was not written in time".to_owned();
             let _ = self.log(who, "arm refused", Event::Refused(what));
-            return Progress::Done(no_log(state, self.clerk.trouble()));
+            return Progress::Done(log_unavailable(state, self.writer.trouble()));
         }
         if self.switch.count() != disarms {
             let what = "not armed: it was disarmed meanwhile";
@@ -209,23 +214,23 @@ impl Service {
         self.must_confirm(false);
         let effect = self.ordered(Request::Arm);
         if !self.send(Request::Arm, effect.until, disarms) {
-            return Progress::Done(no_orders());
+            return Progress::Done(control_unavailable());
         }
         Progress::Next(Step::Effect(effect))
     }
 }
 
-/// Compares the current model and limits with those armed last. If there are none, nothing needs confirmation.
+/// Compares the current model and limits with those armed last. Without those, nothing needs confirmation.
 fn against_last(
     [machine, limits_file]: &[PathBuf; 2],
     model: &Model,
     limits: &ConfirmedLimits,
     fading: Fading,
     judge: Option<&Judge>,
-) -> Compared {
+) -> ComparisonResult {
     let unread = |path: &Path, error: String| {
         format!(
-            "what was armed last cannot be read ({error}): look at it, and remove {} if it is damaged",
+            "the model or limits armed last cannot be read ({error}): check {}, and remove it if it is damaged",
             path.display()
         )
     };

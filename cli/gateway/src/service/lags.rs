@@ -7,13 +7,13 @@ use volcomp_runtime::{Model, Report};
 
 /// Maximum time between two reports during which the sensors count as read; the remaining time counts as without
 /// temperatures.
-const LOOKS: Duration = Duration::from_secs(1);
+const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
 
 /// A copy of the cycle's model with the same lags.
 pub(super) struct Lags {
     model: Model,
     /// Index of each sensor of the model among the temperatures; `None` if it is not measured.
-    places: Vec<Option<usize>>,
+    indices: Vec<Option<usize>>,
     at: Duration,
 }
 
@@ -22,7 +22,7 @@ impl Lags {
     pub(super) fn new(model: &Model, names: &[String]) -> Self {
         let place = |wanted: &String| names.iter().position(|name| name == wanted);
         Self {
-            places: model.sensors().iter().map(place).collect(),
+            indices: model.sensors().iter().map(place).collect(),
             model: model.clone(),
             at: Duration::ZERO,
         }
@@ -40,9 +40,9 @@ impl Lags {
     pub(super) fn follow(&mut self, report: &Report) {
         let passed = report.now.saturating_sub(self.at);
         self.at = report.now;
-        let seen = passed.min(LOOKS);
+        let seen = passed.min(MAX_REPORT_GAP);
         let sensor = |place: &Option<usize>| report.sensors.get((*place)?)?.degc;
-        let degc: Vec<Option<f64>> = self.places.iter().map(sensor).collect();
+        let degc: Vec<Option<f64>> = self.indices.iter().map(sensor).collect();
         self.model.stand(passed.saturating_sub(seen).as_secs_f64());
         self.model.step(seen.as_secs_f64(), &degc);
     }

@@ -1,6 +1,6 @@
 //! The work around the control thread that has no deadline: requests, the audit log, reloads, and publishing the state.
 //!
-//! Nothing here waits for a disk: writes go to the [`Clerk`], reads to the worker.
+//! Nothing here waits for a disk: writes go to the [`AuditWriter`], reads to the worker.
 
 use std::{
     collections::VecDeque,
@@ -15,9 +15,8 @@ use volcomp_vocabulary::PerAxis;
 
 use crate::{
     audit::{
-        AuditLog, Entry, Found, boot_id,
-        clerk::{Clerk, Receipt},
-        utc_now,
+        AuditLog, Entry, LogState, boot_id, utc_now,
+        writer::{AuditWriter, Receipt},
     },
     config::Config,
     documents::{
@@ -25,13 +24,18 @@ use crate::{
         StateName, Status, Stop,
     },
     error::GatewayError,
-    models::ModelNotes,
-    observe::{self, Facts},
+    models::ModelReports,
+    observe::{self, Facts, Times},
     options::Options,
     published::Publisher,
-    request::{Asked, Queue},
+    request::{RequestQueue, ServiceRequest},
+    service::{
+        lags::Lags,
+        step::{Comparison, PendingRequest},
+        watchdog::Watchdog,
+        worker::Worker,
+    },
     simulate::Truth,
-    times::Times,
 };
 
 mod arming;
@@ -43,11 +47,7 @@ mod step;
 mod watchdog;
 mod worker;
 
-use lags::Lags;
-use step::{Comparing, Underway};
 pub use watchdog::Life;
-use watchdog::Watchdog;
-use worker::Worker;
 
 /// Interval at which states are published and changes recorded.
 const TICK: Duration = Duration::from_millis(50);
@@ -56,10 +56,10 @@ const STEP: Duration = Duration::from_millis(2);
 /// Interval at which the last output is saved.
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 /// Timeout at shutdown for a control thread that hangs, and again for the disk.
-const END: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The parts of a service.
-pub struct Parts {
+pub struct ServiceParts {
     /// The running control thread.
     pub handle: Handle,
     /// Command-line options.
@@ -83,39 +83,39 @@ pub struct Parts {
     /// Watchdog timeout of the service manager.
     pub proven_within: Duration,
     /// Channel on which the outcomes of models are reported.
-    pub notes: ModelNotes,
+    pub notes: ModelReports,
 }
 
 /// The service. State: the active parts, the pending requests, and the health of its log.
 pub struct Service {
     /// Clock of the cycle, used for all timeouts here.
     clock: Clock,
-    parts: Parts,
-    clerk: Clerk,
+    parts: ServiceParts,
+    writer: AuditWriter,
     worker: Worker,
     /// The check at start-up whether the model or limits need confirmation.
-    unconfirmed: Option<Comparing>,
+    unconfirmed: Option<Comparison>,
     /// The model armed or confirmed last.
     confirmed_model: Option<Arc<Model>>,
     switch: DisarmSwitch,
     publisher: Publisher,
-    asked: Queue,
+    requests: RequestQueue,
     /// Queued requests to arm and to reload, which are executed one at a time.
-    waiting: VecDeque<Asked>,
-    underway: Vec<Underway>,
+    waiting: VecDeque<ServiceRequest>,
+    pending: Vec<PendingRequest>,
     times: Times,
-    looked: Instant,
+    published_at: Instant,
     last_state: State,
     standing: Standing,
     /// Receipt of the last write of the standing state; the fields below record its failure and the last retry.
-    standing_kept: Option<Receipt>,
+    standing_receipt: Option<Receipt>,
     standing_lost: bool,
     standing_tried: Instant,
     /// Why audit records may be missing.
     trouble: Option<&'static str>,
     /// Reasons of the service itself, shown with those of the guards: the last reload was refused, or the service is
     /// stopping.
-    tells: Reasons,
+    shown_reasons: Reasons,
     /// Whether auto-arm is finished: it was armed once, or an operator took over.
     auto_arm_done: bool,
     /// Whether an operator has armed, disarmed or acknowledged; from then on auto-arm is off.
@@ -139,35 +139,35 @@ impl Service {
     /// # Errors
     /// The operating system cannot create a thread.
     pub fn new(
-        parts: Parts,
+        parts: ServiceParts,
         audit: AuditLog,
         publisher: Publisher,
-        asked: Queue,
+        requests: RequestQueue,
     ) -> Result<Self, GatewayError> {
         let clock = parts.handle.clock().clone();
         let now = clock.now();
-        let clerk =
-            Clerk::start(audit, clock.clone()).map_err(|e| GatewayError::system("audit log", e))?;
+        let writer = AuditWriter::start(audit, clock.clone())
+            .map_err(|e| GatewayError::system("audit log", e))?;
         let pulse = parts.handle.pulse();
         let mut service = Self {
             clock,
-            clerk,
+            writer,
             worker: Worker::default(),
             unconfirmed: None,
             confirmed_model: None,
             switch: parts.handle.disarm_switch(),
             publisher,
-            asked,
+            requests,
             waiting: VecDeque::new(),
-            underway: Vec::new(),
+            pending: Vec::new(),
             times: Times::default(),
-            looked: now,
+            published_at: now,
             last_state: State::Disarmed,
-            standing_kept: None,
+            standing_receipt: None,
             standing_lost: false,
             standing_tried: now,
             trouble: None,
-            tells: Reasons::NONE,
+            shown_reasons: Reasons::NONE,
             auto_arm_done: parts.standing.disarmed_by.is_some(),
             person_decides: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
@@ -186,12 +186,12 @@ impl Service {
             standing: parts.standing.clone(),
             parts,
         };
-        service.tell_thread();
+        service.update_reasons();
         Ok(service)
     }
 
     /// Writes the first record: the state of the log and the version of the program.
-    pub fn started(&mut self, found: &Found) {
+    pub fn started(&mut self, found: &LogState) {
         let start = Start {
             records: found.records,
             cut_bytes: found.cut_bytes,
@@ -199,11 +199,11 @@ impl Service {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
-        // Allocates the file for all later updates; without it nothing arms.
+        // Allocates the file for all later updates, which arming requires.
         self.write_standing();
         // Nothing is armed yet, so there is time to wait; a disk that hangs delays the start by this timeout.
-        self.clerk.settle(END);
-        self.ask_whether_confirmed();
+        self.writer.settle(END_TIMEOUT);
+        self.begin_confirmation_check();
         let entry = ModelEntry {
             time: utc_now(),
             who: "gateway".to_owned(),
@@ -217,18 +217,18 @@ impl Service {
             worst_urad: None,
         };
         let text = self.parts.model.text.clone();
-        self.parts.notes.tell(entry, Some(text));
+        self.parts.notes.report(entry, Some(text));
         // From now on the output stored by the previous run may be outdated.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);
-        self.look();
+        self.publish();
     }
 
     /// One iteration: receives a request, advances the pending ones, records events and publishes the state. Waits at
     /// most 50 ms for a request.
-    pub fn turn(&mut self) {
-        let rest = TICK.saturating_sub(self.since(self.looked));
-        self.turn_within(if self.underway.is_empty() {
+    pub fn poll(&mut self) {
+        let rest = TICK.saturating_sub(self.since(self.published_at));
+        self.poll_within(if self.pending.is_empty() {
             rest
         } else {
             rest.min(STEP)
@@ -236,24 +236,24 @@ impl Service {
     }
 
     /// One iteration that waits at most `rest` for a request; tests with simulated time use zero.
-    pub fn turn_within(&mut self, rest: Duration) {
-        match self.asked.recv_timeout(rest) {
-            Ok(asked) => self.take_on(asked),
+    pub fn poll_within(&mut self, rest: Duration) {
+        match self.requests.recv_timeout(rest) {
+            Ok(request) => self.receive(request),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
             // All senders were dropped.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => std::thread::sleep(rest),
         }
-        self.go_on();
-        if self.since(self.looked) >= TICK {
-            self.look();
+        self.advance();
+        if self.since(self.published_at) >= TICK {
+            self.publish();
             self.auto_arm();
         }
     }
 
-    /// Waits, at most `patience` of system time, until disk writes and file reads are complete. Returns whether they
+    /// Waits, at most `timeout` of system time, until disk writes and file reads are complete. Returns whether they
     /// are.
-    pub fn settle(&self, patience: Duration) -> bool {
-        self.clerk.settle(patience) && self.worker.settle(patience)
+    pub fn settle(&self, timeout: Duration) -> bool {
+        self.writer.settle(timeout) && self.worker.settle(timeout)
     }
 
     fn since(&self, then: Instant) -> Duration {
@@ -265,15 +265,15 @@ impl Service {
     pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         // The stop order comes first; nothing may delay it.
         self.switch.end();
-        self.tells |= Reasons::STOPPING;
-        self.tell_thread();
+        self.shown_reasons |= Reasons::STOPPING;
+        self.update_reasons();
         let state = self.parts.handle.report().state.into();
         let _ = self.log("signal", "stop", Event::Request { state });
         let has_ended = self.ramp_out(hurry, |service| {
-            service.answer_last();
-            service.look();
+            service.answer_remaining();
+            service.publish();
         });
-        self.answer_last();
+        self.answer_remaining();
         self.write_end("signal", "stopped");
         has_ended
     }
@@ -317,9 +317,9 @@ impl Service {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        let has_ended = self.parts.handle.stop_within(END);
+        let has_ended = self.parts.handle.stop_within(END_TIMEOUT);
         if !has_ended {
-            tracing::error!("the control thread hangs: what is applied now is not known");
+            tracing::error!("the control thread hangs: the applied correction is unknown");
         }
         has_ended
     }
@@ -336,7 +336,7 @@ impl Service {
             left_urad,
         };
         let _ = self.log(who, what, Event::Stop(stop));
-        if !self.clerk.settle(END) {
+        if !self.writer.settle(END_TIMEOUT) {
             tracing::error!("the disk of the audit log does not answer: the last records are lost");
         }
         tracing::info!(state = report.state.name(), "{what}");
@@ -345,7 +345,7 @@ impl Service {
     /// Queues an audit record. A log that cannot be written forbids arming.
     fn log(&mut self, who: &str, what: &str, event: Event) -> Receipt {
         let entry = self.entry(who, what, event);
-        self.clerk.record(entry)
+        self.writer.record(entry)
     }
 
     /// The applied correction, µm and µrad; empty if it is unknown.
@@ -369,7 +369,7 @@ impl Service {
         Entry::new(who, what, details)
     }
 
-    fn tell_thread(&mut self) {
+    fn update_reasons(&mut self) {
         let audit = Reasons::AUDIT.when(self.trouble.is_some());
         let standing = self.standing_reasons();
         let handle = &self.parts.handle;
@@ -378,29 +378,29 @@ impl Service {
                 | audit
                 | Reasons::FAULTED_BEFORE.when(self.is_faulted_from_before()),
         );
-        handle.note(audit | self.tells | standing);
+        handle.note(audit | self.shown_reasons | standing);
     }
 
     /// Checks the health of the log and retries it after a failure.
-    fn look_after_log(&mut self) {
-        let lost = "what outlives a restart cannot be written down";
-        let is_lost = self.look_after_standing();
-        let trouble = self.clerk.trouble().or(is_lost.then_some(lost));
+    fn check_log(&mut self) {
+        let lost = "the standing state cannot be written";
+        let is_lost = self.check_standing();
+        let trouble = self.writer.trouble().or(is_lost.then_some(lost));
         if trouble != self.trouble {
             if let Some(trouble) = trouble {
                 tracing::error!("{trouble}: no arming until it is written again");
             }
             self.trouble = trouble;
-            self.tell_thread();
+            self.update_reasons();
         }
         let again = self.entry("gateway", "audit log can be written again", Event::Nothing);
-        self.clerk.try_again(|| again);
+        self.writer.retry(|| again);
     }
 
     /// Records changes since the last call, adds cycle times to the histograms, and publishes the state.
-    fn look(&mut self) {
+    fn publish(&mut self) {
         let now = self.clock.now();
-        self.looked = now;
+        self.published_at = now;
         self.parts.handle.free_retired();
         for refusal in self.parts.handle.refusals() {
             // Planning the reload has checked the orders, so a refusal is a bug.
@@ -416,7 +416,7 @@ impl Service {
             );
             let reasons: Vec<String> = reasons.into_iter().map(str::to_owned).collect();
             let before = std::mem::replace(&mut self.last_state, change.state);
-            self.keep_fault(before, &reasons);
+            self.save_fault(before, &reasons);
             let event = StateChange {
                 state: change.state.into(),
                 controller: change.active,
@@ -426,8 +426,8 @@ impl Service {
             let _ = self.log("gateway", "state", Event::StateChange(event));
             self.auto_arm_done |= change.state == State::Compensating;
         }
-        self.look_after_log();
-        self.tell_whether_confirmed();
+        self.check_log();
+        self.show_confirmation_need();
         for timing in self.parts.handle.timings() {
             self.times.add(&timing);
             self.watchdog.count(&timing, now);
@@ -438,7 +438,7 @@ impl Service {
         }
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
-        self.keep_jumped(&report);
+        self.save_jumped(&report);
         let cycle_at = self.clock.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction
@@ -495,7 +495,7 @@ impl Service {
         self.output = LatestOutput {
             at: self.clock.now(),
             correction: report.correction,
-            receipt: (serde_json::to_string(&output).ok()).map(|text| self.clerk.keep(path, text)),
+            receipt: (serde_json::to_string(&output).ok()).map(|text| self.writer.keep(path, text)),
         };
     }
 }

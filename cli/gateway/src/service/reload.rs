@@ -14,8 +14,8 @@ use volcomp_runtime::{Model, Order, Replacement};
 use super::{
     Service,
     step::{
-        FILES, Keeping, Planned, Progress, Reading, Step, Whose, disk_silent, finish, in_words,
-        no_log, no_orders, settled,
+        FILES_TIMEOUT, FileReading, ModelOrigin, PlanResult, Progress, ReloadRecord, Step,
+        control_unavailable, describe, disk_timeout, finish, log_unavailable, settled,
     },
 };
 use crate::{
@@ -26,115 +26,115 @@ use crate::{
         Question, Reloaded,
     },
     error::GatewayError,
-    identity::{self, Judge, Judged},
+    identity::{self, Judge, Judgement},
     options::Options,
     plan::Plan,
-    request::{Ask, Asked, CentreAsk, ModelAsk, Reply, refused},
+    request::{CentreOperation, ModelActivation, Operation, Reply, ServiceRequest, refused},
     simulate,
 };
 
 impl Service {
     /// Starts reading all files again.
-    pub(super) fn read_again(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
+    pub(super) fn begin_reload(&mut self, confirm: Option<String>) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
         let old = self.parts.config.clone();
         let options = self.parts.options.clone();
         let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
         let opened = self.parts.controllers.clone();
         let work = move || plan_again(&options, &old, &opened, &model, &limits, judge.as_ref());
-        let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading {
-            whose: Whose::Configured,
-            told,
-            until: self.clock.now() + FILES,
+        let result = self.worker.begin(work).ok_or_else(disk_timeout)?;
+        Ok(Step::FileReading(FileReading {
+            origin: ModelOrigin::Configured,
+            result,
+            until: self.clock.now() + FILES_TIMEOUT,
         }))
     }
 
     /// Checks whether the files have been read; if the result may be applied, starts writing its record.
-    pub(super) fn planned(&mut self, step: Reading, who: &str) -> Progress {
-        let whose = step.whose.clone();
-        let planned = match step.told.try_recv() {
+    pub(super) fn check_plan(&mut self, step: FileReading, who: &str) -> Progress {
+        let origin = step.origin.clone();
+        let planned = match step.result.try_recv() {
             Ok(planned) => planned,
             Err(TryRecvError::Empty) if self.clock.now() < step.until => {
-                return Progress::Waits(Step::Reading(step));
+                return Progress::Waits(Step::FileReading(step));
             }
-            Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
+            Err(_) => return Progress::Done(self.reject(&origin, disk_timeout())),
         };
-        if let Whose::Person(ask) = &whose
-            && let Some(why) = ask.differences.refusal.clone()
+        if let ModelOrigin::Operator(activation) = &origin
+            && let Some(why) = activation.differences.refusal.clone()
         {
-            return Progress::Done(self.refused_files(&whose, who, why));
+            return Progress::Done(self.reject_files(&origin, who, why));
         }
         let (plan, mut judged) = match planned {
             Ok(planned) => planned,
             Err(e) => {
-                return Progress::Done(self.refused_files(&whose, who, e.to_string()));
+                return Progress::Done(self.reject_files(&origin, who, e.to_string()));
             }
         };
-        if let Whose::Person(ask) = &whose
-            && plan.model.hash != ask.hash
+        if let ModelOrigin::Operator(activation) = &origin
+            && plan.model.hash != activation.hash
         {
             let what = format!(
                 "{}: its hash is {}, expected {}: the file has become another one meanwhile",
-                ask.machine.display(),
+                activation.machine.display(),
                 plan.model.hash,
-                ask.hash
+                activation.hash
             );
-            return Progress::Done(self.refused_files(&whose, who, what));
+            return Progress::Done(self.reject_files(&origin, who, what));
         }
         if let Some(question) = judged.question.take() {
-            self.note(
-                &whose,
+            self.record_model(
+                &origin,
                 who,
                 &plan,
                 judged.worst,
                 ModelOutcome::MustBeConfirmed,
             );
-            return Progress::Done(self.must_be_confirmed(&whose, who, question));
+            return Progress::Done(self.must_be_confirmed(&origin, who, question));
         }
         let to = plan.config.guard.as_ref().map(identity::limits);
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
             limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
-            model_of: match &whose {
-                Whose::Person(ask) => Some(ask.file.clone()),
+            model_of: match &origin {
+                ModelOrigin::Operator(activation) => Some(activation.file.clone()),
                 _ => None,
             },
         };
-        let (what, confirmed) = match &whose {
-            Whose::Configured => ("reload", None),
-            Whose::Centre(confirm) => ("reload", confirm.as_ref()),
-            Whose::Person(ask) => ("model", ask.confirm.as_ref()),
+        let (what, confirmed) = match &origin {
+            ModelOrigin::Configured => ("reload", None),
+            ModelOrigin::Centre(confirm) => ("reload", confirm.as_ref()),
+            ModelOrigin::Operator(activation) => ("model", activation.confirm.as_ref()),
         };
         let is_confirmed = confirmed == Some(&plan.model.hash);
         let mut receipts = vec![self.log(who, what, event)];
         if is_confirmed {
-            receipts.push(self.keep_confirmed_machine(&plan.model));
+            receipts.push(self.save_confirmed_machine(&plan.model));
         }
-        Progress::Next(Step::Keeping(Box::new(Keeping {
+        Progress::Next(Step::ReloadRecord(Box::new(ReloadRecord {
             who: who.to_owned(),
-            whose,
+            origin,
             plan,
             judged,
             receipts,
-            until: self.clock.now() + FILES,
+            until: self.clock.now() + FILES_TIMEOUT,
         })))
     }
 
     /// Checks whether the record is written; then applies the plan.
-    pub(super) fn kept(&mut self, mut step: Keeping) -> Progress {
-        let whose = step.whose.clone();
+    pub(super) fn check_reload_record(&mut self, mut step: ReloadRecord) -> Progress {
+        let origin = step.origin.clone();
         while let Some(receipt) = step.receipts.last() {
             match receipt.written() {
                 // A receipt returns its result only once.
                 Some(true) => drop(step.receipts.pop()),
                 None if self.clock.now() < step.until => {
-                    return Progress::Waits(Step::Keeping(Box::new(step)));
+                    return Progress::Waits(Step::ReloadRecord(Box::new(step)));
                 }
                 Some(false) | None => {
-                    let reply = no_log(self.last_state, self.clerk.trouble());
-                    return Progress::Done(self.not_taken(&whose, reply));
+                    let reply = log_unavailable(self.last_state, self.writer.trouble());
+                    return Progress::Done(self.reject(&origin, reply));
                 }
             }
         }
@@ -142,24 +142,30 @@ impl Service {
         let handle = &self.parts.handle;
         let is_silent = handle.pulse().silence().is_some();
         if is_silent || handle.room() <= step.plan.limits().len() {
-            return Progress::Done(self.not_taken(&whose, no_orders()));
+            return Progress::Done(self.reject(&origin, control_unavailable()));
         }
         let plan = *step.plan;
-        let is_configured = whose == Whose::Configured;
+        let is_configured = origin == ModelOrigin::Configured;
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            self.note(&whose, &step.who, &plan, step.judged.worst, ModelOutcome::InForce);
+            self.record_model(
+                &origin,
+                &step.who,
+                &plan,
+                step.judged.worst,
+                ModelOutcome::InForce,
+            );
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
             let who = if plan.config.is_machine_of_centre() {
                 "the centre"
             } else {
-                "a person"
+                "an operator"
             };
             note = Some(format!(
-                "{} was not read: the model that {who} has put in force holds",
+                "{} was not read: the model that {who} has activated remains active",
                 plan.config.configured_machine.display()
             ));
         }
@@ -170,18 +176,18 @@ impl Service {
         if unchanged {
             self.parts.config.machine = plan.config.machine;
         } else {
-            self.take(plan, step.judged.is_confirmed);
+            self.apply(plan, step.judged.is_confirmed);
         }
-        match whose {
-            Whose::Configured => {
-                self.tells = self.tells.without(Reasons::NOT_RELOADED);
+        match origin {
+            ModelOrigin::Configured => {
+                self.shown_reasons = self.shown_reasons.without(Reasons::NOT_RELOADED);
                 self.must_confirm(false);
             }
-            Whose::Centre(_) => {
-                self.tells = self.tells.without(Reasons::CENTRE_FILE);
-                self.took_other();
+            ModelOrigin::Centre(_) => {
+                self.shown_reasons = self.shown_reasons.without(Reasons::CENTRE_FILE);
+                self.finish_activation();
             }
-            Whose::Person(_) => self.took_other(),
+            ModelOrigin::Operator(_) => self.finish_activation(),
         }
         Progress::Done(Reply {
             status: 200,
@@ -194,38 +200,38 @@ impl Service {
     }
 
     /// The response if an operator must confirm a machine file first.
-    fn must_be_confirmed(&mut self, whose: &Whose, who: &str, question: Question) -> Reply {
+    fn must_be_confirmed(&mut self, origin: &ModelOrigin, who: &str, question: Question) -> Reply {
         let (model, answer) = (question.model.clone(), Answer::Question(Box::new(question)));
-        match whose {
-            Whose::Centre(_) => {
-                let words = in_words(&answer);
+        match origin {
+            ModelOrigin::Centre(_) => {
+                let words = describe(&answer);
                 tracing::warn!("{who}: {words}");
                 let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
             }
             // The files on disk do not differ from the active ones, so no reason is shown.
-            Whose::Person(_) => {
+            ModelOrigin::Operator(_) => {
                 let what = Event::Refused(format!("{model} must be confirmed"));
                 let _ = self.log(who, "model must be confirmed", what);
             }
-            Whose::Configured => {
+            ModelOrigin::Configured => {
                 tracing::warn!("reload: {model} must be confirmed");
                 self.must_confirm(true);
             }
         }
         let status = 409;
-        self.not_taken(whose, Reply { status, answer })
+        self.reject(origin, Reply { status, answer })
     }
 
     /// Reports the outcome of a model for its history.
-    fn note(
+    fn record_model(
         &self,
-        whose: &Whose,
+        origin: &ModelOrigin,
         who: &str,
         plan: &Plan,
         [worst_um, worst_urad]: [Option<f64>; 2],
         outcome: ModelOutcome,
     ) {
-        let (from, file) = whose.origin(&plan.config);
+        let (from, file) = origin.describe_origin(&plan.config);
         let entry = ModelEntry {
             time: utc_now(),
             who: who.to_owned(),
@@ -239,66 +245,66 @@ impl Service {
             worst_urad,
         };
         let text = plan.model.text.clone();
-        self.parts.notes.tell(entry, Some(text));
+        self.parts.notes.report(entry, Some(text));
     }
 
     /// The response for invalid files; it is recorded.
-    fn refused_files(&mut self, whose: &Whose, who: &str, what: String) -> Reply {
-        let title = match whose {
-            Whose::Person(ask) => {
-                let (hash, file) = (ask.hash.clone(), ask.file.clone());
-                let entry = ModelEntry::refused(who, hash, ask.from, file, what.clone());
-                self.parts.notes.tell(entry, None);
+    fn reject_files(&mut self, origin: &ModelOrigin, who: &str, what: String) -> Reply {
+        let title = match origin {
+            ModelOrigin::Operator(activation) => {
+                let (hash, file) = (activation.hash.clone(), activation.file.clone());
+                let entry = ModelEntry::refused(who, hash, activation.from, file, what.clone());
+                self.parts.notes.report(entry, None);
                 "model refused"
             }
             _ => "reload refused",
         };
         let _ = self.log(who, title, Event::Refused(what.clone()));
         tracing::warn!("{title}: {what}");
-        self.not_taken(whose, refused(422, what))
+        self.reject(origin, refused(422, what))
     }
 
     /// The response if nothing was applied; for a reload, this is also shown as a reason.
-    fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
+    fn reject(&mut self, origin: &ModelOrigin, reply: Reply) -> Reply {
         // The built-in configuration has no files that could differ from it.
-        if *whose == Whose::Configured && self.parts.options.config.is_some() {
-            self.tells |= Reasons::NOT_RELOADED;
-            self.tell_thread();
+        if *origin == ModelOrigin::Configured && self.parts.options.config.is_some() {
+            self.shown_reasons |= Reasons::NOT_RELOADED;
+            self.update_reasons();
         }
         reply
     }
 
     /// Executes a request of the centre that does not wait.
-    pub(super) fn centre_asks(&mut self, asked: Asked) {
-        match &asked.ask {
-            Ask::Centre(CentreAsk::Disable) => {
+    pub(super) fn execute_centre_operation(&mut self, request: ServiceRequest) {
+        match &request.operation {
+            Operation::Centre(CentreOperation::Disable) => {
                 self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
-                self.tell_thread();
+                self.update_reasons();
                 // Disarm again: auto-arm may have armed between the order and this reason.
                 self.switch.disarm();
                 let effect = self.ordered(Request::Disarm);
-                self.write_down(&asked.who, "disable");
-                return self.begin(asked, Step::Effect(effect));
+                self.record_request(&request.who, "disable");
+                return self.begin(request, Step::Effect(effect));
             }
-            Ask::Centre(CentreAsk::Enable) => self.enable(&asked.who),
-            Ask::Centre(CentreAsk::Refused(why)) => {
-                tracing::warn!("{}: manifest refused: {why}", asked.who);
+            Operation::Centre(CentreOperation::Enable) => self.enable(&request.who),
+            Operation::Centre(CentreOperation::Refused(why)) => {
+                tracing::warn!("{}: manifest refused: {why}", request.who);
                 let why = Event::Refused(why.clone());
-                let _ = self.log(&asked.who, "manifest refused", why);
+                let _ = self.log(&request.who, "manifest refused", why);
             }
-            Ask::Centre(CentreAsk::Damaged(what)) => {
+            Operation::Centre(CentreOperation::Damaged(what)) => {
                 tracing::error!("fleet: {what}");
                 let what = Event::Refused(what.clone());
                 let _ = self.log("gateway", "files of the fleet damaged", what);
-                self.tells |= Reasons::CENTRE_FILE;
-                self.tell_thread();
+                self.shown_reasons |= Reasons::CENTRE_FILE;
+                self.update_reasons();
             }
             // Other requests are handled elsewhere.
             _ => {}
         }
         let report = *self.parts.handle.report();
         let reply = settled(200, report.state, self.all_reasons(&report), None);
-        finish(&asked.who, asked.answer, reply);
+        finish(&request.who, request.answer, reply);
     }
 
     /// Permits arming again. If only the centre prevented it, auto-arm resumes as after the start.
@@ -307,46 +313,54 @@ impl Service {
             return;
         }
         self.parts.forbids = self.parts.forbids.without(Reasons::DISABLED_BY_CENTRE);
-        self.tell_thread();
-        self.write_down(who, "enable");
+        self.update_reasons();
+        self.record_request(who, "enable");
         self.auto_arm_done &= self.person_decides;
     }
 
     /// Starts reading a machine file of the centre.
-    pub(super) fn read_of_centre(
+    pub(super) fn begin_centre_model(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
+        self.begin_model(
+            machine,
+            confirm.clone(),
+            Vec::new(),
+            ModelOrigin::Centre(confirm),
+        )
     }
 
     /// Starts reading a machine file selected by an operator. Refused while a model of the centre is active: the
     /// machine must not use another model than the centre assumes.
-    pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
+    pub(super) fn begin_operator_model(
+        &mut self,
+        activation: Box<ModelActivation>,
+    ) -> Result<Step, Reply> {
         if self.parts.config.is_machine_of_centre() {
             return Err(refused(
                 409,
-                "the centre has put the model in force: a new one comes from there",
+                "the centre has activated the model: only the centre can replace it",
             ));
         }
-        let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
-        self.read_other(
+        let (machine, confirm) = (activation.machine.clone(), activation.confirm.clone());
+        self.begin_model(
             machine,
             confirm,
-            ask.differences.to_confirm.clone(),
-            Whose::Person(ask),
+            activation.differences.to_confirm.clone(),
+            ModelOrigin::Operator(activation),
         )
     }
 
     /// Starts reading a machine file without any other change of the configuration, whatever is on disk. `differences`
     /// must be confirmed in addition to a large change of the correction.
-    fn read_other(
+    fn begin_model(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
         differences: Vec<String>,
-        whose: Whose,
+        origin: ModelOrigin,
     ) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
         let judge = judge.map(|judge| Judge {
@@ -360,29 +374,29 @@ impl Service {
         let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
         let opened = self.parts.controllers.clone();
         let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
-        let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading {
-            whose,
-            told,
-            until: self.clock.now() + FILES,
+        let result = self.worker.begin(work).ok_or_else(disk_timeout)?;
+        Ok(Step::FileReading(FileReading {
+            origin,
+            result,
+            until: self.clock.now() + FILES_TIMEOUT,
         }))
     }
 
     /// Completes the activation of another machine file than the configured one.
-    pub(super) fn took_other(&mut self) {
+    pub(super) fn finish_activation(&mut self) {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
             // The model armed last may be another one: check it again. Arming asks, and a confirmation sent with this
             // model answers.
-            self.ask_whether_confirmed();
+            self.begin_confirmation_check();
             self.auto_arm_done &= self.person_decides;
-            self.tell_thread();
+            self.update_reasons();
         }
     }
 
     /// Applies limits and model of a plan. Only a confirmed model becomes the one from which the next change is measured.
-    fn take(&mut self, plan: Plan, is_confirmed: bool) {
+    fn apply(&mut self, plan: Plan, is_confirmed: bool) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
             // The queue has room for all of them: this is the only sending thread.
             let _ = self
@@ -403,9 +417,9 @@ impl Service {
         self.parts.forbids = self.parts.forbids.without(Reasons::NO_LIMITS);
         self.parts.config = config;
         if is_confirmed && self.last_state.is_armed() {
-            let _ = self.keep_confirmed();
+            let _ = self.save_confirmed();
         }
-        self.tell_thread();
+        self.update_reasons();
     }
 }
 
@@ -417,7 +431,7 @@ fn plan_again(
     model: &Model,
     limits: &ConfirmedLimits,
     judge: Option<&Judge>,
-) -> Planned {
+) -> PlanResult {
     if options.config.is_none() {
         let what = "the built-in configuration cannot be read again";
         return Err(GatewayError::invalid(what));
@@ -444,7 +458,7 @@ fn plan_with(
     model: &Model,
     limits: &ConfirmedLimits,
     judge: Option<&Judge>,
-) -> Planned {
+) -> PlanResult {
     let Some(guard) = &config.guard else {
         return Err(GatewayError::invalid_in(
             config.file,
@@ -478,7 +492,7 @@ fn plan_with(
     };
     let differs = plan.model.hash != model.hash || !changes.is_empty();
     let Some(judge) = judge.filter(|_| differs) else {
-        return Ok((Box::new(plan), Judged::default()));
+        return Ok((Box::new(plan), Judgement::default()));
     };
     let mut judged = judge.judged([model, &plan.model], changes.clone(), &new_limits);
     if judged.question.is_none()

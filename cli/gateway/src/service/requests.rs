@@ -9,98 +9,104 @@ use volcomp_runtime::{Order, Report};
 use super::{
     Service,
     step::{
-        AUTO_ARM, Effect, Progress, Step, Underway, finish, has_taken, in_words, no_orders,
-        refusal, settled,
+        AUTO_ARM, Effect, PendingRequest, Progress, Step, control_unavailable, describe, finish,
+        is_reached, refusal, settled,
     },
 };
 use crate::{
     documents::{Answer, Event},
-    request::{Ask, Asked, CentreAsk, Reply, refused},
+    request::{CentreOperation, Operation, Reply, ServiceRequest, refused},
 };
 
 /// Time within which a request must take effect.
-const EFFECT: Duration = Duration::from_millis(300);
+const EFFECT_TIMEOUT: Duration = Duration::from_millis(300);
 
 impl Service {
     /// Receives a request. A disarm was already ordered when the request was created.
-    pub(super) fn take_on(&mut self, asked: Asked) {
+    pub(super) fn receive(&mut self, request: ServiceRequest) {
         // An operator's request ends auto-arm.
-        let decides = !matches!(asked.ask, Ask::Reload(_) | Ask::Centre(_) | Ask::Model(_));
+        let decides = !matches!(
+            request.operation,
+            Operation::Reload(_) | Operation::Centre(_) | Operation::Model(_)
+        );
         self.person_decides |= decides;
         self.auto_arm_done |= decides;
-        match asked.ask {
-            Ask::Arm(_) | Ask::Reload(_) | Ask::Model(_) | Ask::Centre(CentreAsk::Take { .. }) => {
-                self.waiting.push_back(asked);
+        match request.operation {
+            Operation::Arm(_)
+            | Operation::Reload(_)
+            | Operation::Model(_)
+            | Operation::Centre(CentreOperation::Take { .. }) => {
+                self.waiting.push_back(request);
             }
-            Ask::Centre(_) => self.centre_asks(asked),
-            Ask::Disarm => {
+            Operation::Centre(_) => self.execute_centre_operation(request),
+            Operation::Disarm => {
                 let effect = self.ordered(Request::Disarm);
-                self.write_disarming(&asked);
-                self.begin(asked, Step::Effect(effect));
+                self.record_disarm(&request);
+                self.begin(request, Step::Effect(effect));
             }
-            Ask::Acknowledge => self.acknowledge(asked),
+            Operation::Acknowledge => self.acknowledge(request),
         }
     }
 
     /// Records who disarmed; this survives a restart.
-    fn write_disarming(&mut self, asked: &Asked) {
-        self.write_down(&asked.who, "disarm");
-        let who = asked.who.clone();
+    fn record_disarm(&mut self, request: &ServiceRequest) {
+        self.record_request(&request.who, "disarm");
+        let who = request.who.clone();
         self.change_standing(|standing| standing.disarmed_by = Some(who));
     }
 
     /// Handles requests that arrive while the gateway stops: disarming is recorded, all others are refused.
-    pub(super) fn answer_last(&mut self) {
-        while let Ok(asked) = self.asked.recv_timeout(Duration::ZERO) {
-            let reply = if asked.ask == Ask::Disarm {
-                self.write_disarming(&asked);
+    pub(super) fn answer_remaining(&mut self) {
+        while let Ok(request) = self.requests.recv_timeout(Duration::ZERO) {
+            let reply = if request.operation == Operation::Disarm {
+                self.record_disarm(&request);
                 let report = *self.parts.handle.report();
                 settled(200, report.state, self.all_reasons(&report), None)
             } else {
                 refused(503, "the gateway is stopping")
             };
-            finish(&asked.who, asked.answer, reply);
+            finish(&request.who, request.answer, reply);
         }
     }
 
     /// Acknowledges a fault. If there is nothing to acknowledge, the request is refused.
-    fn acknowledge(&mut self, asked: Asked) {
+    fn acknowledge(&mut self, request: ServiceRequest) {
         let report = *self.parts.handle.report();
         let from_before = self.is_faulted_from_before();
-        if !(from_before || has_to_be_acknowledged(&report)) {
+        if !(from_before || needs_acknowledgement(&report)) {
             let why = if shows_interlock(&report) {
                 "an interlock is on: it ends at the control, and cannot be acknowledged"
             } else {
                 "there is nothing to acknowledge: no fault, no interlock of a silent controller, and no temperature that jumped"
             };
             let reply = settled(409, report.state, self.all_reasons(&report), Some(why));
-            return finish(&asked.who, asked.answer, reply);
+            return finish(&request.who, request.answer, reply);
         }
         if from_before && may_not_end(&report) {
             let why = Some(refusal(Request::Acknowledge, report.state));
             let reply = settled(409, report.state, self.all_reasons(&report), why);
-            return finish(&asked.who, asked.answer, reply);
+            return finish(&request.who, request.answer, reply);
         }
         let effect = self.ordered(Request::Acknowledge);
-        if self.send(Request::Acknowledge, effect.until, asked.disarms) {
-            self.write_down(&asked.who, "acknowledge");
-            self.begin(asked, Step::Effect(effect));
+        if self.send(Request::Acknowledge, effect.until, request.disarms) {
+            self.record_request(&request.who, "acknowledge");
+            self.begin(request, Step::Effect(effect));
         } else {
-            finish(&asked.who, asked.answer, no_orders());
+            finish(&request.who, request.answer, control_unavailable());
         }
     }
 
     /// Records a request with the state at that time, without waiting.
-    pub(super) fn write_down(&mut self, who: &str, what: &str) {
+    pub(super) fn record_request(&mut self, who: &str, what: &str) {
         let state = self.parts.handle.report().state.into();
         let _ = self.log(who, what, Event::Request { state });
     }
 
-    pub(super) fn begin(&mut self, asked: Asked, step: Step) {
-        self.underway.push(Underway {
-            who: asked.who,
-            answer: asked.answer,
-            disarms: asked.disarms,
+    pub(super) fn begin(&mut self, request: ServiceRequest, step: Step) {
+        self.pending.push(PendingRequest {
+            who: request.who,
+            answer: request.answer,
+            disarms: request.disarms,
             step,
         });
     }
@@ -110,7 +116,7 @@ impl Service {
         Effect {
             request,
             cycle: self.parts.handle.report().cycle,
-            until: self.clock.now() + EFFECT.max(self.parts.config.cycle() * 5),
+            until: self.clock.now() + EFFECT_TIMEOUT.max(self.parts.config.cycle() * 5),
         }
     }
 
@@ -125,73 +131,73 @@ impl Service {
     }
 
     /// Advances all pending requests and starts the next queued one.
-    pub(super) fn go_on(&mut self) {
-        for mut underway in std::mem::take(&mut self.underway) {
-            let mut step = underway.step;
+    pub(super) fn advance(&mut self) {
+        for mut pending in std::mem::take(&mut self.pending) {
+            let mut step = pending.step;
             loop {
-                let (who, disarms) = (&*underway.who, underway.disarms);
+                let (who, disarms) = (&*pending.who, pending.disarms);
                 let progress = match step {
-                    Step::Comparing(step) => self.compared(step, who),
-                    Step::Recording(step) => self.recorded(step, who, disarms),
-                    Step::Reading(step) => self.planned(step, who),
-                    Step::Keeping(step) => self.kept(*step),
-                    Step::Effect(effect) => self.took_effect(effect, who, disarms),
+                    Step::Comparison(step) => self.check_comparison(step, who),
+                    Step::ArmingRecord(step) => self.check_arming_record(step, who, disarms),
+                    Step::FileReading(step) => self.check_plan(step, who),
+                    Step::ReloadRecord(step) => self.check_reload_record(*step),
+                    Step::Effect(effect) => self.check_effect(effect, who, disarms),
                 };
                 match progress {
                     Progress::Next(next) => step = next,
                     Progress::Waits(same) => {
-                        underway.step = same;
-                        self.underway.push(underway);
+                        pending.step = same;
+                        self.pending.push(pending);
                         break;
                     }
                     Progress::Done(reply) => {
-                        self.told(&underway.who, &reply);
+                        self.handle_reply(&pending.who, &reply);
                         // Publish first, so that a state read after the response is consistent with it.
-                        self.look();
-                        finish(&underway.who, underway.answer, reply);
+                        self.publish();
+                        finish(&pending.who, pending.answer, reply);
                         break;
                     }
                 }
             }
         }
-        let is_slow = |underway: &Underway| !matches!(&underway.step, Step::Effect(effect) if effect.request != Request::Arm);
-        self.tell_whether_confirmed();
+        let is_slow = |pending: &PendingRequest| !matches!(&pending.step, Step::Effect(effect) if effect.request != Request::Arm);
+        self.show_confirmation_need();
         if self.unconfirmed.is_none()
-            && !self.underway.iter().any(is_slow)
-            && let Some(mut asked) = self.waiting.pop_front()
+            && !self.pending.iter().any(is_slow)
+            && let Some(mut request) = self.waiting.pop_front()
         {
-            let step = match &mut asked.ask {
-                Ask::Arm(confirm) => self.compare(confirm.take()),
-                Ask::Reload(confirm) => self.read_again(confirm.take()),
-                Ask::Centre(CentreAsk::Take { machine, confirm }) => {
-                    self.read_of_centre(std::mem::take(machine), confirm.take())
+            let step = match &mut request.operation {
+                Operation::Arm(confirm) => self.compare(confirm.take()),
+                Operation::Reload(confirm) => self.begin_reload(confirm.take()),
+                Operation::Centre(CentreOperation::Take { machine, confirm }) => {
+                    self.begin_centre_model(std::mem::take(machine), confirm.take())
                 }
-                Ask::Model(ask) => self.read_of_person(ask.clone()),
+                Operation::Model(activation) => self.begin_operator_model(activation.clone()),
                 // These are never queued.
-                Ask::Disarm | Ask::Acknowledge | Ask::Centre(_) => return,
+                Operation::Disarm | Operation::Acknowledge | Operation::Centre(_) => return,
             };
             match step {
-                Ok(step) => self.begin(asked, step),
-                Err(reply) => finish(&asked.who, asked.answer, reply),
+                Ok(step) => self.begin(request, step),
+                Err(reply) => finish(&request.who, request.answer, reply),
             }
         }
     }
 
     /// Effects of a response on the service.
-    fn told(&mut self, who: &str, reply: &Reply) {
+    fn handle_reply(&mut self, who: &str, reply: &Reply) {
         if who == AUTO_ARM && reply.status != 200 {
-            tracing::warn!("auto_arm: {}", in_words(&reply.answer));
+            tracing::warn!("auto_arm: {}", describe(&reply.answer));
             // Auto-arm must not repeat a question that an operator has to confirm.
             self.auto_arm_done = matches!(reply.answer, Answer::Question(_));
         }
     }
 
     /// Checks whether a request has taken effect.
-    fn took_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
+    fn check_effect(&mut self, effect: Effect, who: &str, disarms: u64) -> Progress {
         let report = *self.parts.handle.report();
         // Two cycles, because the order may have arrived in the middle of one.
         let seen = report.cycle > effect.cycle + 2;
-        if seen && has_taken(effect.request, report.state) {
+        if seen && is_reached(effect.request, report.state) {
             // The report may predate a disarm ordered meanwhile.
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
@@ -214,12 +220,12 @@ impl Service {
         } else if effect.request == Request::Disarm {
             refused(
                 503,
-                "the control thread runs no cycles: what is applied now is not known; it disarms with its next cycle",
+                "the control thread runs no cycles: the applied correction is unknown; it disarms with its next cycle",
             )
         } else {
             refused(
                 503,
-                "the control thread runs no cycles: what is applied now is not known, and the request has expired: it is not carried out any more",
+                "the control thread runs no cycles: the applied correction is unknown, and the request has expired without effect",
             )
         })
     }
@@ -231,7 +237,7 @@ impl Service {
     pub(super) fn auto_arm(&mut self) {
         if !self.parts.config.auto_arm
             || self.auto_arm_done
-            || !self.underway.is_empty()
+            || !self.pending.is_empty()
             || !self.waiting.is_empty()
             || self.clock.now() < self.auto_arm_after
         {
@@ -245,14 +251,14 @@ impl Service {
             && against.is_empty()
             && self.trouble.is_none()
         {
-            let asked = Asked::new(Ask::Arm(None), AUTO_ARM, None, &self.switch);
-            self.waiting.push_back(asked);
+            let request = ServiceRequest::new(Operation::Arm(None), AUTO_ARM, None, &self.switch);
+            self.waiting.push_back(request);
         }
     }
 }
 
 /// Whether anything needs to be acknowledged. An interlock that a controller shows now does not.
-fn has_to_be_acknowledged(report: &Report) -> bool {
+fn needs_acknowledgement(report: &Report) -> bool {
     let jumped = |flaw: Option<SensorFlaw>| flaw == Some(SensorFlaw::Jumped);
     let has = |reason| report.reasons.contains(reason);
     matches!(report.state, State::Faulted(_))

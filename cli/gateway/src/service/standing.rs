@@ -8,23 +8,23 @@ use volcomp_runtime::Report;
 use super::Service;
 use crate::{
     audit::{
-        clerk::{RETRY, Receipt},
         slots, standing_file,
+        writer::{RETRY_INTERVAL, Receipt},
     },
     documents::Standing,
 };
 
 /// Name used if the file does not record who disarmed.
-const SOMEBODY: &str = "somebody";
+const UNKNOWN_REQUESTER: &str = "somebody";
 
 /// Reads the state from before the start. If the file is unreadable, auto-arm stays off, as after a disarm by an
 /// operator.
 pub(crate) fn read(dir: &Path) -> Standing {
     let path = standing_file(dir);
     let unread = |error: String| {
-        tracing::error!("{}: {error}: it does not arm by itself", path.display());
+        tracing::error!("{}: {error}: auto-arm is off", path.display());
         Standing {
-            disarmed_by: Some(SOMEBODY.to_owned()),
+            disarmed_by: Some(UNKNOWN_REQUESTER.to_owned()),
             ..Standing::default()
         }
     };
@@ -64,26 +64,26 @@ impl Service {
             return;
         }
         self.write_standing();
-        self.tell_thread();
+        self.update_reasons();
     }
 
     /// Saves the standing state. A failed write is retried and reported.
     pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
-            self.standing_kept = Some(self.clerk.keep_standing(text));
+            self.standing_receipt = Some(self.writer.keep_standing(text));
         }
     }
 
     /// Whether the last save failed; it is then retried.
-    pub(super) fn look_after_standing(&mut self) -> bool {
-        match self.standing_kept.as_ref().map(Receipt::written) {
+    pub(super) fn check_standing(&mut self) -> bool {
+        match self.standing_receipt.as_ref().map(Receipt::written) {
             Some(Some(true)) => {
-                self.standing_kept = None;
+                self.standing_receipt = None;
                 self.standing_lost = false;
             }
             Some(Some(false)) => {
                 self.standing_lost = true;
-                if self.since(self.standing_tried) > RETRY {
+                if self.since(self.standing_tried) > RETRY_INTERVAL {
                     self.standing_tried = self.clock.now();
                     self.write_standing();
                 }
@@ -94,7 +94,7 @@ impl Service {
     }
 
     /// Saves a fault until it has ended. `before` is the previous state.
-    pub(super) fn keep_fault(&mut self, before: State, reasons: &[String]) {
+    pub(super) fn save_fault(&mut self, before: State, reasons: &[String]) {
         if matches!(self.last_state, State::Faulted(_)) {
             let reasons = reasons.to_vec();
             self.change_standing(|standing| standing.faulted = Some(reasons));
@@ -104,9 +104,9 @@ impl Service {
     }
 
     /// Saves the sensors that have jumped, which stay excluded after a restart.
-    pub(super) fn keep_jumped(&mut self, report: &Report) {
+    pub(super) fn save_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
-        let jumped = sensors.filter(|(_, told)| told.flaw == Some(SensorFlaw::Jumped));
+        let jumped = sensors.filter(|(_, result)| result.flaw == Some(SensorFlaw::Jumped));
         let jumped = jumped.map(|(name, _)| name.clone()).collect();
         self.change_standing(|standing| standing.jumped = jumped);
     }

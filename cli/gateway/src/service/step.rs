@@ -9,22 +9,22 @@ use tokio::sync::oneshot;
 use volcomp_guard::{End, Reasons, Request, State};
 
 use crate::{
-    audit::clerk::Receipt,
+    audit::writer::Receipt,
     config::Config,
     documents::{Answer, ModelSource, Question, Settled},
     error::GatewayError,
-    identity::Judged,
+    identity::Judgement,
     plan::Plan,
-    request::{ModelAsk, Reply, refused},
+    request::{ModelActivation, Reply, refused},
 };
 
 /// Timeout for reading and comparing files.
-pub(super) const FILES: Duration = Duration::from_secs(8);
+pub(super) const FILES_TIMEOUT: Duration = Duration::from_secs(8);
 
 /// Requester of automatic arming.
 pub(super) const AUTO_ARM: &str = "auto_arm";
 
-pub(super) struct Underway {
+pub(super) struct PendingRequest {
     pub(super) who: String,
     pub(super) answer: Option<oneshot::Sender<Reply>>,
     /// Number of disarm orders at the time of the request.
@@ -35,13 +35,13 @@ pub(super) struct Underway {
 /// The current step of a request.
 pub(super) enum Step {
     /// Arming: the model armed last is read and compared.
-    Comparing(Comparing),
+    Comparison(Comparison),
     /// Arming: the record is being written.
-    Recording(Recording),
+    ArmingRecord(ArmingRecord),
     /// Reload: the files are read and compared.
-    Reading(Reading),
+    FileReading(FileReading),
     /// Reload: the record is being written.
-    Keeping(Box<Keeping>),
+    ReloadRecord(Box<ReloadRecord>),
     /// The order was given; its effect is awaited.
     Effect(Effect),
 }
@@ -67,39 +67,39 @@ pub(super) enum Progress {
 }
 
 /// Result of a comparison: a question, if any, or why the comparison failed.
-pub(super) type Compared = Result<Option<Question>, String>;
+pub(super) type ComparisonResult = Result<Option<Question>, String>;
 
-pub(super) struct Comparing {
-    pub(super) told: Receiver<Compared>,
+pub(super) struct Comparison {
+    pub(super) result: Receiver<ComparisonResult>,
     pub(super) until: Instant,
 }
 
 /// The record of an arming, and the files with the armed model and limits.
-pub(super) struct Recording {
+pub(super) struct ArmingRecord {
     pub(super) receipts: [Receipt; 3],
     pub(super) written: [bool; 3],
     pub(super) until: Instant,
 }
 
 /// Result of planning a reload: the plan, its effect on the correction, and the question to confirm first.
-pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
+pub(super) type PlanResult = Result<(Box<Plan>, Judgement), GatewayError>;
 
 /// Origin of the machine file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Whose {
+pub(super) enum ModelOrigin {
     /// The configuration, which is reread as well.
     Configured,
     /// The fleet's centre, with the hash confirmed there; nothing else changes.
     Centre(Option<String>),
     /// Selected by an operator; nothing else changes.
-    Person(Box<ModelAsk>),
+    Operator(Box<ModelActivation>),
 }
 
-impl Whose {
+impl ModelOrigin {
     /// Origin of a model and its description. `config` is the configuration to be applied.
-    pub(super) fn origin(&self, config: &Config) -> (ModelSource, String) {
+    pub(super) fn describe_origin(&self, config: &Config) -> (ModelSource, String) {
         match self {
-            Self::Person(ask) => (ask.from, ask.file.clone()),
+            Self::Operator(activation) => (activation.from, activation.file.clone()),
             Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
             Self::Configured => (config.machine_from(), config.machine.display().to_string()),
         }
@@ -107,25 +107,25 @@ impl Whose {
 }
 
 /// Files being read.
-pub(super) struct Reading {
-    pub(super) whose: Whose,
-    pub(super) told: Receiver<Planned>,
+pub(super) struct FileReading {
+    pub(super) origin: ModelOrigin,
+    pub(super) result: Receiver<PlanResult>,
     pub(super) until: Instant,
 }
 
 /// A plan that is applied once its record and the other receipts are complete.
-pub(super) struct Keeping {
+pub(super) struct ReloadRecord {
     pub(super) who: String,
-    pub(super) whose: Whose,
+    pub(super) origin: ModelOrigin,
     pub(super) plan: Box<Plan>,
     /// Change of the correction, with no question left.
-    pub(super) judged: Judged,
+    pub(super) judged: Judgement,
     pub(super) receipts: Vec<Receipt>,
     pub(super) until: Instant,
 }
 
 /// Whether a state is the goal of a request.
-pub(super) fn has_taken(request: Request, state: State) -> bool {
+pub(super) fn is_reached(request: Request, state: State) -> bool {
     match request {
         Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
         Request::Disarm | Request::End => !state.is_armed(),
@@ -137,14 +137,14 @@ pub(super) fn has_taken(request: Request, state: State) -> bool {
 pub(super) fn refusal(request: Request, state: State) -> &'static str {
     match (request, state) {
         (Request::Acknowledge, _) => {
-            "still faulted: a fault ends when no interlock stands against it and it is known what the control applies"
+            "still faulted: a fault ends when no interlock is active and the applied correction is known"
         }
         (Request::Disarm | Request::End, _) => "not disarmed yet",
         (_, State::Faulted(_)) => "not armed: acknowledge the fault first",
         (_, State::RampingOut(End::Disarmed)) => {
-            "not armed: the correction still ramps to zero, and something stands against arming"
+            "not armed: the correction still ramps to zero, and the reasons of the state prevent arming"
         }
-        _ => "not armed: something stands against it",
+        _ => "not armed: the reasons of the state prevent it",
     }
 }
 
@@ -154,17 +154,17 @@ pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: R
         // The receiver may have been dropped.
         Some(to) => drop(to.send(reply)),
         None if who == AUTO_ARM => {}
-        None => tracing::info!("{who}: {}", in_words(&reply.answer)),
+        None => tracing::info!("{who}: {}", describe(&reply.answer)),
     }
 }
 
 /// The response if the control thread accepts no orders.
-pub(super) fn no_orders() -> Reply {
-    refused(503, "the control thread takes no orders")
+pub(super) fn control_unavailable() -> Reply {
+    refused(503, "the control thread accepts no orders")
 }
 
 /// The response if the audit log cannot be written.
-pub(super) fn no_log(state: State, why: Option<&str>) -> Reply {
+pub(super) fn log_unavailable(state: State, why: Option<&str>) -> Reply {
     let why = why.unwrap_or("the audit log cannot be written");
     settled(409, state, Reasons::AUDIT, Some(why))
 }
@@ -181,7 +181,7 @@ pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option
 }
 
 /// Formats a response for the log.
-pub(super) fn in_words(answer: &Answer) -> String {
+pub(super) fn describe(answer: &Answer) -> String {
     match answer {
         Answer::Question(question) => {
             let size = |size: Option<f64>| {
@@ -234,13 +234,13 @@ pub(super) fn in_words(answer: &Answer) -> String {
 }
 
 /// The response if the disk does not respond.
-pub(super) fn disk_silent() -> Reply {
+pub(super) fn disk_timeout() -> Reply {
     refused(503, "the disk with the files does not answer: try again")
 }
 
 #[cfg(test)]
 mod tests {
-    use super::has_taken;
+    use super::is_reached;
     use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
 
     /// Every state with every request: whether the request has what it asks for.
@@ -258,7 +258,7 @@ mod tests {
             (State::Holding(Hold::Interlocked), [true, false, true]),
             (State::Holding(Hold::Unconfirmed), [true, false, true]),
             (State::RampingOut(End::Disarmed), [false, true, true]),
-            // It corrects again by itself when positions come back.
+            // It resumes automatically when positions return.
             (State::RampingOut(End::Lost), [true, false, true]),
             (State::Faulted(Cause::DoesNotStick), [false, true, false]),
             (State::Faulted(Cause::Contradiction), [false, true, false]),
@@ -266,7 +266,7 @@ mod tests {
             (State::Faulted(Cause::OtherGateway), [false, true, false]),
         ];
         for (state, expected) in table {
-            let found = [arm, disarm, acknowledge].map(|request| has_taken(request, state));
+            let found = [arm, disarm, acknowledge].map(|request| is_reached(request, state));
             assert_eq!(found, expected, "{state:?}");
         }
     }

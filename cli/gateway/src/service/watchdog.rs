@@ -26,13 +26,13 @@ impl Life {
     }
 }
 
-/// Checks that cycles are on time: no gap longer than `patience`, and at least a third of the number that the period
+/// Checks that cycles are on time: no gap longer than `timeout`, and at least a third of the number that the period
 /// requires.
 pub(super) struct Watchdog {
     /// Interval between two proofs.
     interval: Duration,
     period: Duration,
-    patience: Duration,
+    timeout: Duration,
     /// Start of the current interval.
     since: Instant,
     /// Number of cycles in the current interval.
@@ -41,12 +41,12 @@ pub(super) struct Watchdog {
 
 impl Watchdog {
     /// A watchdog for the timeout `time`.
-    pub(super) fn new(time: Duration, period: Duration, patience: Duration, now: Instant) -> Self {
+    pub(super) fn new(time: Duration, period: Duration, timeout: Duration, now: Instant) -> Self {
         Self {
             // A late interval costs another one of equal length, and the proof after it must still be in time.
             interval: (time / 4).min(Duration::from_secs(1)),
             period,
-            patience,
+            timeout,
             since: now,
             cycles: 0,
         }
@@ -54,7 +54,7 @@ impl Watchdog {
 
     pub(super) fn count(&mut self, timing: &Timing, now: Instant) {
         self.cycles += 1;
-        if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.patience {
+        if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.timeout {
             self.begin(now);
         }
     }
@@ -65,11 +65,11 @@ impl Watchdog {
             self.begin(now);
             return false;
         }
-        let stretch = now.saturating_duration_since(self.since);
-        if stretch < self.interval {
+        let passed = now.saturating_duration_since(self.since);
+        if passed < self.interval {
             return false;
         }
-        let expected = stretch.as_secs_f64() / self.period.as_secs_f64();
+        let expected = passed.as_secs_f64() / self.period.as_secs_f64();
         let is_on_time = self.cycles as f64 * 3.0 >= expected;
         self.begin(now);
         is_on_time
@@ -88,7 +88,7 @@ mod tests {
     const MS: Duration = Duration::from_millis(1);
 
     /// How often a watchdog of 400 ms is fed within ten seconds, with a cycle of 4 ms that takes place only every
-    /// `every` ms, and from which one further period is missing at 5 s for so many ms.
+    /// `every` ms, and a gap of `gap_ms` at 5 s.
     fn fed(every: u32, gap_ms: u32) -> u32 {
         let begun = Instant::now();
         let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);

@@ -15,9 +15,9 @@ use std::{
 pub(super) struct Worker(Arc<AtomicBool>);
 
 impl Worker {
-    /// Waits at most `patience` until the task is complete. Returns whether it is.
-    pub(super) fn settle(&self, patience: Duration) -> bool {
-        let end = Instant::now() + patience;
+    /// Waits at most `timeout` until the task is complete. Returns whether it is.
+    pub(super) fn settle(&self, timeout: Duration) -> bool {
+        let end = Instant::now() + timeout;
         while self.0.load(Ordering::Acquire) {
             if Instant::now() > end {
                 return false;
@@ -36,7 +36,7 @@ impl Worker {
         if self.0.swap(true, Ordering::AcqRel) {
             return None;
         }
-        let (tell, told) = sync_channel(1);
+        let (tell, result) = sync_channel(1);
         let busy = Arc::clone(&self.0);
         // The thread logs under the span of the machine that starts it.
         let span = tracing::Span::current();
@@ -51,6 +51,6 @@ impl Worker {
         if begun.is_err() {
             self.0.store(false, Ordering::Release);
         }
-        begun.is_ok().then_some(told)
+        begun.is_ok().then_some(result)
     }
 }

@@ -133,7 +133,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
 
     let metrics = gateway.get("/metrics");
     let types = metrics.lines().filter_map(|l| l.strip_prefix("# TYPE "));
-    let told: BTreeSet<String> = types
+    let reported: BTreeSet<String> = types
         .filter_map(|line| line.split(' ').next())
         .map(str::to_owned)
         .collect();
@@ -142,7 +142,7 @@ fn every_metric_and_every_key_of_the_state_is_in_the_chapter() {
         .filter_map(|name| name.split('{').next())
         .map(str::to_owned)
         .collect();
-    assert_eq!(documented, told, "documented (left) and told (right)");
+    assert_eq!(documented, reported, "documented (left) and found (right)");
 
     let state: serde_json::Value = serde_json::from_str(&gateway.get("/api/state")).expect("JSON");
     let documented = first_column(&page, "name");
@@ -161,7 +161,7 @@ fn every_reason_is_in_the_chapter() {
     let rows = text
         .lines()
         .map(|line| line.split(" | ").collect::<Vec<_>>());
-    let told: BTreeMap<&str, bool> = rows
+    let reported: BTreeMap<&str, bool> = rows
         .filter_map(|row| match row[..] {
             [reasons, "no", ..] => Some((reasons, false)),
             [reasons, "yes", ..] => Some((reasons, true)),
@@ -175,7 +175,7 @@ fn every_reason_is_in_the_chapter() {
     let informing: Vec<_> = Reasons::DOES_NOT_FORBID.texts().collect();
     let missing: Vec<_> = Reasons::from_bits(u64::MAX)
         .texts()
-        .filter(|text| told.get(text) != Some(&!informing.contains(text)))
+        .filter(|text| reported.get(text) != Some(&!informing.contains(text)))
         .collect();
     assert!(
         missing.is_empty(),

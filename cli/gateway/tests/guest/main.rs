@@ -31,7 +31,7 @@ fn configuration(dir: &Path, controller: &str) -> PathBuf {
     file
 }
 
-/// A control on the bus that takes what it is told, as long as it answers.
+/// A control on the bus that accepts every write while it answers.
 struct Control {
     stop: Arc<AtomicBool>,
     silent: Arc<AtomicBool>,

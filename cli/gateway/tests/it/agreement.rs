@@ -80,14 +80,14 @@ fn a_wrong_configuration_ends_the_programs() {
     let check = call(&["check", path(&config)]);
     assert_eq!(check, call(&["--config", path(&config)]));
     assert!(check.starts_with("error: ") && check.contains("unwatched = true"));
-    let told = call(&["check", path(&config), "--json"]);
-    let error: serde_json::Value = serde_json::from_str(&told).expect("one object");
+    let reported = call(&["check", path(&config), "--json"]);
+    let error: serde_json::Value = serde_json::from_str(&reported).expect("one object");
     assert_eq!(error["status"], 2);
-    let told = error["error"].as_str();
-    assert!(told.is_some_and(|text| text.contains("unwatched = true")));
+    let reported = error["error"].as_str();
+    assert!(reported.is_some_and(|text| text.contains("unwatched = true")));
 }
 
-/// What the plan says of a controller is what the open controller says of itself.
+/// The plan describes a controller exactly as the open controller describes itself.
 #[test]
 fn a_plan_describes_what_is_opened() {
     use volcomp_gateway::{config::Config, plan::Plan};

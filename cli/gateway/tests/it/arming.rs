@@ -1,13 +1,19 @@
-//! What keeps a gateway from arming, or from arming by itself.
+//! What prevents arming, manual or automatic, and what becomes of requests while the control thread hangs.
 
 use std::time::Duration;
 
-use volcomp_gateway::request::Ask;
+use serde_json::{Value, json};
+use volcomp_gateway::{
+    interop::quantities::quantities,
+    metrics,
+    request::{Operation, ServiceRequest},
+};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    manual::{Gateway, configuration},
+    manual::{Gateway, configuration, machine, started},
     program::change,
+    standing::standing_text,
 };
 
 /// Axes that move keep the test shift waiting; a person who disarms then is not overruled by auto_arm.
@@ -19,7 +25,7 @@ fn auto_arm_does_not_overrule_a_person() {
     let mut gateway = Gateway::start(&config);
     let state = gateway.wait_until_says("waiting for standstill");
     assert_eq!(state["state"], "arming");
-    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
     gateway.run(Duration::from_secs(10));
     assert_eq!(gateway.state()["state"], "disarmed");
@@ -37,10 +43,84 @@ fn without_limits_it_does_not_arm() {
     std::fs::write(&config, format!("{before}[[controller]]{after}")).expect("writable");
     let mut gateway = Gateway::start(&config);
     gateway.wait("shown", |state| state["positions_mm"]["Y"].is_number());
-    let (status, refused) = gateway.ask(Ask::Arm(None));
+    let (status, refused) = gateway.ask(Operation::Arm(None));
     assert_eq!(status, 409);
     let words = refused.to_string();
     assert!(words.contains("limits are not configured"), "{words}");
     gateway.run(Duration::from_secs(5));
     assert_eq!(gateway.state()["state"], "disarmed");
+}
+
+/// Before, it went on saying what the last cycle had said, and armed when the controller came back.
+#[test]
+fn a_hanging_control_thread_is_reported_and_requests_expire() {
+    let (_dir, config, mut gateway) = started("");
+    gateway.watch();
+    gateway.hang(Duration::from_millis(90));
+    assert_eq!(
+        gateway.state()["state"],
+        "disarmed",
+        "late, and no reason to doubt"
+    );
+    gateway.hang(Duration::from_millis(20));
+    let state = gateway.state();
+    assert_eq!(state["state"], "unknown");
+    assert_eq!(state["reasons"], json!(["no cycle for 112 ms"]));
+    assert!(state["age_ms"].as_f64() > Some(100.0), "{state}");
+    for key in ["positions_mm", "correction_um", "proven"] {
+        assert_eq!(state[key], json!({}), "nothing is known: {state}");
+    }
+    assert_eq!(state["error_um"], Value::Null);
+    assert_eq!(state["correction_known"], false);
+    let path = &state["controllers"][0];
+    assert_eq!(path["holds_correction"], Value::Null, "nothing is known");
+    assert!(path["answered_ms"].as_f64() > Some(12.0), "it ages: {path}");
+    let shape = machine(&config).plan().expect("right").shape();
+    let text = metrics::text(&gateway.parts.published.latest(), &quantities(&shape));
+    for line in [
+        "volcomp_state{state=\"unknown\"} 1",
+        "volcomp_reason{reason=\"no cycle\"} 1",
+    ] {
+        assert!(text.contains(line), "{text}");
+    }
+    // A request of now is not executed later.
+    let mut arms = gateway.begin(Operation::Arm(None));
+    gateway.hang(Duration::from_secs(1));
+    let armed = arms.try_recv().expect("answered");
+    assert_eq!(armed.status, 503);
+    assert!(format!("{armed:?}").contains("expired"), "{armed:?}");
+    gateway.wait_for("disarmed");
+    gateway.run(Duration::from_secs(5));
+    assert_eq!(gateway.state()["state"], "disarmed");
+    // Disarming waits for the thread, and is done with its next cycle.
+    gateway.must_arm();
+    gateway.wait_for("compensating");
+    gateway.hang(Duration::from_millis(200));
+    let mut disarms = gateway.begin(Operation::Disarm);
+    gateway.hang(Duration::from_secs(1));
+    let disarmed = disarms.try_recv().expect("answered");
+    assert_eq!(disarmed.status, 503);
+    let words = "it disarms with its next cycle";
+    assert!(format!("{disarmed:?}").contains(words), "{disarmed:?}");
+    gateway.cycle_alone();
+    assert_eq!(gateway.state()["armed"], true, "of the last look");
+    gateway.wait_for("disarmed");
+}
+
+/// Sixty-four requests that wait for the service: a disarming was carried out, but neither written down nor remembered, so
+/// that the gateway armed automatically after a restart.
+#[test]
+fn a_disarm_is_recorded_with_a_full_queue() {
+    let (dir, _, mut gateway) = started("auto_arm = true");
+    gateway.wait_for("compensating");
+    let (requests, switch) = (gateway.parts.requests.clone(), gateway.parts.switch.clone());
+    let acknowledge = || ServiceRequest::new(Operation::Acknowledge, "bert", None, &switch);
+    let waiting = (0..256).take_while(|_| requests.try_send(acknowledge()).is_ok());
+    assert_eq!(waiting.count(), 64);
+    let mut disarms = gateway.begin(Operation::Disarm);
+    gateway.run(Duration::from_secs(1));
+    assert_eq!(disarms.try_recv().expect("answered").status, 200);
+    assert_eq!(gateway.state()["state"], "disarmed");
+    let text = standing_text(&dir.path().join("audit/standing.slots"));
+    assert!(text.contains("\"disarmed_by\":\"anna\""), "{text}");
 }

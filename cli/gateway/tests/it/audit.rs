@@ -1,4 +1,4 @@
-//! The audit log by itself.
+//! The audit log alone.
 
 use std::{
     path::Path,
@@ -9,16 +9,22 @@ use std::{
     time::{Duration, Instant},
 };
 
+use serde_json::{Value, json};
 use volcomp_gateway::{
     audit::{
-        AuditLog, Entry,
-        clerk::{Clerk, Receipt},
-        verify,
+        AuditLog, Entry, verify,
+        writer::{AuditWriter, Receipt},
     },
     documents::{ByAxis, Details, Event},
+    request::Operation,
 };
+use volcomp_vocabulary::PerChannel;
 
-use crate::program::PATIENCE;
+use crate::{
+    manual::{Gateway, configuration},
+    program::PATIENCE,
+    standing::SmallDisk,
+};
 
 /// What belongs to a record of these tests.
 fn details(what: &str) -> Details {
@@ -116,7 +122,7 @@ impl Disk {
 }
 
 /// A log on such a disk.
-fn hanging(dir: &Path) -> (Clerk, Disk) {
+fn hanging(dir: &Path) -> (AuditWriter, Disk) {
     let disk = Disk::default();
     let (log, _) = AuditLog::open(dir).expect("new");
     let of_log = disk.clone();
@@ -129,7 +135,7 @@ fn hanging(dir: &Path) -> (Clerk, Disk) {
         file.sync_data()
     });
     (
-        Clerk::start(log, volcomp_port::Clock::system()).expect("a thread"),
+        AuditWriter::start(log, volcomp_port::Clock::system()).expect("a thread"),
         disk,
     )
 }
@@ -146,19 +152,19 @@ fn soon(done: impl Fn() -> bool) {
     }
 }
 
-/// Handing a record over waits for no disk. What finds no place is told, and counted in the next record.
+/// Queuing a record waits for no disk. Records that do not fit are counted in the next record.
 #[test]
-fn a_disk_that_hangs_holds_up_nobody_and_lost_records_are_counted() {
+fn a_hanging_disk_blocks_no_caller_and_lost_records_are_counted() {
     let dir = tempfile::tempdir().expect("writable");
-    let (clerk, disk) = hanging(dir.path());
-    let first = clerk.record(entry("first"));
+    let (writer, disk) = hanging(dir.path());
+    let first = writer.record(entry("first"));
     soon(|| first.written() == Some(true));
-    assert_eq!(clerk.trouble(), None);
+    assert_eq!(writer.trouble(), None);
     disk.hang(true);
-    let at_hand = clerk.record(entry("at hand"));
+    let at_hand = writer.record(entry("at hand"));
     soon(|| disk.has_a_record());
     let receipts: Vec<Receipt> = (0..400)
-        .map(|n| clerk.record(entry(&n.to_string())))
+        .map(|n| writer.record(entry(&n.to_string())))
         .collect();
     // The disk has the one before, 256 wait.
     let lost = receipts
@@ -167,14 +173,14 @@ fn a_disk_that_hangs_holds_up_nobody_and_lost_records_are_counted() {
         .count();
     assert_eq!(lost, 400 - 256);
     assert_eq!(at_hand.written(), None);
-    assert_eq!(clerk.trouble(), Some("records of the audit log were lost"));
+    assert_eq!(writer.trouble(), Some("records of the audit log were lost"));
     assert!(
-        !clerk.settle(Duration::from_millis(20)),
+        !writer.settle(Duration::from_millis(20)),
         "the end does not wait for ever"
     );
     disk.hang(false);
-    assert!(clerk.settle(PATIENCE));
-    assert_eq!(clerk.trouble(), None);
+    assert!(writer.settle(PATIENCE));
+    assert_eq!(writer.trouble(), None);
     let text = std::fs::read_to_string(dir.path().join("audit.log")).expect("readable");
     assert_eq!(verify(text.as_bytes()).end, text.len());
     assert_eq!(text.matches(&format!("\"lost\":{lost}")).count(), 1);
@@ -183,16 +189,16 @@ fn a_disk_that_hangs_holds_up_nobody_and_lost_records_are_counted() {
 
 /// A record on its way for longer than a second forbids arming.
 #[test]
-fn a_disk_that_does_not_answer_is_told() {
+fn a_silent_disk_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
-    let (clerk, disk) = hanging(dir.path());
+    let (writer, disk) = hanging(dir.path());
     disk.hang(true);
-    let receipt = clerk.record(entry("waits"));
-    soon(|| clerk.trouble() == Some("the disk of the audit log does not answer"));
+    let receipt = writer.record(entry("waits"));
+    soon(|| writer.trouble() == Some("the disk of the audit log does not answer"));
     assert_eq!(receipt.written(), None);
     disk.hang(false);
     soon(|| receipt.written() == Some(true));
-    soon(|| clerk.trouble().is_none());
+    soon(|| writer.trouble().is_none());
 }
 
 /// A record that cannot be written is counted in the first that can.
@@ -209,22 +215,95 @@ fn a_record_that_fails_is_counted_in_the_next() {
         file.sync_data()
     });
     let clock = volcomp_port::Clock::manual();
-    let mut clerk = Clerk::start(log, clock.clone()).expect("a thread");
+    let mut writer = AuditWriter::start(log, clock.clone()).expect("a thread");
     for what in ["one", "two"] {
-        let receipt = clerk.record(entry(what));
+        let receipt = writer.record(entry(what));
         soon(|| receipt.written() == Some(false));
     }
-    assert_eq!(clerk.trouble(), Some("the audit log cannot be written"));
-    // The first try fails, too, and is no loss of its own.
+    assert_eq!(writer.trouble(), Some("the audit log cannot be written"));
+    // The first retry fails as well and does not count as a loss.
     for _ in 0..2 {
-        assert!(clerk.settle(PATIENCE));
-        clerk.try_again(|| panic!("too soon"));
+        assert!(writer.settle(PATIENCE));
+        writer.retry(|| panic!("too soon"));
         clock.advance(Duration::from_millis(101));
-        clerk.try_again(|| entry("again"));
-        assert!(clerk.settle(PATIENCE));
+        writer.retry(|| entry("again"));
+        assert!(writer.settle(PATIENCE));
     }
-    assert_eq!(clerk.trouble(), None);
+    assert_eq!(writer.trouble(), None);
     let text = std::fs::read_to_string(dir.path().join("audit.log")).expect("readable");
     assert_eq!(text.lines().count(), 1, "{text}");
     assert!(text.contains("\"lost\":2,"), "{text}");
+}
+
+/// What the last record of a start says of the log that was found.
+fn found(log: &str) -> Value {
+    let line = log.lines().rfind(|line| line.contains("\"started\""));
+    let (_, record) = line.and_then(|line| line.split_once(' ')).expect("a start");
+    let record: Value = serde_json::from_str(record).expect("JSON");
+    record["details"]["what"].clone()
+}
+
+#[test]
+fn a_torn_log_is_cut_and_a_forged_one_put_aside() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let log = dir.path().join("audit/audit.log");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    let rig = gateway.stop();
+    let whole = std::fs::read_to_string(&log).expect("a log");
+    let torn = &whole[..whole.len() - 40];
+    std::fs::write(&log, torn).expect("writable");
+    let gateway = Gateway::again(rig, &config);
+    let again = gateway.audit();
+    let kept = &whole[..=torn.rfind('\n').expect("lines")];
+    assert!(again.starts_with(kept) && again.len() > kept.len());
+    assert_eq!(found(&again)["cut_bytes"], torn.len() - kept.len());
+    let rig = gateway.stop();
+    // A record is modified.
+    let text = std::fs::read_to_string(&log).expect("a log");
+    let forged = text.replacen("\"who\":\"auto_arm\"", "\"who\":\"nobody\"", 1);
+    assert_ne!(forged, text);
+    std::fs::write(&log, forged).expect("writable");
+    let gateway = Gateway::again(rig, &config);
+    let aside = dir.path().join("audit/audit.broken-1.log");
+    assert!(aside.exists());
+    let broken = found(&gateway.audit())["broken"].clone();
+    assert_eq!(broken["aside"], json!(aside.display().to_string()));
+    assert!(broken["line"].as_u64() > Some(0), "{broken}");
+}
+
+#[test]
+fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let config = configuration(dir.path(), "auto_arm = true");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    disk.fill(0);
+    gateway.run(Duration::from_secs(30));
+    assert_eq!(gateway.state()["state"], "compensating");
+    // Records find room until the last block is full.
+    let mut refused = None;
+    for _ in 0..50 {
+        assert_eq!(gateway.ask(Operation::Disarm).0, 200);
+        gateway.wait_for("disarmed");
+        assert_eq!(gateway.shifts(), PerChannel::ZERO);
+        let (status, answer) = gateway.ask(Operation::Arm(None));
+        if status != 200 {
+            refused = Some((status, answer));
+            break;
+        }
+    }
+    let (status, answer) = refused.expect("the log is full by now");
+    assert_eq!(status, 409, "{answer}");
+    let words = "audit log cannot be written";
+    assert!(answer.to_string().contains(words), "{answer}");
+    assert_eq!(gateway.state()["state"], "disarmed");
+    // What is in the log is whole.
+    drop(gateway);
+    let (_, found) = AuditLog::open(&disk.0).expect("readable");
+    assert_eq!((found.cut_bytes, found.broken), (0, None));
 }

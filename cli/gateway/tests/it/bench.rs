@@ -123,7 +123,7 @@ pub(crate) fn path(
     ControlPath::new(Box::new(controller), &plan).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Settings for a control that nobody else reaches.
+/// Settings for a control that no other gateway reaches.
 pub(crate) fn alone() -> PathSettings {
     PathSettings {
         watch: Duration::ZERO,
@@ -201,7 +201,7 @@ impl Bench {
         let mut bench = Self::new();
         bench.run(Duration::from_millis(100));
         bench.request(Request::Arm);
-        // It stands for 1.5 s at the first corner: the test shift takes less. Then it ramps in.
+        // It dwells 1.5 s at the first corner: the test shift takes less. Then it ramps in.
         let report = bench.run(Duration::from_secs(2));
         assert_eq!(report.state.name(), "compensating");
         bench

@@ -60,7 +60,7 @@ with sync_playwright() as playwright:
     path = page.inner_text("#paths li")
     assert "barrier" in path and "no barrier" not in path and "answered" in path, path
     assert page.is_hidden("#no-barrier")
-    assert all("proven" in shown for shown in page.locator(".axis .shown").all_inner_texts())
+    assert all("verified" in shown for shown in page.locator(".axis .shown").all_inner_texts())
     # Nothing but Disarm can be pressed without a token.
     for button in ("arm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
@@ -96,7 +96,7 @@ with sync_playwright() as playwright:
     # A question about a machine without corrected rotary axes says nothing of them.
     asked = {"worst_corner_um": 7.5, "worst_corner_urad": None, "confirm_um": 5, "confirm_urad": None, "limits": {"limit_um": [20, 40]}}
     assert page.evaluate("changesOf", asked) == [
-        "At the worst place of the work space the correction moves by 7.5 µm (allowed without asking: 5 µm).",
+        "At the worst point of the work space the correction changes by 7.5 µm (allowed without confirmation: 5 µm).",
         "limit_um: 20 → 40",
     ]
     # Stopping is one touch; starting is a second of holding.
@@ -132,7 +132,7 @@ with sync_playwright() as playwright:
     for button in ("arm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
     assert page.is_enabled("#disarm")
-    assert "the cross is where" in page.inner_text("#map-scale")
+    assert "the cross marks" in page.inner_text("#map-scale")
     assert "corrects:" in page.inner_text("#paths")
     # A refused request is an error to the browser, not of the page.
     assert all("401" in error for error in errors), errors
@@ -158,7 +158,7 @@ with sync_playwright() as playwright:
     # Whatever the page hears, Disarm can be pressed.
     assert page.is_enabled("#disarm") and page.is_disabled("#arm")
     # Nothing is told of a machine that is not heard.
-    assert "where the machine stands is unknown" in page.inner_text("#map-scale")
+    assert "the present position is unknown" in page.inner_text("#map-scale")
     assert "corrects" not in page.inner_text("#paths"), page.inner_text("#paths")
     assert page.inner_text("#answer") == ""
     assert all("ERR_" in error for error in errors), errors

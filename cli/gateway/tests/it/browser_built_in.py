@@ -22,7 +22,7 @@ with sync_playwright() as playwright:
     page.wait_for_timeout(2500)
     for control in ("#machine-file", "#configured"):
         assert page.is_disabled(control), control
-    assert "its own machine file" in page.inner_text("#no-files"), page.inner_text("#no-files")
+    assert "built-in simulation cannot be replaced" in page.inner_text("#no-files"), page.inner_text("#no-files")
     assert not page.is_visible("#differs"), page.inner_text("#differs")
     page.screenshot(path=screenshot, full_page=True)
     page.set_viewport_size({"width": 420, "height": 900})

@@ -17,13 +17,13 @@ with sync_playwright() as playwright:
     page.goto(url)
     page.wait_for_selector("#reasons:has-text('a standby path does not answer')")
     assert page.is_visible("#no-barrier")
-    assert "no barrier" not in page.inner_text("#reasons"), "it is told once"
+    assert "no barrier" not in page.inner_text("#reasons"), "it is shown once"
     first, second = page.locator("#paths li").all_inner_texts()
     assert "1 in use" in first and "no barrier" in first and "holds no correction" in first, first
-    assert "2 stands by" in second and "has never answered" in second, second
-    assert "what it applies is unknown, never confirmed" in second, second
+    assert "2 standby" in second and "has never answered" in second, second
+    assert "applied correction unknown, never confirmed" in second, second
     for axis in "XY":
-        page.wait_for_selector(f".axis[data-axis={axis}] .shown:text-matches('^not proven')")
+        page.wait_for_selector(f".axis[data-axis={axis}] .shown:text-matches('^unverified')")
     # Without a token there is only Disarm to press, and it is said why.
     assert page.locator("button:visible").all_inner_texts() == ["Disarm"] and page.is_enabled("#disarm")
     assert page.is_visible("#not-operable")
@@ -34,9 +34,9 @@ with sync_playwright() as playwright:
     page.wait_for_selector(".axis[data-axis=Y] .position.unknown")
     assert page.inner_text(".axis[data-axis=Y] .correction .value") == "unknown"
     # What is to be done stands first, what follows from it after.
-    page.wait_for_selector("#cause:has-text('look at the cable and the control')")
+    page.wait_for_selector("#cause:has-text('check the cable and the control')")
     assert page.inner_text("#further").startswith("controller does not answer"), page.inner_text("#further")
-    assert "what it applies is unknown, last confirmed" in page.inner_text("#paths li:first-child")
+    assert "applied correction unknown, last confirmed" in page.inner_text("#paths li:first-child")
     # Nothing jumps: the map keeps its place.
     assert page.is_visible("#map-panel")
     for width in (1280, 390):

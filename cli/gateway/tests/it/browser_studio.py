@@ -183,7 +183,7 @@ with sync_playwright() as playwright:
     assert page.inner_text("#in-force") == before
     hold(page, "#activate")
     asked(page)
-    assert "moves by" in page.inner_text("#confirm-lines")
+    assert "changes by" in page.inner_text("#confirm-lines")
     hold(page, "#confirm", 300)
     page.wait_for_timeout(700)
     assert page.is_visible("#confirm-panel"), "a short touch confirms nothing"

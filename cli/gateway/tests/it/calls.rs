@@ -1,4 +1,4 @@
-//! The commands beside the service: `status`, `check`, `tls-init`; and the shipped configuration.
+//! The other commands: `status`, `check`, `tls-init`; and the shipped configuration.
 
 use std::{
     path::Path,
@@ -161,18 +161,18 @@ fn elsewhere_only_with_tls_and_a_token() {
         let with = with_token();
         let message = String::from_utf8_lossy(&with.stderr).into_owned();
         assert_eq!(with.status.code(), Some(0), "{message}");
-        let told = String::from_utf8_lossy(&with.stdout).into_owned();
-        if told.contains("disarmed") {
+        let reported = String::from_utf8_lossy(&with.stdout).into_owned();
+        if reported.contains("disarmed") {
             break;
         }
-        assert!(Instant::now() < end, "{told}");
+        assert!(Instant::now() < end, "{reported}");
         std::thread::sleep(Duration::from_millis(50));
     }
-    // The rest of the file is none of its business: somebody may be changing it.
+    // The rest of the file is not read: it may be about to change.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
     let changed = with_token();
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
-    // A file that is no TOML says no address: the message says how to ask all the same.
+    // A file that is not TOML contains no address: the message states how to request the state anyway.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");
     let broken = call(&["status", "--config", path(&config)]);
     assert_eq!(broken.status.code(), Some(2), "{broken:?}");

@@ -1,5 +1,5 @@
 //! Two ways to one machine, and what was remembered of the run before: what an axis gets when one of them falls silent,
-//! tells less than the other, or is not as it was left. On the axis, with a barrier in the control and without.
+//! reports less than the other, or has changed meanwhile. On the axis, with a barrier in the control and without.
 
 use std::{
     sync::{Arc, Mutex},
@@ -21,7 +21,7 @@ const SECOND: Duration = Duration::from_secs(1);
 /// What the guard slews in a cycle, and the barrier in a scan, with a rounding, mm.
 const MOST: f64 = 0.002 + 1e-9;
 
-/// Two ways to one machine; the second never tells an interlock where it is `blind` to them.
+/// Two paths to one machine; the second never reports an interlock if it is `blind` to them.
 fn two_ways(barrier: bool, blind: bool) -> Bench {
     let clock = Clock::manual();
     let guard = simulate::guard();
@@ -81,10 +81,10 @@ fn silence_first(bench: &Bench, fault: Option<Fault>) {
     bench.seen.lock().expect("no panic").fault = fault;
 }
 
-/// 40 µm were remembered, the control told 0: 40 µm were shown as applied, and the first write put them on the axis at
+/// 40 µm were remembered, the control reported 0: 40 µm were shown as applied, and the first write put them on the axis at
 /// once.
 #[test]
-fn what_is_remembered_gives_way_to_what_the_control_tells() {
+fn the_reported_correction_replaces_the_remembered_one() {
     for barrier in [false, true] {
         let mut bench = two_ways(barrier, false);
         let remembered = PerAxis::from_fn(|axis| if axis == 1 { -0.040 } else { 0.0 });
@@ -99,7 +99,7 @@ fn what_is_remembered_gives_way_to_what_the_control_tells() {
 /// The second of two ways to the same axes began from zero when it took over: the axis went from its correction to nearly
 /// nothing in one write.
 #[test]
-fn a_second_way_takes_over_without_a_step() {
+fn a_standby_path_takes_over_without_a_step() {
     for barrier in [false, true] {
         let mut bench = armed(two_ways(barrier, false));
         for fault in [Fault::TimedOut, Fault::NotConnected] {
@@ -125,7 +125,7 @@ fn a_second_way_takes_over_without_a_step() {
 /// An emergency stop, seen on the first way, and then that way fell silent: the second, which cannot see the stop, took
 /// over and wrote the correction during it.
 #[test]
-fn a_second_way_does_not_flee_from_an_emergency_stop() {
+fn an_emergency_stop_causes_no_change_of_path() {
     use std::sync::atomic::Ordering;
     for barrier in [false, true] {
         let mut bench = armed(two_ways(barrier, true));
@@ -159,7 +159,7 @@ fn a_second_way_does_not_flee_from_an_emergency_stop() {
 
 /// Writes that went nowhere while every reading came: the correction was shown as applied for as long as it lasted.
 #[test]
-fn writes_that_go_nowhere_are_told() {
+fn lost_writes_are_reported() {
     for barrier in [false, true] {
         let mut bench = two_ways(barrier, false);
         bench.seen.lock().expect("no panic").deaf = true;
@@ -170,9 +170,9 @@ fn writes_that_go_nowhere_are_told() {
     }
 }
 
-/// A second way that holds 77 µm of which nobody knows, while the first corrects: nothing was told of it.
+/// A second path that holds 77 µm while the first corrects: this was not reported.
 #[test]
-fn a_correction_left_on_a_way_that_stands_by_is_told() {
+fn a_correction_left_on_a_standby_path_is_reported() {
     let clock = Clock::manual();
     let guard = simulate::guard();
     let made = [(); 2].map(|()| Simulation::new(clock.clone()).expect("built in"));

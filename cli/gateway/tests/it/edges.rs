@@ -3,7 +3,17 @@
 //!
 //! Each is done a few times; `VOLCOMP_REPEATS` says how often instead.
 
-use std::{path::Path, sync::Arc, thread::sleep, time::Duration};
+use std::{
+    io::{Read, Write},
+    net::{Shutdown, SocketAddr, TcpListener, TcpStream},
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+    thread::sleep,
+    time::Duration,
+};
 
 use volcomp_focas::{
     PmcArea,
@@ -14,14 +24,13 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{
     controlled::configuration,
-    held_back::Wire,
     online::check,
     program::{Program, change, path},
 };
 
 /// Counts of 1 µm that the barrier moves an axis in one scan of 2 ms.
 const RATE: i64 = 2;
-/// The longest time after which an axis is at zero when nobody sends: 200 ms + 450 ms + 150 µm at 1 mm/s, and some more
+/// Maximum time until an axis is at zero without frames: 200 ms + 450 ms + 150 µm at 1 mm/s, and some more
 /// for a loaded computer.
 const LETS_GO: Duration = Duration::from_millis(1200);
 
@@ -57,7 +66,7 @@ pub(crate) fn start(world: World) -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-/// A configuration that arms by itself and knows the barrier.
+/// A configuration with auto-arm and a barrier.
 pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
     let config = configuration(dir, control, "auto_arm = true");
     change(
@@ -126,7 +135,7 @@ fn stopped_for_two_seconds() {
         sleep(Duration::from_secs(2));
         let held = control.world().shifts();
         program.signal("CONT");
-        assert_eq!(held, [0.0; 3], "the control lets go by itself");
+        assert_eq!(held, [0.0; 3], "the control ramps to zero");
         corrects(&program, &control);
         no_step(&control, &format!("stopped, {number}"));
     }
@@ -178,7 +187,7 @@ fn garbage_in_the_words() {
     corrects(&program, &control);
 }
 
-/// 5 mm in the words of an axis at the start, and a gateway that arms by itself: it took them for its own output, far
+/// 5 mm in the words of an axis at the start, and a gateway with auto-arm: it took them for its own output, far
 /// beyond the limit. The barrier leads them to zero at its rate, and the gateway corrects only after that.
 #[test]
 fn a_correction_beyond_the_limit_is_found_at_the_start() {
@@ -220,7 +229,7 @@ fn what_was_kept_back_comes_later() {
         let before = wire.connections();
         wire.keep();
         sleep(Duration::from_millis(500) + some(number, 1500));
-        // By then another connection carries the correction, or waits until the barrier has let go.
+        // By then another connection carries the correction, or waits until the barrier is free.
         wire.deliver();
         sleep(LETS_GO);
         no_step(&control, &format!("kept back, {number}"));
@@ -229,7 +238,7 @@ fn what_was_kept_back_comes_later() {
     }
 }
 
-/// The barrier has X, Y, Z, and the configuration `axes` in another order: frames and reports were taken all the same, so
+/// The barrier has X, Y, Z, and the configuration `axes` in another order: frames and reports were accepted anyway, so
 /// that X got the correction of Y (20 µm for 0) and Y that of X, shown as compensating with every axis proven, and
 /// `check --online` said nothing.
 #[test]
@@ -254,7 +263,7 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     let refused = "no barrier for this machine and these axes";
     program
         .wait(|state| state["reasons"].to_string().contains(refused))
-        .expect("it is told");
+        .expect("it is reported");
     sleep(Duration::from_secs(3));
     let state = program.state();
     assert_eq!(state["state"], "disarmed", "{state}");
@@ -267,4 +276,88 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
         r#"axes = ["X", "Y", "Z"]"#,
     );
     assert_eq!(check(&config, &["--online"]).2, 0);
+}
+
+/// A wire; new connections are refused when it is dropped.
+pub(crate) struct Wire {
+    pub(crate) address: SocketAddr,
+    made: Arc<AtomicUsize>,
+    /// The connections before this one are kept back.
+    kept: Arc<AtomicUsize>,
+    done: Arc<AtomicBool>,
+}
+
+impl Wire {
+    /// A wire to a control.
+    pub(crate) fn to(control: SocketAddr) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("loopback");
+        let wire = Self {
+            address: listener.local_addr().expect("bound"),
+            made: Arc::default(),
+            kept: Arc::default(),
+            done: Arc::default(),
+        };
+        let (made, kept) = (Arc::clone(&wire.made), Arc::clone(&wire.kept));
+        let done = Arc::clone(&wire.done);
+        std::thread::spawn(move || {
+            for near in listener.incoming() {
+                if done.load(Ordering::Relaxed) {
+                    return;
+                }
+                let (Ok(near), Ok(far)) = (near, TcpStream::connect(control)) else {
+                    continue;
+                };
+                let number = made.fetch_add(1, Ordering::Relaxed);
+                let ends = near.try_clone().and_then(|n| Ok((n, far.try_clone()?)));
+                let Ok((near_back, far_back)) = ends else {
+                    continue;
+                };
+                let kept = Arc::clone(&kept);
+                std::thread::spawn(move || {
+                    pass(near, far, || number < kept.load(Ordering::Relaxed));
+                });
+                std::thread::spawn(move || pass(far_back, near_back, || false));
+            }
+        });
+        wire
+    }
+
+    /// What comes to the control on all connections that are open now is kept until [`deliver`](Self::deliver).
+    pub(crate) fn keep(&self) {
+        let made = self.made.load(Ordering::Relaxed);
+        self.kept.store(made, Ordering::Relaxed);
+    }
+
+    /// What was kept goes on to the control.
+    pub(crate) fn deliver(&self) {
+        self.kept.store(0, Ordering::Relaxed);
+    }
+
+    /// How many connections were made.
+    pub(crate) fn connections(&self) -> usize {
+        self.made.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Wire {
+    fn drop(&mut self) {
+        self.done.store(true, Ordering::Relaxed);
+        // Wakes who waits for a connection.
+        let _ = TcpStream::connect(self.address);
+    }
+}
+
+/// Passes bytes on until one end is gone; what was taken is delivered also when its sender is gone.
+fn pass(mut from: TcpStream, mut to: TcpStream, waits: impl Fn() -> bool) {
+    let _ = to.set_nodelay(true);
+    let mut bytes = [0; 4096];
+    while let Ok(count) = from.read(&mut bytes) {
+        while waits() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if count == 0 || to.write_all(&bytes[..count]).is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(Shutdown::Write);
 }

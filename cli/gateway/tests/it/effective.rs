@@ -1,4 +1,4 @@
-//! What `check` prints is what holds, not what was asked for.
+//! `check` prints the effective values, not the configured ones.
 
 use std::{path::Path, time::Duration};
 
@@ -28,7 +28,7 @@ heartbeat = { pmc = "R", at = 120 }
 "#;
 
 #[test]
-fn the_plan_tells_what_holds_and_what_was_asked() {
+fn the_plan_shows_effective_and_configured_values() {
     let plan = plan(TEXT);
     let document = plan.document().expect("a plan");
     let axis = &document.controllers[0].axes[0];
@@ -45,8 +45,8 @@ fn the_plan_tells_what_holds_and_what_was_asked() {
         "warn_um = 100.5                                 # default\n",
         "ramp_s = 0.05\n",
         "stop_s = 5.0                                    # default\n",
-        "ramp_s: 0.05 s are asked for, and a ramp takes 0.8 s: at least 20 cycles",
-        "the limit 100.5 µm is no whole number of steps of 2 µm: corrections go up to 100 µm",
+        "ramp_s: 0.05 s are configured, and a ramp takes 0.8 s: at least 20 cycles",
+        "the limit 100.5 µm is not a multiple of the step 2 µm: corrections go up to 100 µm",
         "the test shift is 8 µm instead of 5 µm",
     ] {
         let joined = text.replace("\n#      ", "");
@@ -90,25 +90,25 @@ fn what_check_prints_is_a_configuration() {
 }
 
 #[test]
-fn a_test_shift_that_is_not_made_is_told() {
+fn a_skipped_test_shift_is_noted() {
     let coarse = TEXT
         .replace("resolution_um = 2.0", "resolution_um = 50.0")
         .replace("limit_um = 100.5", "limit_um = 100.0");
     let document = plan(&coarse).document().expect("a plan");
     assert_eq!(document.controllers[0].axes[0].test_shift, 0.0);
-    let told = |note: &&String| note.contains("axes X, Y, Z: the test shift is not made");
+    let reported = |note: &&String| note.contains("axes X, Y, Z: no test shift");
     assert!(
-        document.notes.iter().any(|note| told(&note)),
+        document.notes.iter().any(|note| reported(&note)),
         "{document:?}"
     );
 }
 
-/// A note that holds for several axes stands once and names them.
+/// A note that applies to several axes appears once and names them.
 #[test]
-fn a_note_of_several_axes_stands_once() {
+fn a_note_for_several_axes_appears_once() {
     let document = plan(TEXT).document().expect("a plan");
     let of_limit = document.notes.iter();
-    let of_limit: Vec<_> = of_limit.filter(|n| n.contains("whole number")).collect();
+    let of_limit: Vec<_> = of_limit.filter(|n| n.contains("not a multiple")).collect();
     assert_eq!(of_limit.len(), 1, "{of_limit:?}");
     assert!(of_limit[0].contains("axes X, Y, Z: "), "{of_limit:?}");
 }
@@ -116,7 +116,7 @@ fn a_note_of_several_axes_stands_once() {
 /// Rotary axes of the control that the machine file does not let correct need no limits, and `check` says that they are
 /// held.
 #[test]
-fn axes_that_do_not_correct_are_told_as_held() {
+fn uncorrected_axes_are_listed_as_held() {
     let dir = tempfile::tempdir().expect("writable");
     let machine = include_str!("../../../../examples/five-axis.toml");
     let text = TEXT.replace("\"Z\"]", "\"Z\", \"C\", \"B\"]");
@@ -139,7 +139,7 @@ fn axes_that_do_not_correct_are_told_as_held() {
     assert_eq!(letters(&axes), "XYZ");
     let shifts = plan.limits()[0].test_shift;
     assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
-    // Whoever writes radians into a machine file is asked here, too, not by `volcomp` alone.
+    // Radians in a machine file are questioned here as well, not by `volcomp` alone.
     let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
     let notes = plan
@@ -153,21 +153,21 @@ fn axes_that_do_not_correct_are_told_as_held() {
     assert!(asks, "{notes:?}");
 }
 
-/// What arms itself and has no token can be disarmed at its own computer only.
+/// Without a token, a gateway with auto-arm can only be disarmed at its own computer.
 #[test]
-fn arming_itself_without_a_token_is_a_warning() {
+fn auto_arm_without_a_token_is_a_warning() {
     let document = plan(&format!("auto_arm = true\n{TEXT}"))
         .document()
         .expect("a plan");
-    let told = document
+    let reported = document
         .notes
         .iter()
-        .any(|note| note.contains("only this computer can disarm it"));
-    assert!(told, "{:?}", document.notes);
+        .any(|note| note.contains("only this computer can disarm"));
+    assert!(reported, "{:?}", document.notes);
 }
 
 #[test]
-fn what_holds_as_it_is_asked_is_not_told_twice() {
+fn unchanged_values_produce_no_note() {
     let fitting = TEXT
         .replace("cycle_ms = 40.0", "cycle_ms = 4.0")
         .replace("ramp_s = 0.05", "ramp_s = 0.5")
@@ -177,20 +177,20 @@ fn what_holds_as_it_is_asked_is_not_told_twice() {
     assert_eq!(
         plan.document().expect("a plan").notes,
         [
-            "no token: nobody can arm over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table"
+            "no token, so it cannot be armed over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table"
         ]
     );
 }
 
-/// A path without a barrier is limited to 30 µm unless the configuration says otherwise in so many words.
+/// A path without a barrier is limited to 30 µm unless the configuration explicitly states another limit.
 #[test]
 fn without_a_barrier_a_smaller_limit_holds() {
     let plan = plan(&TEXT.replace("limit_without_barrier_um = 150.0\n", ""));
     assert!((plan.limits()[0].axes[0].limit - 0.030).abs() < 1e-12);
     let document = plan.document().expect("a plan");
-    let told = |note: &String| {
+    let reported = |note: &String| {
         note.contains("corrections go up to 30 µm, not 100.5 µm")
             && note.contains("limit_without_barrier_um")
     };
-    assert!(document.notes.iter().any(told), "{:?}", document.notes);
+    assert!(document.notes.iter().any(reported), "{:?}", document.notes);
 }

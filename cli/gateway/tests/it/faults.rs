@@ -172,7 +172,7 @@ fn a_starved_processor_makes_no_step() {
         let before = bench.applied();
         bench.step(Duration::from_millis(gap_ms), None);
         let after = bench.applied();
-        // Five cycles at the most.
+        // At most five cycles.
         let allowed = 0.5 * 0.020 + 0.001 + 1e-9;
         assert!(
             before
@@ -208,7 +208,7 @@ fn random_faults_of_the_wire_never_make_a_step() {
         let mut compensated = 0;
         let mut before = bench.applied();
         for number in 0..150_000 {
-            // Whatever becomes of it, somebody arms and acknowledges now and then.
+            // Arm and acknowledge from time to time, whatever the state.
             let request = match number % 1000 {
                 0 => Some(Request::Arm),
                 500 => Some(Request::Acknowledge),
@@ -296,7 +296,7 @@ fn with(t: &Temperature, degc: f64) -> Temperature {
 
 /// The correction stays smooth, the state compensating, the reason `degraded`; the other sensors still count.
 #[test]
-fn bad_temperatures_are_left_out_and_told() {
+fn bad_temperatures_are_excluded_and_reported() {
     let spindle = Some(2);
     let broken: [(&str, Option<usize>, Spoil); 6] = [
         ("NaN", spindle, |t| with(t, f64::NAN)),
@@ -324,7 +324,7 @@ fn bad_temperatures_are_left_out_and_told() {
 
 /// A temperature that jumped stays out until a person acknowledges it.
 #[test]
-fn an_acknowledged_jump_is_believed() {
+fn an_acknowledged_jump_is_accepted() {
     let mut bench = spoiled(Some(2), |t| with(t, 60.0));
     bench.run(20 * SECOND);
     let report = bench.run(PERIOD);

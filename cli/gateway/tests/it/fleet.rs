@@ -13,9 +13,9 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The centre forbids correcting while an older version is being put in force: whenever in that time it is heard, it stays so.
+/// The centre forbids correcting while an older version is being activated: correcting stays forbidden, whenever the order arrives.
 #[test]
-fn what_is_forbidden_while_an_older_version_comes_into_force_stays_forbidden() {
+fn an_order_to_disable_outlives_the_activation_of_an_older_version() {
     let Some(centre) = Centre::start() else {
         return;
     };
@@ -50,7 +50,7 @@ fn what_is_forbidden_while_an_older_version_comes_into_force_stays_forbidden() {
 /// A small change goes through the ramp, a large one waits for its confirmation, one that a person confirmed is taken; no axis
 /// ever moves faster than the slew. After a restart without the centre the machine runs on what it has accepted.
 #[test]
-fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
+fn a_roll_out_is_confirmed_ramped_in_and_outlives_the_centre() {
     let Some(mut centre) = Centre::start() else {
         return;
     };
@@ -64,7 +64,7 @@ fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
         centre.acknowledged(1, "activated");
         corrects_y(&program, -25.0);
         assert_eq!(program.state()["fleet"]["version"], 1);
-        // 75 µm more: nobody has confirmed that.
+        // 75 µm more, not confirmed.
         let large = machine_with(100.0);
         centre.roll_out(2, &large);
         let asked = centre.acknowledged(2, "needs-confirmation");
@@ -82,7 +82,7 @@ fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
         let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
         let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
         assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
-        // The centre is gone for good; the machine does not need it, nor a machine file of its own.
+        // The centre is gone for good; the machine needs neither it nor the configured machine file.
         centre.stop();
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
@@ -98,7 +98,7 @@ fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
     no_step(&trace);
 }
 
-/// What the centre disables ramps out at once, does not arm again by itself, by a person or after a restart, and comes back when
+/// What the centre disables ramps out at once, is not armed again automatically, by an operator or after a restart, and comes back when
 /// the centre enables it.
 #[test]
 fn what_the_centre_disables_stays_disarmed_until_it_enables() {
@@ -130,13 +130,13 @@ fn what_the_centre_disables_stays_disarmed_until_it_enables() {
     assert_eq!(state["state"], "disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
     centre.roll_out(2, &model);
-    // Nobody but the centre stood against it: it arms itself, as configured.
+    // Only the centre prevented arming: auto-arm resumes, as configured.
     program.wait_for("compensating");
     corrects_y(&program, -25.0);
     assert_eq!(program.state()["fleet"]["enabled"], true);
 }
 
-/// What is not signed for this machine, or older, or damaged changes nothing, and each reason is told.
+/// What is not signed for this machine, or older, or damaged changes nothing, and each reason is reported.
 #[test]
 fn rogue_values_change_nothing() {
     let Some(centre) = Centre::start() else {
@@ -154,7 +154,7 @@ fn rogue_values_change_nothing() {
     let refused = |version: u64, words: &str| {
         let why = centre.refused(version, words);
         assert!(why.len() < 400, "{why}");
-        // What was accepted, and could not be put in force, is its outcome.
+        // The accepted manifest that could not be activated is its outcome.
         let fleet = program.state()["fleet"].clone();
         let shown =
             [&fleet["refused"], &fleet["outcome"]].map(|text| text.as_str().unwrap_or_default());
@@ -194,7 +194,7 @@ fn rogue_values_change_nothing() {
     centre.store(&manifest.model.sha256, &large.replace("28.0", "88.0"));
     centre.send(&manifest, &large);
     refused(11, "its checksum is another one");
-    // A machine file that is none, well signed.
+    // An invalid machine file, properly signed.
     let no_machine = "structure = \"w X' b Y Z t\"\n[axes.X]\n";
     centre.roll_out(12, no_machine);
     refused(12, "travel");
@@ -210,9 +210,9 @@ fn rogue_values_change_nothing() {
     corrects_y(&program, -28.0);
 }
 
-/// Killed between accepting and putting in force, it goes on after the restart; the same manifest again changes nothing.
+/// Killed between acceptance and activation, it continues after the restart; the same manifest again changes nothing.
 #[test]
-fn a_restart_between_accepting_and_putting_in_force_goes_on() {
+fn a_restart_between_acceptance_and_activation_continues() {
     let Some(mut centre) = Centre::start() else {
         return;
     };

@@ -162,7 +162,7 @@ impl Centre {
     }
 
     /// Everything that a stream holds: the last part of the subject, and the document.
-    pub(crate) fn told(&self, stream: &str) -> Vec<(String, Value)> {
+    pub(crate) fn reported(&self, stream: &str) -> Vec<(String, Value)> {
         let context = self.context();
         let name = format!("{stream}-berlin");
         self.runtime.block_on(async move {
@@ -181,8 +181,8 @@ impl Centre {
 
     /// The bodies of a kind in a stream, in their order.
     pub(crate) fn bodies(&self, stream: &str, kind: &str) -> Vec<Value> {
-        let told = self.told(stream).into_iter();
-        let of_kind = told.filter(|(found, _)| found == kind);
+        let reported = self.reported(stream).into_iter();
+        let of_kind = reported.filter(|(found, _)| found == kind);
         of_kind
             .map(|(_, document)| document["body"].clone())
             .collect()

@@ -1,4 +1,4 @@
-//! The table `[fleet]` of a configuration: what is refused, and what `check` says.
+//! The table `[fleet]` of a configuration: errors, and the output of `check`.
 
 use std::path::Path;
 
@@ -69,7 +69,7 @@ fn each_wrong_key_is_named() {
     }
     let twice = format!("trusted_keys = [\"{KEY}\", \"{KEY}\"]");
     let message = with("trusted_keys", &twice).expect_err("twice");
-    assert!(message.contains("twice"), "{message}");
+    assert!(message.contains("duplicate"), "{message}");
 }
 
 /// Without the feature the table is refused, and the message says which build knows it.
@@ -89,7 +89,7 @@ fn a_build_without_the_fleet_refuses_it() {
     assert!(message.contains("--features fleet"), "{message}");
 }
 
-/// `check` says who the machine is, whom it trusts and what is in force; a seed that others may read is refused.
+/// `check` prints the machine's identity, the trusted keys and the active manifest; a seed readable by others is refused.
 #[cfg(feature = "fleet")]
 #[test]
 fn check_says_who_the_machine_is() {

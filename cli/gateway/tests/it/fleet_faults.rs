@@ -25,7 +25,7 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
 fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
     let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
     for stream in ["telemetry", "audit"] {
-        for (_, document) in centre.told(stream) {
+        for (_, document) in centre.reported(stream) {
             let instance = document["instance"].as_str().expect("text").to_owned();
             let number = document["number"].as_u64().expect("a number");
             assert!(
@@ -42,10 +42,10 @@ fn is_whole(numbers: &BTreeSet<u64>) -> bool {
     numbers.last() == Some(&(numbers.len() as u64))
 }
 
-/// Without a server at the start it corrects all the same; what it told meanwhile comes later, all of it, and once. The records of
+/// Without a server at the start it corrects anyway; the messages of that time come later, all of them, once. The records of
 /// the audit log come in their order with their chain.
 #[test]
-fn what_was_told_while_the_centre_was_away_comes_later() {
+fn messages_queued_while_the_centre_is_away_arrive_later() {
     let Some(mut centre) = Centre::start() else {
         return;
     };
@@ -97,9 +97,11 @@ fn what_was_told_while_the_centre_was_away_comes_later() {
     let conditions = centre.bodies("telemetry", "condition");
     assert!(conditions.len() > 5, "{}", conditions.len());
     assert!(
-        conditions.iter().any(|told| told["state"] == "compensating"
-            && told["correction_um"]["Y"] == -20.0
-            && told["armed"] == true),
+        conditions
+            .iter()
+            .any(|reported| reported["state"] == "compensating"
+                && reported["correction_um"]["Y"] == -20.0
+                && reported["armed"] == true),
         "{conditions:?}"
     );
     let whole = centre.bodies("telemetry", "telemetry");
@@ -107,9 +109,9 @@ fn what_was_told_while_the_centre_was_away_comes_later() {
     crate::documents::validate("gateway-state.json", last);
 }
 
-/// A machine that is there twice runs twice, and the centre sees two starts that tell at once.
+/// A duplicated machine runs twice, and the centre sees two instances that report at once.
 #[test]
-fn a_machine_that_is_there_twice_is_seen() {
+fn a_duplicate_machine_is_detected() {
     let Some(centre) = Centre::start() else {
         return;
     };
@@ -126,7 +128,7 @@ fn a_machine_that_is_there_twice_is_seen() {
     for program in &programs {
         corrects_y(program, -25.0);
     }
-    volcomp_test_support::until("both tell", Duration::from_secs(60), || {
+    volcomp_test_support::until("both report", Duration::from_secs(60), || {
         let numbers = numbers(&centre);
         numbers.len() == 2 && numbers.values().all(|numbers| numbers.len() > 5)
     });
@@ -170,7 +172,7 @@ fn no_clock_decides() {
         centre.put(&first);
         centre.refused(1, "has been accepted before");
     }
-    let times: Vec<f64> = (centre.told("telemetry").iter())
+    let times: Vec<f64> = (centre.reported("telemetry").iter())
         .filter_map(|(_, document)| document["wall_s"].as_f64())
         .collect();
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
@@ -181,7 +183,7 @@ fn no_clock_decides() {
     );
 }
 
-/// A small file system of its own; gone when it is dropped.
+/// A small separate file system, unmounted on drop.
 struct Small(PathBuf);
 
 impl Small {
@@ -216,10 +218,10 @@ impl Drop for Small {
     }
 }
 
-/// On a full disk nothing new is put in force, since it could not be kept; disarming waits for no disk. It goes on when there is
+/// On a full disk nothing new is activated, since it could not be kept; disarming waits for no disk. It goes on when there is
 /// room again, and the machine is corrected all the while.
 #[test]
-fn a_full_disk_takes_nothing_new_and_holds_up_no_disarming() {
+fn a_full_disk_accepts_nothing_new_and_delays_no_disarm() {
     let Some(centre) = Centre::start() else {
         return;
     };
@@ -265,10 +267,10 @@ fn a_full_disk_takes_nothing_new_and_holds_up_no_disarming() {
     drop(program);
 }
 
-/// A machine file that was changed on the machine's own disk is not used: the configured one is, it is told, and the centre's
+/// A machine file that was changed on the machine's own disk is not used: the configured one is, this is reported, and the centre's
 /// is fetched again.
 #[test]
-fn a_damaged_machine_file_is_told_and_fetched_again() {
+fn a_damaged_machine_file_is_reported_and_fetched_again() {
     let Some(mut centre) = Centre::start() else {
         return;
     };
@@ -325,10 +327,10 @@ fn a_damaged_machine_file_is_told_and_fetched_again() {
     corrects_y(&program, -25.0);
 }
 
-/// The disk of the folder hangs, in the middle of an order: it is corrected on by what is in force, the page tells it, and what
+/// The disk of the folder hangs, in the middle of an order: the active model continues to correct, the page reports it, and what
 /// forbids correcting acts before the disk does. When the disk answers again everything goes on.
 #[test]
-fn a_disk_that_hangs_holds_up_no_cycle_and_no_disarming() {
+fn a_hanging_disk_delays_no_cycle_and_no_disarm() {
     let Some(centre) = Centre::start() else {
         return;
     };
@@ -354,14 +356,17 @@ fn a_disk_that_hangs_holds_up_no_cycle_and_no_disarming() {
         centre.roll_out(2, &machine_with(25.0));
         let tells = |key: &str, words: &str| {
             wait(&program, words, |state| {
-                let told = state["fleet"][key].as_str().unwrap_or_default();
-                told.contains(words) && told.contains(path(&dir.path().join("fleet")))
+                let reported = state["fleet"][key].as_str().unwrap_or_default();
+                reported.contains(words) && reported.contains(path(&dir.path().join("fleet")))
             })
         };
-        let state = tells("trouble", "the disk does not answer: what was accepted");
+        let state = tells("trouble", "the disk does not answer: the accepted manifest");
         let count = state["cycle"]["count"].as_u64().expect("a count");
         // Its place in the log cannot be written either.
-        let state = tells("waiting", "the disk does not answer: the centre is told");
+        let state = tells(
+            "waiting",
+            "the disk does not answer: messages to the centre",
+        );
         assert!(state["cycle"]["count"].as_u64() > Some(count), "{state}");
         goes_on(&state, -22.0);
         assert_eq!(state["fleet"]["version"], 1, "{state}");

@@ -16,12 +16,12 @@ use crate::{
 
 const Y: usize = 1;
 
-fn told(state: &Value, words: &str) -> bool {
+fn reported(state: &Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
-/// The whole way of a model: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
-/// person; disabling and enabling; the page shows what the gateway tells.
+/// A model end to end: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
+/// person; disabling and enabling; the page shows the reported state.
 #[test]
 fn a_model_goes_from_the_centre_to_the_axes() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
@@ -33,13 +33,16 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     let trace = watched_axis(&control, Y, || {
         let program = compensating(dir.path(), &config);
         corrects_y(&program, -20.0);
-        let heard = whole.machine_is("it is heard", "mill-1", |one| {
+        let received = whole.machine_is("it reports", "mill-1", |one| {
             one["live"]["condition"]["state"] == "compensating"
         });
         // Registered as the gateway has it.
         let state = program.state();
-        assert_eq!(heard["axes"], state["machine"]["axes"], "{heard}");
-        assert_eq!(heard["structure"], state["machine"]["structure"], "{heard}");
+        assert_eq!(received["axes"], state["machine"]["axes"], "{received}");
+        assert_eq!(
+            received["structure"], state["machine"]["structure"],
+            "{received}"
+        );
 
         let model = machine_text("small", 25.0);
         let rollout = whole.roll_out(&model, &["mill-1"]);
@@ -49,7 +52,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
             one["version"]["outcome"]["outcome"] == "activated"
         });
         assert_eq!(one["version"]["version"], 1);
-        let one = whole.machine_is("it tells its model", "mill-1", |one| {
+        let one = whole.machine_is("it reports its model", "mill-1", |one| {
             one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
         });
         // The checksum by which a gateway names its model is that of the centre.
@@ -58,7 +61,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
 
         let rollout = whole.roll_out(&machine_text("small", 100.0), &["mill-1"]);
         let ask = format!("rollout status {rollout} --json");
-        let asks = whole.wait("a person is asked", &ask, |document| {
+        let asks = whole.wait("a confirmation is requested", &ask, |document| {
             document[0]["turns"][0]["step"] == "needs-confirmation"
         });
         let turn = &asks[0]["turns"][0];
@@ -69,7 +72,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
             status.contains(hash) && status.contains("75.0 µm"),
             "{status}"
         );
-        whole.wait("an alarm tells it", "alarms --json", |alarms| {
+        whole.wait("an alarm reports it", "alarms --json", |alarms| {
             alarms.to_string().contains("needs-confirmation")
         });
         corrects_y(&program, -25.0);
@@ -79,7 +82,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
 
         whole.done("machine disable mill-1");
         let state = program.wait_for("disarmed");
-        assert!(told(&state, "disabled by the centre"), "{state}");
+        assert!(reported(&state, "disabled by the centre"), "{state}");
         wait(&program, "it is ramped out", |_| {
             control.world().shifts() == [0.0; 3]
         });
@@ -102,7 +105,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
     );
 }
 
-/// What a gateway tells stands on the page: its condition, its whole state, its audit records, its versions.
+/// The page shows the reports of a gateway: its condition, its whole state, its audit records, its versions.
 fn page_shows(whole: &Whole, program: &Program) {
     let cookie = whole.log_in();
     whole.machine_is("it runs what it shall", "mill-1", |one| {
@@ -136,14 +139,14 @@ fn page_shows(whole: &Whole, program: &Program) {
     assert!(corrected(-25.0) && corrected(-100.0), "{history}");
 }
 
-/// A guard that faults is told as an alarm with its reason, and that the machine is silent when its gateway has ended.
+/// A fault of the guard raises an alarm with its reason, and so does the silence of a gateway that has ended.
 #[test]
-fn a_fault_and_silence_are_told_as_alarms() {
+fn faults_and_silence_raise_alarms() {
     let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    // It stands still for the test shift, and moves.
+    // It dwells for the test shift, then moves.
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.motion = std::sync::Arc::new(|elapsed| {
         vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]
@@ -166,14 +169,14 @@ fn a_fault_and_silence_are_told_as_alarms() {
                     .is_some_and(|text| text.contains(words))
         })
     };
-    whole.wait("the fault is told", "alarms --json", |alarms| {
+    whole.wait("the fault is reported", "alarms --json", |alarms| {
         has(alarms, "faulted", reason)
     });
     let cookie = whole.log_in();
     assert!(has(&whole.page(&cookie, "/api/alarms"), "faulted", reason));
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));
-    whole.wait("the silence is told", "alarms --json", |alarms| {
+    whole.wait("the silence is reported", "alarms --json", |alarms| {
         has(alarms, "silent", "not heard")
     });
     let said = whole.done("alarms");
@@ -182,7 +185,7 @@ fn a_fault_and_silence_are_told_as_alarms() {
 
 /// A model never reaches a machine that is not the one it is meant for, and both sides say in words why not.
 #[test]
-fn the_wrong_machine_is_refused_in_words() {
+fn the_wrong_machine_is_refused_with_the_reason() {
     // The file names its axes in another order; the axes of the gateway are X, Y, Z.
     let swapped = |eyx_um| {
         let text = machine_text("other", eyx_um);
@@ -236,7 +239,7 @@ fn the_wrong_machine_is_refused_in_words() {
         // A person reads it in the status, in the alarms, and at the machine itself.
         let status = whole.done(&format!("rollout status {rollout}"));
         assert!(status.contains(words), "{status}");
-        whole.wait("an alarm tells it", "alarms --json", |alarms| {
+        whole.wait("an alarm reports it", "alarms --json", |alarms| {
             let mut alarms = alarms.as_array().expect("a list").iter();
             alarms.any(|alarm| {
                 alarm["kind"] == "refused"
@@ -265,10 +268,10 @@ fn the_wrong_machine_is_refused_in_words() {
     }
 }
 
-/// The disk of the centre's database hangs in the middle of a roll-out: machines are corrected on, and its page tells it. When
-/// the disk answers again the roll-out goes on, and nothing that was told meanwhile is lost.
+/// The disk of the centre's database hangs in the middle of a roll-out: machines continue to be corrected, and its page reports it. When
+/// the disk answers again the roll-out goes on, and no message of that time is lost.
 #[test]
-fn a_centre_whose_disk_hangs_holds_up_no_machine() {
+fn a_hanging_disk_of_the_centre_delays_no_machine() {
     let at = tempfile::tempdir().expect("writable");
     let Some(library) = preloaded(at.path()) else {
         return;
@@ -298,7 +301,7 @@ fn a_centre_whose_disk_hangs_holds_up_no_machine() {
                     .is_some_and(|text| text.contains("has not answered a change"))
             })
         };
-        volcomp_test_support::until("its page tells it", LONG, || {
+        volcomp_test_support::until("its page reports it", LONG, || {
             waits(&whole.page(&cookie, "/api/overview"))
         });
         let before = program.state();
@@ -312,7 +315,7 @@ fn a_centre_whose_disk_hangs_holds_up_no_machine() {
         whole.done(&format!("rollout start --model {short} --machine mill-1"));
         whole.is_in(rollout + 1, "done");
         corrects_y(&program, -25.0);
-        volcomp_test_support::until("its page tells that it is over", LONG, || {
+        volcomp_test_support::until("its page reports the end", LONG, || {
             !waits(&whole.page(&cookie, "/api/overview"))
         });
         let one = whole.machine("mill-1");
@@ -323,7 +326,7 @@ fn a_centre_whose_disk_hangs_holds_up_no_machine() {
 
 /// The centre is killed between the first machine and the second: after a restart each gets its version, once.
 #[test]
-fn a_centre_that_is_killed_in_a_roll_out_goes_on() {
+fn a_killed_centre_resumes_its_roll_out() {
     let names = ["mill-1", "mill-2"];
     let Some(mut whole) = Whole::start(&names.map(|name| (name, "4711", MACHINE))) else {
         return;
@@ -336,7 +339,7 @@ fn a_centre_that_is_killed_in_a_roll_out_goes_on() {
         programs.push(compensating(dir.path(), &config));
     }
     for name in names {
-        whole.machine_is("it is heard", name, |one| {
+        whole.machine_is("it reports", name, |one| {
             one["live"]["condition"]["state"] == "compensating"
         });
     }

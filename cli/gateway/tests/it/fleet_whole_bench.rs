@@ -28,7 +28,7 @@ pub(crate) const LONG: Duration = Duration::from_secs(90);
 const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
 /// What the centre prints stands behind this line.
 const MARK: &str = "-- the centre --";
-const PASSWORD: &str = "a horse that nobody knows";
+const PASSWORD: &str = "an unknown horse";
 
 /// The program `volcomp-centre`: cargo builds the programs of this package only, so this test program takes its place.
 #[test]
@@ -304,18 +304,18 @@ impl Whole {
         found[0].clone()
     }
 
-    /// What `machine list` tells of a machine.
+    /// The entry of a machine in `machine list`.
     pub(crate) fn machine(&self, name: &str) -> Value {
         of(&self.document("machine list --json"), name)
     }
 
-    /// Waits until what `machine list` tells of a machine is as wanted.
+    /// Waits for a condition on the entry of a machine in `machine list`.
     pub(crate) fn machine_is(&self, what: &str, name: &str, is: impl Fn(&Value) -> bool) -> Value {
         let all = self.wait(what, "machine list --json", |all| is(&of(all, name)));
         of(&all, name)
     }
 
-    /// The configuration of the gateway of a machine, in a folder of its own.
+    /// The configuration of the gateway of a machine, in a separate folder.
     pub(crate) fn member(&self, dir: &Path, control: &Simulator, of: (&str, &str)) -> PathBuf {
         let config = configuration(dir, control, "auto_arm = true");
         let seed = self.folder.path().join(format!("{}.nkey", of.0));

@@ -105,7 +105,7 @@ fn tokens_decide() {
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     assert!(audit.contains("\"who\":\"anna\",\"what\":\"disarm\""));
     assert!(!audit.contains(OPERATE));
-    // A token is checked when it is entered, not when somebody has to stop the machine with it.
+    // A token is checked when it is entered, not when it is needed to stop the machine.
     for (token, status, role) in [
         (Some(OPERATE), 200, Some("operate")),
         (Some(VIEW), 200, Some("view")),
@@ -116,7 +116,7 @@ fn tokens_decide() {
         assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
         assert!(!answer.body.contains(OPERATE), "never the token itself");
     }
-    // Four more wrong ones, then nobody from here gets in for a minute.
+    // Four more wrong ones lock out this address for a minute.
     for _ in 0..4 {
         assert_eq!(post("/api/disarm", Some("wrong")), 401);
     }
@@ -129,18 +129,18 @@ fn tokens_decide() {
     assert_eq!(post("/api/disarm", Some("wrong")), 401, "a minute later");
 }
 
-/// Clients that ask for a page and do not read it, and clients that send half a request, held every connection: nobody
+/// Clients that request a page and do not read it, and clients that send half a request, held every connection: nobody
 /// could disarm as long as they stayed.
 #[test]
-fn clients_that_hang_keep_nobody_from_disarming() {
+fn hanging_clients_do_not_prevent_disarming() {
     let (_dir, program) = simulated();
     program.wait_for("compensating");
-    let asks = "GET /app.js HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(200);
+    let requests = "GET /app.js HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(200);
     let mut clients = Vec::new();
     for number in 0..100 {
         let mut client = program.connect();
         let bytes = if number % 2 == 0 {
-            asks.as_bytes()
+            requests.as_bytes()
         } else {
             b"GET / HT"
         };
@@ -195,7 +195,7 @@ fn at_its_own_computer_disarming_needs_no_token() {
         let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
         let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
         assert!(log.contains(record), "{log}");
-        // Without tokens nobody operates.
+        // Without tokens no client may operate.
         for path in ["/api/arm", "/api/disarm", "/api/acknowledge", "/api/reload"] {
             let status = program.request("POST", path, Some(OPERATE), "").status;
             assert_eq!(status == 404, !has_tokens, "{path}: {status}");
@@ -300,7 +300,7 @@ fn a_flood_does_not_touch_the_correction(program: &Program) {
                 for _ in 0..300 {
                     write!(stream, "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n")
                         .expect("sent");
-                    // One answer at a time: its length stands in its head.
+                    // One answer at a time: its head contains its length.
                     let mut text = String::new();
                     loop {
                         let count = stream.read(&mut buffer).expect("an answer");

@@ -107,11 +107,11 @@ fn disarming_acts_first_and_is_logged_after() {
     assert_eq!(answer.status, 200, "{}", answer.body);
     program.wait_for("disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
-    // All of that before the disk answered. Nobody arms meanwhile, and it is told why.
+    // All of that before the disk answered. Meanwhile arming is refused with the reason.
     assert!(rig.hangs.exists());
     program
         .wait(|state| state["reasons"].to_string().contains("audit log"))
-        .expect("it is told");
+        .expect("it is reported");
     let armed = program.post("/api/arm", "");
     assert!(matches!(armed.status, 409 | 503), "{}", armed.body);
     assert_eq!(program.state()["state"], "disarmed");
@@ -127,7 +127,7 @@ fn disarming_acts_first_and_is_logged_after() {
 
 /// Before, a stop wrote its record before the end, and waited for as long as the disk did.
 #[test]
-fn ending_ramps_out_and_ends_in_its_time() {
+fn stopping_ramps_out_in_time() {
     let Some(mut rig) = Rig::start() else {
         return;
     };
@@ -150,7 +150,7 @@ fn ending_ramps_out_and_ends_in_its_time() {
 
 /// Before, the request waited at the disk, and the model came into force whenever that answered again.
 #[test]
-fn a_model_that_waits_for_it_is_given_up_and_told() {
+fn a_model_that_waits_for_the_disk_times_out() {
     let Some(rig) = Rig::start() else {
         return;
     };
@@ -173,7 +173,7 @@ fn a_model_that_waits_for_it_is_given_up_and_told() {
         newest["hash"] == made["result"]["hash"] && newest["outcome"] == "refused"
     });
     assert_eq!(now["hash"], before);
-    // Asked for again it comes.
+    // A repeated request is executed.
     let taken = activate(program, &candidate(program), None);
     assert_eq!(taken.status, 200, "{}", taken.body);
     assert_eq!(model(program)["hash"], made["result"]["hash"]);

@@ -1,4 +1,4 @@
-//! A state for the tests of other systems, and the quantities that they are told.
+//! A state for the tests of other systems, and its quantities.
 
 use serde_json::{Value, json};
 use volcomp_gateway::{
@@ -100,7 +100,7 @@ fn x_position(status: &Status) -> Reading {
 
 /// A position without a number, one that is no number, and one that is old.
 #[test]
-fn what_is_not_so_is_not_good() {
+fn only_current_values_are_good() {
     for (changes, value, quality) in [
         (json!({}), Some(400.25), Quality::Good),
         (json!({ "positions_mm": {} }), None, Quality::Unknown),
@@ -152,12 +152,13 @@ fn a_further_row_is_served_to_others() {
     assert_eq!(row().name(), "Play");
     #[cfg(feature = "shdr")]
     {
-        use volcomp_gateway::interop::shdr::lines::{Items, Told};
+        use volcomp_gateway::interop::shdr::{Items, SentState};
         let items = Items {
             quantities: vec![row()],
             conditions: Vec::new(),
         };
-        let lines = Told::nothing(&items).changes(&items, &status, std::time::SystemTime::now());
+        let lines =
+            SentState::nothing(&items).changes(&items, &status, std::time::SystemTime::now());
         assert!(lines.contains("|path_2_play|0.022\n"), "{lines}");
     }
 }

@@ -1,9 +1,11 @@
-//! A key that a kind of controller cannot use is refused by name: nobody relies on a key that has no effect.
+//! A key that a kind of controller cannot use is refused by name, because it would have no effect.
 
 use std::path::Path;
 
 use volcomp_devices::{Address, Driver, config::uses};
 use volcomp_gateway::config::Config;
+use volcomp_port::{Description, DeviceError};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Urad};
 
 /// A URL of each scheme, and what the kind of its controllers is called.
 const URLS: [(&str, &str); 7] = [
@@ -138,7 +140,7 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
         for (rest, says) in [
             ("", "found 0 axes"),
             ("reads = []\n", "found no axis"),
-            ("reads = [\"C\", \"C\"]\n", "axis C stands twice"),
+            ("reads = [\"C\", \"C\"]\n", "duplicate axis C"),
         ] {
             let message = of(rest).expect_err(rest);
             assert!(message.contains(says), "{message}");
@@ -166,16 +168,14 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
     let twice = "machine = \"m.toml\"\n[[controller]]\nurl = \"can://can0\"\naxes = [\"X\"]\nreads = [\"C\", \"X\"]\n";
     let refused = Config::parse(twice, "G.toml", Path::new("")).expect_err("refused");
     assert!(
-        refused
-            .to_string()
-            .contains("axis X stands among axes, too"),
+        refused.to_string().contains("axis X is also in axes"),
         "{refused}"
     );
 }
 
-/// Both keys of a coordinate are looked at, not the first alone.
+/// Both keys of a coordinate are checked, not only the first.
 #[test]
-fn a_key_of_the_other_kind_is_refused_beside_the_right_one() {
+fn a_key_of_the_other_kind_is_refused_next_to_the_right_one() {
     let text = "machine = \"m.toml\"\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\n[controller.digital]\nposition_mm_per_count = 0.1\nposition_deg_per_count = 0.1\n";
     let refused = Config::parse(text, "G.toml", Path::new("")).expect_err("refused");
     let message = refused.to_string();
@@ -184,7 +184,7 @@ fn a_key_of_the_other_kind_is_refused_beside_the_right_one() {
 
 /// Without limits of rotary axes no other key of them has an effect.
 #[test]
-fn keys_of_rotary_axes_stand_only_beside_their_limit() {
+fn keys_of_rotary_axes_need_their_limit() {
     for key in [
         "warn_urad",
         "slew_urad_per_s",
@@ -242,7 +242,7 @@ tls_key = \"key.pem\"
         "G.toml:3: guard: key `hold_ms` is missing",
         "G.toml:4: guard.limit_um: found the text \"much\", expected a fin",
         "G.toml:6: guard.hold: unknown key, did you mean `hold_ms`?",
-        "G.toml:10: controller[0].axes: axis X stands twice",
+        "G.toml:10: controller[0].axes: duplicate axis X",
         "G.toml:11: controller[0].area.pmc: found \"Q\", expected one of: ",
         "G.toml:14: controller[1].url: found \"sinumerik-s7://192.0.2.9\", ",
         "G.toml:15: controller[1].axes: found \"Q\", expected one of the a",
@@ -254,4 +254,94 @@ tls_key = \"key.pem\"
         assert!(found.starts_with(expected), "{found}\n{said}");
     }
     assert_eq!(found.len(), expected.len(), "{said}");
+}
+
+/// A configuration of one axis on the eight lines of a module; the module is not accessed.
+fn lines(axis: &str, keys: &str) -> String {
+    format!(
+        "machine = \"m.toml\"\n[[controller]]\nurl = \"modbus://127.0.0.1:9?profile=WAGO-750-8DI/8DO\"\naxes = [\"{axis}\"]\nunwatched = true\n{keys}\n"
+    )
+}
+
+fn parsed(text: &str) -> Result<Config, String> {
+    Config::parse(text, "G.toml", Path::new("")).map_err(|e| e.to_string())
+}
+
+/// What the gateway makes of the first controller, before it opens it.
+fn described(config: &Config) -> Result<Description, DeviceError> {
+    volcomp_devices::controller(&config.controllers[0])?.describe()
+}
+
+/// Steps on lines are those that the configuration states: 5 µrad requested are 5 µrad written, not 1000.
+#[test]
+fn a_rotary_axis_on_lines_has_its_own_steps() {
+    let keys = "resolution_urad = 5.0\n[controller.digital]\nposition_bits = 8\nposition_deg_per_count = 1.5\nposition_zero_deg = -180.0";
+    let config = parsed(&lines("C", keys)).expect("good");
+    let axis = described(&config).expect("good").axes[0];
+    assert_eq!(axis.name, AxisName::C);
+    assert_eq!(axis.resolution, Displacement::Angle(Urad(5.0).to_rad()));
+    let words = config.controllers[0]
+        .digital_axis(AxisName::C)
+        .expect("good");
+    // 1.5° is π/120.
+    let quarter = words.position.decode(60).position;
+    assert!(
+        (quarter + std::f64::consts::FRAC_PI_2).abs() < 1e-12,
+        "{quarter}"
+    );
+    assert!(
+        (words.position.decode(61).position - quarter - std::f64::consts::PI / 120.0).abs() < 1e-12
+    );
+    let linear = parsed(&lines(
+        "X",
+        "resolution_um = 0.5\n[controller.digital]\nposition_bits = 8",
+    ));
+    let step = described(&linear.expect("good")).expect("good").axes[0].resolution;
+    assert_eq!(step, Displacement::from_micro(AxisKind::Linear, 0.5));
+}
+
+/// A key of the other kind is refused by name, and a missing one is named.
+#[test]
+fn keys_of_the_other_kind_are_refused() {
+    for (axis, keys, line, key) in [
+        ("C", "resolution_um = 5.0", 6, "resolution_um"),
+        ("X", "resolution_urad = 5.0", 6, "resolution_urad"),
+        (
+            "C",
+            "[controller.digital]\nposition_mm_per_count = 0.1",
+            7,
+            "position_mm_per_count",
+        ),
+        (
+            "C",
+            "[controller.digital]\nposition_zero_mm = 0.1",
+            7,
+            "position_zero_mm",
+        ),
+        (
+            "Z",
+            "[controller.digital]\nposition_deg_per_count = 0.1",
+            7,
+            "position_deg_per_count",
+        ),
+    ] {
+        let message = parsed(&lines(axis, keys)).expect_err("refused");
+        assert!(
+            message.starts_with(&format!("G.toml:{line}: ")),
+            "{message}"
+        );
+        assert!(
+            message.contains(key) && message.contains(&format!("the axes {axis}")),
+            "{message}"
+        );
+    }
+    let config = parsed(&lines("B", "resolution_urad = 5.0")).expect("each key for itself is good");
+    let refused = described(&config).expect_err("refused");
+    assert!(refused.is_input());
+    let message = refused.to_string();
+    assert!(
+        message.contains("position_deg_per_count: missing"),
+        "{message}"
+    );
+    assert!(message.contains("axis B is rotary"), "{message}");
 }

@@ -6,16 +6,13 @@ mod audit;
 mod bench;
 mod browser;
 mod calls;
-mod clock;
 mod controlled;
 mod cycle;
 mod diagonals;
-mod disarmed_at_once;
 mod documents;
 mod edge_paths;
 mod edges;
 mod effective;
-mod ended;
 mod faults;
 mod five_axes;
 #[cfg(feature = "fleet")]
@@ -32,11 +29,9 @@ mod fleet_whole;
 #[cfg(feature = "fleet")]
 mod fleet_whole_bench;
 mod fuzz_corpus;
-mod held_back;
 mod http;
 mod hung_disk;
 mod interop;
-mod jumped;
 mod keys;
 mod linuxcnc;
 mod manual;
@@ -47,7 +42,6 @@ mod opc_ua;
 mod paths;
 mod process;
 mod program;
-mod records;
 mod rehearse;
 mod reload;
 #[cfg(feature = "sinumerik")]
@@ -55,16 +49,13 @@ mod send_map;
 #[cfg(feature = "shdr")]
 mod shdr;
 mod shipped;
-mod silent;
 #[cfg(feature = "sinumerik")]
 mod sinumerik;
 mod standing;
 mod texts;
 mod three_of_five;
 mod two_mailboxes;
-mod units;
 mod verbs;
-mod volume;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

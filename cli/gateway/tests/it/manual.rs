@@ -20,11 +20,11 @@ use tokio::{
 };
 use volcomp_gateway::{
     http,
-    interop::{Interop, Served as Others, quantities::Shape},
-    machine::{Assembled, Machine, assemble, open_audit, restore_output},
+    interop::{Interop, RunningInterfaces as Others, quantities::Shape},
+    machine::{Machine, MachineParts, assemble, open_audit, restore_output},
     options::Options,
     rehearse::Rig,
-    request::{Ask, Asked, Asks, Reply},
+    request::{Operation, Reply, RequestSender, ServiceRequest},
     service::Life,
 };
 use volcomp_port::inject::Injection;
@@ -40,7 +40,7 @@ const DISK: Duration = Duration::from_secs(60);
 
 pub(crate) struct Gateway {
     pub(crate) rig: Rig,
-    pub(crate) parts: Assembled,
+    pub(crate) parts: MachineParts,
     shape: Shape,
     cycles: ManualCycles,
     period: Duration,
@@ -97,6 +97,14 @@ pub(crate) fn machine(config: &Path) -> Machine {
     }
 }
 
+/// A gateway in a temporary folder, with its configuration.
+pub(crate) fn started(more: &str) -> (tempfile::TempDir, PathBuf, Gateway) {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), more);
+    let gateway = Gateway::start(&config);
+    (dir, config, gateway)
+}
+
 impl Gateway {
     /// Starts it on a new machine.
     pub(crate) fn start(config: &Path) -> Self {
@@ -146,7 +154,7 @@ impl Gateway {
     pub(crate) fn step(&mut self) {
         self.rig.clock().advance(self.period);
         self.cycles.cycle();
-        self.parts.service.turn_within(Duration::ZERO);
+        self.parts.service.poll_within(Duration::ZERO);
         assert!(self.parts.service.settle(DISK), "the disk hangs");
     }
 
@@ -186,8 +194,8 @@ impl Gateway {
         self.wait(words, |state| !says(state, words))
     }
 
-    /// Asks as `anna`, and runs until it is answered: the status and the document.
-    pub(crate) fn ask(&mut self, ask: Ask) -> (u16, Value) {
+    /// Sends a request of `anna` and runs until the answer: status and document.
+    pub(crate) fn ask(&mut self, ask: Operation) -> (u16, Value) {
         let mut wait = self.begin(ask);
         let end = self.rig.clock().elapsed() + PATIENCE;
         loop {
@@ -197,15 +205,15 @@ impl Gateway {
                     return (reply.status, answer);
                 }
                 Err(TryRecvError::Empty) => self.step(),
-                Err(TryRecvError::Closed) => panic!("nobody answers"),
+                Err(TryRecvError::Closed) => panic!("no answer: the service has ended"),
             }
             assert!(self.rig.clock().elapsed() < end, "no answer");
         }
     }
 
-    /// Asks as `anna`, without a cycle meanwhile.
-    pub(crate) fn begin(&self, ask: Ask) -> oneshot::Receiver<Reply> {
-        begin(&self.parts.asks, &self.parts.switch, ask)
+    /// Sends a request of `anna` without running a cycle.
+    pub(crate) fn begin(&self, ask: Operation) -> oneshot::Receiver<Reply> {
+        begin(&self.parts.requests, &self.parts.switch, ask)
     }
 
     /// Waits until it has watched the control for long enough.
@@ -218,12 +226,12 @@ impl Gateway {
     /// Arms it once it has watched the control for long enough.
     pub(crate) fn must_arm(&mut self) -> Value {
         self.watch();
-        let (status, answer) = self.ask(Ask::Arm(None));
+        let (status, answer) = self.ask(Operation::Arm(None));
         assert_eq!(status, 200, "{answer}");
         answer
     }
 
-    /// Somebody else writes 30 mm into the word of Y, until it is a fault.
+    /// Another sender writes 30 mm into the word of Y, until it is a fault.
     pub(crate) fn fault(&mut self) -> Value {
         let mut far = PerChannel::ZERO;
         far[1] = 30.0;
@@ -249,12 +257,12 @@ impl Gateway {
         self.cycles.cycle();
     }
 
-    /// The control thread hangs for so long.
+    /// The control thread hangs for `time`.
     pub(crate) fn hang(&mut self, time: Duration) {
         let end = self.rig.clock().elapsed() + time;
         while self.rig.clock().elapsed() < end {
             self.rig.clock().advance(self.period);
-            self.parts.service.turn_within(Duration::ZERO);
+            self.parts.service.poll_within(Duration::ZERO);
             assert!(self.parts.service.settle(DISK), "the disk hangs");
         }
     }
@@ -267,11 +275,11 @@ impl Gateway {
     /// The same, while something else is done between its last cycles.
     pub(crate) fn stop_while(
         mut self,
-        mut act: impl FnMut(&dyn Fn(Ask) -> oneshot::Receiver<Reply>),
+        mut act: impl FnMut(&dyn Fn(Operation) -> oneshot::Receiver<Reply>),
     ) -> Rig {
         let (clock, period) = (self.rig.clock().clone(), self.period);
-        let (asks, switch) = (self.parts.asks.clone(), self.parts.switch.clone());
-        let begin = |ask| begin(&asks, &switch, ask);
+        let (requests, switch) = (self.parts.requests.clone(), self.parts.switch.clone());
+        let begin = |ask| begin(&requests, &switch, ask);
         let cycles = &mut self.cycles;
         let ended = self.parts.service.stop(&mut || {
             for _ in 0..10 {
@@ -297,10 +305,14 @@ impl Gateway {
     }
 }
 
-fn begin(asks: &Asks, switch: &DisarmSwitch, ask: Ask) -> oneshot::Receiver<Reply> {
+fn begin(
+    requests: &RequestSender,
+    switch: &DisarmSwitch,
+    ask: Operation,
+) -> oneshot::Receiver<Reply> {
     let (answer, wait) = oneshot::channel();
-    let asked = Asked::new(ask, "anna", Some(answer), switch);
-    assert!(asks.try_send(asked).is_ok(), "too many wait");
+    let asked = ServiceRequest::new(ask, "anna", Some(answer), switch);
+    assert!(requests.try_send(asked).is_ok(), "too many wait");
     wait
 }
 
@@ -358,7 +370,7 @@ impl Served {
         self.taken().stop()
     }
 
-    /// The gateway, which nobody serves any more.
+    /// The gateway, no longer served.
     fn taken(mut self) -> Gateway {
         self.end_cycles();
         let gateway = Arc::clone(&self.gateway);

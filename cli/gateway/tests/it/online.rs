@@ -1,4 +1,4 @@
-//! `check --online` asks the control and compares; without it nothing is opened.
+//! `check --online` reads the control and compares; offline nothing is opened.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::{
     program::change,
 };
 
-/// What `check` prints, what it says on standard error, and its exit status.
+/// The output of `check`, its standard error, and its exit status.
 pub(crate) fn check(config: &Path, options: &[&str]) -> (String, String, u8) {
     let has = |option| options.contains(&option);
     match check::check(config, has("--online"), has("--json")) {
@@ -20,7 +20,7 @@ pub(crate) fn check(config: &Path, options: &[&str]) -> (String, String, u8) {
 }
 
 #[test]
-fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
+fn the_shift_words_of_the_control_are_compared() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "");
@@ -40,7 +40,7 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
             && errors.contains("found 300, expected 100"),
         "{errors}"
     );
-    // It does not tell: a note.
+    // Not reported: a note.
     control.world().parameters.clear();
     control.world().tells_shift_source = false;
     let (text, errors, status) = check(&config, &["--online"]);
@@ -49,7 +49,7 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
         text.contains("the control does not tell parameters 1203"),
         "{text}"
     );
-    // Offline nothing is asked, and a control that is not there is no matter.
+    // Offline nothing is requested, and a missing control does not matter.
     let asked = control.requests();
     let (json, _, status) = check(&config, &["--json"]);
     assert_eq!(status, 0);
@@ -60,7 +60,7 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     assert_eq!(check(&config, &["--online"]).2, 1);
 }
 
-/// The settings of a barrier are held against the limits by the guard's own rule, and told where they fit, too. Here it
+/// The settings of a barrier are compared with the limits by the guard's own rule, and reported if they fit. Here it
 /// has limits of 150 µm, 1 mm/s, 450 ms and a scan of 2 ms.
 #[test]
 fn a_barrier_that_would_not_arm_is_found_before_the_start() {
@@ -98,17 +98,17 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
         (
             "limit_um = 150.0",
             "limit_um = 200.0",
-            "axis X: guard.limit_um asks for 200 µm, and the barrier lets 150 µm through",
+            "axis X: guard.limit_um is 200 µm, and the barrier permits 150 µm",
         ),
         (
             "slew_um_per_s = 500.0",
             "slew_um_per_s = 600.0",
-            "guard.slew_um_per_s asks for a barrier of at least 1200 µm/s, twice the slew, and its rate is 1000 µm/s",
+            "guard.slew_um_per_s needs a barrier rate of at least 1200 µm/s, twice the slew, and it is 1000 µm/s",
         ),
         (
             "zero_after_ms = 3000",
             "zero_after_ms = 400",
-            "guard.zero_after_ms: found 400 ms, and the barrier lets go after 450 ms",
+            "guard.zero_after_ms: found 400 ms, and the barrier releases the correction after 450 ms",
         ),
         (
             "scan_ms = 2.0",

@@ -21,7 +21,7 @@ use crate::{
 };
 
 const PATIENCE: Duration = Duration::from_secs(90);
-/// So many clients are served at one time.
+/// Maximum number of concurrent clients.
 const MOST: usize = 16;
 
 /// A gateway with a control, and the address of its server.
@@ -39,7 +39,7 @@ struct Client {
     running: Running,
     orders: Option<ChildStdin>,
     said: BufReader<ChildStdout>,
-    /// The addresses and kinds of protection that the server tells.
+    /// The addresses and kinds of protection that the server offers.
     endpoints: Value,
 }
 
@@ -73,7 +73,7 @@ impl Client {
     }
 }
 
-/// The status of each variable, and all that is told of it.
+/// The status of each variable and its attributes.
 fn variables(client: &mut Client) -> BTreeMap<String, Value> {
     let all = client.order("all");
     let all = all.as_array().expect("a list").iter();
@@ -95,13 +95,13 @@ fn a_client_reads_what_the_dashboard_shows() {
     );
     // On a computer that is busy it may hold and go on: a moment in which it corrects.
     let corrects = |found: &BTreeMap<String, Value>| {
-        let told = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
+        let reported = |key: &str| (found[key]["value"].clone(), found[key]["status"].clone());
         let good = |value: Value| (value, json!("Good"));
         // The machine file has -20 µm on Y.
-        told("state") == good(json!("compensating"))
-            && told("y_correction") == good(json!(-20.0))
-            && told("x_position").1 == "Good"
-            && told("tool_residual").1 == "Good"
+        reported("state") == good(json!("compensating"))
+            && reported("y_correction") == good(json!(-20.0))
+            && reported("x_position").1 == "Good"
+            && reported("tool_residual").1 == "Good"
     };
     let until = Instant::now() + PATIENCE;
     let mut found = variables(&mut client);
@@ -116,15 +116,19 @@ fn a_client_reads_what_the_dashboard_shows() {
     keys.sort_unstable();
     assert_eq!(found.keys().collect::<Vec<_>>(), keys);
     for own in &list {
-        let told = &found[&own.key];
+        let reported = &found[&own.key];
         let place = own.folder().join("/");
-        assert_eq!(told["path"], format!("{place}/{}", own.name()), "{told}");
-        let help = told["help"].as_str().expect("text");
-        assert!(help.starts_with(own.help), "{told}");
         assert_eq!(
-            told["access"],
+            reported["path"],
+            format!("{place}/{}", own.name()),
+            "{reported}"
+        );
+        let help = reported["help"].as_str().expect("text");
+        assert!(help.starts_with(own.help), "{reported}");
+        assert_eq!(
+            reported["access"],
             json!([["CurrentRead"], ["CurrentRead"]]),
-            "{told}"
+            "{reported}"
         );
     }
     let state = program.state();
@@ -162,7 +166,7 @@ fn a_client_reads_what_the_dashboard_shows() {
 
 /// A control that never answered: nothing is known of it, and nothing looks as if it were.
 #[test]
-fn what_was_never_known_is_bad_and_has_no_value() {
+fn unknown_values_are_bad_and_empty() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "");
@@ -182,13 +186,13 @@ fn what_was_never_known_is_bad_and_has_no_value() {
         "tool_error",
         "path_0_answered",
     ] {
-        let told = client.order(&format!("wait {key} Bad"));
+        let reported = client.order(&format!("wait {key} Bad"));
         assert_eq!(
-            (&told["value"], &told["type"]),
+            (&reported["value"], &reported["type"]),
             (&Value::Null, &json!("Null")),
-            "{key}: {told}"
+            "{key}: {reported}"
         );
-        assert_eq!(told["status"], "BadNoCommunication", "{key}");
+        assert_eq!(reported["status"], "BadNoCommunication", "{key}");
     }
     assert_eq!(client.order("wait state Good")["value"], "disarmed");
     client.end();
@@ -222,7 +226,7 @@ fn nothing_can_be_written_called_added_or_deleted() {
     client.end();
 }
 
-/// Others come by the hundred: those beyond the places are sent away, those who say nothing are let go, and who was there
+/// Others come by the hundred: those beyond the places are sent away, silent ones are disconnected, and who was there
 /// before reads on. The gateway has no more open files than for its places, and corrects.
 #[test]
 fn a_flood_of_connections_is_bounded() {
@@ -275,7 +279,7 @@ fn a_flood_of_connections_is_bounded() {
 }
 
 #[test]
-fn it_listens_to_others_only_where_that_is_said() {
+fn it_listens_beyond_loopback_only_if_configured() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "");
@@ -290,10 +294,13 @@ fn it_listens_to_others_only_where_that_is_said() {
         errors.contains("opc_ua.listen: found `0.0.0.0:4840`, which other computers reach"),
         "{errors}"
     );
-    let (told, errors, status) = with("listen = \"0.0.0.0:4840\"\nanyone_may_read = true");
+    let (reported, errors, status) = with("listen = \"0.0.0.0:4840\"\nanyone_may_read = true");
     assert_eq!(status, 0, "{errors}");
-    assert!(told.contains("listen = \"0.0.0.0:4840\""), "{told}");
-    let (told, errors, status) = with("");
+    assert!(reported.contains("listen = \"0.0.0.0:4840\""), "{reported}");
+    let (reported, errors, status) = with("");
     assert_eq!(status, 0, "{errors}");
-    assert!(told.contains("listen = \"127.0.0.1:4840\""), "{told}");
+    assert!(
+        reported.contains("listen = \"127.0.0.1:4840\""),
+        "{reported}"
+    );
 }

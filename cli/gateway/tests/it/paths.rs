@@ -1,4 +1,4 @@
-//! What is told of every way to the control: the one that corrects and those that stand by, and what is not known.
+//! The state of every path to the control: the active one, the standbys, and unknown values.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub(crate) fn two_ways(dir: &Path, first: &Simulator, second: &str) -> PathBuf {
     config
 }
 
-/// An address at which nobody listens.
+/// An unused address.
 pub(crate) fn nobody() -> String {
     format!("127.0.0.1:{}", free_port())
 }
@@ -39,9 +39,9 @@ fn started(config: &Path) -> Program {
     Program::start(dir, &["--config", path(config)])
 }
 
-/// Before, nothing told that the path on which a machine would fall back had never been there.
+/// An earlier version did not report that the standby path had never answered.
 #[test]
-fn a_standby_path_that_never_answers_is_told() {
+fn a_silent_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let program = started(&two_ways(dir.path(), &control, &nobody()));
@@ -70,9 +70,9 @@ fn a_standby_path_that_never_answers_is_told() {
     }
 }
 
-/// Before, 77 µm on a path that stood by were not told: less than the output may move between two looks at it.
+/// An earlier version did not report 77 µm on a standby path: less than the output may move between two readings.
 #[test]
-fn a_standby_path_that_holds_a_correction_is_told() {
+fn a_correction_on_a_standby_path_is_reported() {
     let dir = tempfile::tempdir().expect("writable");
     let (active, standby) = (control(), control());
     let y = PmcAddress {
@@ -115,12 +115,12 @@ fn an_unknown_correction_is_shown_as_unknown() {
     let metrics = program.get("/metrics").body;
     assert!(metrics.contains("volcomp_correction_known 0"), "{metrics}");
     assert!(!metrics.contains("volcomp_correction_um{"), "{metrics}");
-    let text = volcomp_gateway::text::text(&serde_json::from_value(state).expect("a state"));
+    let text = volcomp_gateway::status::text(&serde_json::from_value(state).expect("a state"));
     assert!(
         text.contains("unknown: not confirmed by the control"),
         "{text}"
     );
-    // What was confirmed long ago says nothing of now.
+    // An old confirmation is no current value.
     let state = program
         .wait(|state| state["controllers"][0]["holds_correction"].is_null())
         .expect("it is not known any more");
@@ -131,9 +131,9 @@ fn an_unknown_correction_is_shown_as_unknown() {
     let metrics = program.get("/metrics").body;
     let line = "volcomp_path_holds_correction{path=\"0\"} NaN";
     assert!(metrics.contains(line), "{metrics}");
-    let text = volcomp_gateway::text::text(&serde_json::from_value(state).expect("a state"));
+    let text = volcomp_gateway::status::text(&serde_json::from_value(state).expect("a state"));
     for words in [
-        "look at           the cable and the control",
+        "check             the cable and the control",
         "correction unknown, last confirmed",
         "in use, focas://",
     ] {
@@ -141,10 +141,10 @@ fn an_unknown_correction_is_shown_as_unknown() {
     }
 }
 
-/// What was found in the control was told as what had been sent, and there was a whole map of errors while nobody knew where
+/// An earlier version showed the found correction as sent, and a map of errors while it was unknown where
 /// the machine stood.
 #[test]
-fn what_was_not_sent_and_is_not_known_is_not_shown() {
+fn unsent_and_unknown_values_are_not_shown() {
     let dir = tempfile::tempdir().expect("writable");
     let program = Served::start(&served_configuration(dir.path(), ""));
     let mut found = PerChannel::ZERO;

@@ -1,19 +1,26 @@
-//! From start to end: signals, restarts, controls that are slow or reboot, a second gateway.
+//! From start to end: signals, restarts, slow controls, a second gateway, failures, and a wall clock that jumps.
 
 use std::{
-    path::PathBuf,
+    net::SocketAddr,
+    path::{Path, PathBuf},
     process::Command,
     sync::Arc,
     time::{Duration, Instant},
 };
 
 use volcomp_focas::simulator::{Options, Simulator, World};
-use volcomp_gateway::{request::Ask, service::Service};
+use volcomp_gateway::{
+    error::Failure,
+    machine::{Machine, ServiceStep},
+    options::Options as GatewayOptions,
+    request::Operation,
+    service::Service,
+    slot::{Phase, Slot},
+};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     controlled::{configuration, control},
-    ended::failed_at,
     manual::{self, Gateway},
     program::{PATIENCE, Program, change, path},
 };
@@ -67,31 +74,36 @@ pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     }
 }
 
+/// Killed at several moments of the ramp and of compensating, and started again: no output changes by more than the slew
+/// in a cycle and one step.
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let arguments = ["--config", path(&config)];
-    let trace = watched(&control, || {
-        let mut program = Program::start(dir.path(), &arguments);
-        program.wait_for("compensating");
-        std::thread::sleep(Duration::from_millis(500));
-        program.running.kill();
-        let held = control.world().shifts()[0];
-        assert!(held.abs() > 0.005, "it corrected: {held}");
-        drop(program);
-        let mut program = Program::start(dir.path(), &arguments);
-        program.wait_for("compensating");
-        program.signal("TERM");
-        assert_eq!(program.end(), Some(0));
-        assert_eq!(control.world().shifts(), [0.0; 3], "ramped out");
-    });
-    assert!(trace.len() > 500);
-    no_step(&trace);
+    let config = manual::configuration(dir.path(), "auto_arm = true");
+    change(&config, "ramp_s = 0.1", "ramp_s = 0.5");
+    let mut gateway = Gateway::start(&config);
+    for (state, ms) in [
+        ("arming", 100),
+        ("arming", 350),
+        ("compensating", 0),
+        ("compensating", 2500),
+    ] {
+        gateway.wait_for(state);
+        gateway.run(Duration::from_millis(ms));
+        assert!(gateway.shifts()[1].abs() > 0.001, "{state}: it corrects");
+        gateway = gateway.killed_and_started(&config);
+    }
+    gateway.wait_for("compensating");
+    let rig = gateway.stop();
+    assert_eq!(rig.controls.axes.applied(), PerChannel::ZERO, "ramped out");
+    let changes = rig.controls.axes.largest_change();
+    assert!(
+        changes.iter().all(|change| *change <= 0.003 + 1e-9),
+        "{changes:?}"
+    );
 }
 
-/// Answers that take longer than a cycle: it corrects all the same, and says that cycles are missed.
+/// Answers that take longer than a cycle: it corrects anyway, and reports missed cycles.
 #[test]
 fn a_slow_control_costs_cycles_not_the_connection() {
     let dir = tempfile::tempdir().expect("writable");
@@ -116,7 +128,7 @@ fn a_slow_control_costs_cycles_not_the_connection() {
 /// What systemd hears: that it is ready, that cycles go on, that it stops. And it takes as many descriptors as it may have: the usual
 /// soft limit is 1024.
 #[test]
-fn the_service_manager_is_told() {
+fn the_service_manager_is_notified() {
     let dir = tempfile::tempdir().expect("writable");
     let socket = dir.path().join("notify");
     let listener = std::os::unix::net::UnixDatagram::bind(&socket).expect("writable");
@@ -128,24 +140,24 @@ fn the_service_manager_is_told() {
         .env("NOTIFY_SOCKET", &socket)
         .env("WATCHDOG_USEC", "400000");
     let mut program = Program::spawn(shell, dir.path(), &["--simulate"]);
-    let heard = || {
+    let received = || {
         let mut buffer = [0; 256];
         let count = listener.recv(&mut buffer).expect("a word");
         String::from_utf8_lossy(&buffer[..count]).into_owned()
     };
-    assert!(heard().contains("READY=1"));
+    assert!(received().contains("READY=1"));
     for _ in 0..5 {
-        assert!(heard().contains("WATCHDOG=1"));
+        assert!(received().contains("WATCHDOG=1"));
     }
     let limits = std::fs::read_to_string(format!("/proc/{}/limits", program.running.id()));
     let limits = limits.expect("it runs");
     let files = limits
         .lines()
         .find_map(|line| line.strip_prefix("Max open files"));
-    let files: Vec<&str> = files.expect("told").split_whitespace().collect();
+    let files: Vec<&str> = files.expect("a line").split_whitespace().collect();
     assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
     program.signal("TERM");
-    while !heard().contains("STOPPING=1") {}
+    while !received().contains("STOPPING=1") {}
     assert_eq!(program.end(), Some(0));
 }
 
@@ -243,10 +255,8 @@ fn a_second_signal_leaves_at_once() {
 /// A gateway that never corrected took out what it had found when it was merely ended, although that may be the correction
 /// of another gateway.
 #[test]
-fn its_end_leaves_alone_what_it_has_only_found() {
-    let dir = tempfile::tempdir().expect("writable");
-    let config = manual::configuration(dir.path(), "");
-    let mut gateway = Gateway::start(&config);
+fn stopping_leaves_a_found_correction_alone() {
+    let (_dir, config, mut gateway) = manual::started("");
     let mut found = PerChannel::ZERO;
     found[0] = 0.020;
     gateway.rig.overwrite(&found);
@@ -258,14 +268,14 @@ fn its_end_leaves_alone_what_it_has_only_found() {
     let mut gateway = Gateway::again(rig, &config);
     gateway.wait_until_says("a correction is applied");
     gateway.watch();
-    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait("ramped out", |state| state["correction_um"]["X"] == 0.0);
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
 }
 
 /// A hangup reads the files again; what moves more than `confirm_um` waits for the hash, over HTTP as well.
 #[test]
-fn a_hangup_reads_the_files_again_and_http_takes_a_confirmation() {
+fn sighup_reloads_and_http_confirms() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
@@ -288,4 +298,135 @@ fn a_hangup_reads_the_files_again_and_http_takes_a_confirmation() {
     let confirmed = program.post("/api/reload", &body);
     assert_eq!(confirmed.status, 200, "{}", confirmed.body);
     corrects(-100.0);
+}
+
+/// Runs the machine until it has failed.
+pub(crate) fn failed(config: PathBuf, slot: &Arc<Slot>, turn: ServiceStep<'_>) -> Failure {
+    failed_at(([127, 0, 0, 1], 0).into(), config, slot, turn)
+}
+
+/// The same with its dashboard at an address.
+pub(crate) fn failed_at(
+    listen: SocketAddr,
+    config: PathBuf,
+    slot: &Arc<Slot>,
+    turn: ServiceStep<'_>,
+) -> Failure {
+    let machine = Machine {
+        options: GatewayOptions {
+            config: Some(config),
+            listen: Some(listen),
+            ..GatewayOptions::default()
+        },
+        proven_within: Duration::from_secs(4),
+    };
+    machine.run(machine.plan().expect("right"), slot, turn);
+    let Phase::Failed(failure) = slot.phase() else {
+        panic!("it has not failed");
+    };
+    failure
+}
+
+/// The control thread ends unexpectedly.
+#[test]
+fn a_machine_without_its_control_thread_has_failed() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let mut turns = 0;
+    let mut turn = |service: &mut Service| {
+        service.poll();
+        turns += 1;
+        if turns == 20 {
+            // Equivalent to a failure: it ends at once.
+            service.stop(&mut || true);
+        }
+    };
+    let failure = failed(config, &Arc::default(), &mut turn);
+    assert_eq!(turns, 20, "it is noticed at once");
+    assert_eq!(failure.status, 1);
+    let reported = "the control thread has ended unexpectedly";
+    assert!(failure.what.contains(reported), "{}", failure.what);
+}
+
+/// A fault of the program in the service, which is injected here: the correction goes out by its ramp.
+#[test]
+fn a_fault_of_the_program_ramps_the_correction_out() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let slot = Arc::default();
+    let mut largest = 0.0_f64;
+    let mut turn = |service: &mut Service| {
+        largest = largest.max(control.world().shifts()[0].abs());
+        let Phase::Running(live) = Slot::phase(&slot) else {
+            panic!("it runs");
+        };
+        let compensates = live.published.latest().state.name() == "compensating";
+        assert!(!(compensates && largest > 0.015), "injected");
+        service.poll();
+    };
+    let failure = failed(config, &slot, &mut turn);
+    assert_eq!(failure.status, 1);
+    assert!(failure.what.contains("a fault of the program"));
+    assert!(largest > 0.015, "it never corrected");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+    let audit = std::fs::read_to_string(dir.path().join("audit/audit.log"));
+    assert!(audit.expect("a log").contains("\"what\":\"failed\""));
+}
+
+const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
+
+#[test]
+fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
+    if !Path::new(FAKETIME).exists() {
+        volcomp_test_support::peers::not_run("faketime");
+        return;
+    }
+    let dir = tempfile::tempdir().expect("writable");
+    let stamp = dir.path().join("stamp");
+    std::fs::write(&stamp, "+0").expect("writable");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command
+        .env("LD_PRELOAD", FAKETIME)
+        .env("FAKETIME_TIMESTAMP_FILE", &stamp)
+        .env("FAKETIME_NO_CACHE", "1")
+        .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let arguments = ["--config", path(&config)];
+    let mut program = Program::spawn(command, dir.path(), &arguments);
+    program.wait_for("compensating");
+    for jump in ["-10d", "+3650d", "+0"] {
+        let before = program.state()["cycle"]["count"].as_u64().expect("a count");
+        std::fs::write(&stamp, jump).expect("writable");
+        // On a busy computer it holds for a moment, whatever the clock does.
+        let went_on = program.wait(|state| {
+            state["cycle"]["count"].as_u64() > Some(before + 100)
+                && state["state"] == "compensating"
+        });
+        went_on.unwrap_or_else(|state| panic!("{jump}: {state}"));
+        // Dates in the log jump, its order does not.
+        assert_eq!(program.post("/api/disarm", "").status, 200);
+        program.wait_for("disarmed");
+        program.must_arm();
+        program.wait_for("compensating");
+    }
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    let text = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    let records: Vec<serde_json::Value> = text
+        .lines()
+        .filter_map(|line| serde_json::from_str(line.split_once(' ')?.1).ok())
+        .collect();
+    let years: std::collections::BTreeSet<String> = records
+        .iter()
+        .filter_map(|r| Some(r["time"].as_str()?.get(..4)?.to_owned()))
+        .collect();
+    assert!(years.len() >= 2, "the clock did jump: {years:?}");
+    let steadily = |pair: &[serde_json::Value]| {
+        pair[0]["monotonic_s"].as_f64() <= pair[1]["monotonic_s"].as_f64()
+            && pair[0]["seq"].as_u64() < pair[1]["seq"].as_u64()
+    };
+    assert!(records.windows(2).all(steadily));
 }

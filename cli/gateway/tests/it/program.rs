@@ -1,4 +1,4 @@
-//! The program itself, started and asked over HTTP.
+//! The program, started and operated over HTTP.
 
 use std::{
     io::{Read, Write},
@@ -108,8 +108,8 @@ impl Program {
             .rsplit('/')
             .next()
             .and_then(|address| address.parse().ok());
-        let told = || std::fs::read_to_string(&log).unwrap_or_default();
-        let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", told()));
+        let reported = || std::fs::read_to_string(&log).unwrap_or_default();
+        let address = address.unwrap_or_else(|| panic!("it says {line:?}: {}", reported()));
         let client = Client { address, log };
         Self { running, client }
     }
@@ -145,7 +145,7 @@ impl Program {
 }
 
 impl Client {
-    /// A client of a dashboard in this process, which has no log of its own.
+    /// A client of a dashboard in this process, without a separate log.
     pub(crate) fn of(address: SocketAddr) -> Self {
         Self {
             address,
@@ -211,7 +211,7 @@ impl Client {
             }
             assert!(
                 !answer.body.contains("worst_corner_um"),
-                "a confirmation is asked for: {}",
+                "a confirmation is requested: {}",
                 answer.body
             );
             assert!(Instant::now() < end, "{}\n{}", answer.body, self.log());
@@ -284,7 +284,7 @@ pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Writes a table behind what stands in a file.
+/// Appends a table to a file.
 pub(crate) fn append(file: &Path, table: &str) {
     let text = std::fs::read_to_string(file).expect("readable") + table;
     std::fs::write(file, text).expect("writable");

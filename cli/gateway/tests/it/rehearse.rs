@@ -81,7 +81,7 @@ fn shipped_configurations_pass() {
     let document: Value = serde_json::from_slice(&output.stdout).expect("one document");
     validate("gateway-rehearsal.json", &document);
     assert_eq!(document["passed"], true);
-    // What a protocol has to say to be filed.
+    // The data that a filed record needs.
     let text = fs::read(dir.path().join("gateway.toml")).expect("written");
     let checksum = Sha256::digest(text)
         .iter()
@@ -185,7 +185,7 @@ fn a_barrier_that_is_faster_than_stated_fails() {
     assert_eq!(error.status(), 1);
     let table = text(&found, COLUMNS);
     assert!(
-        table.contains("FAIL") && table.contains("at once, allowed are 2 µm"),
+        table.contains("FAIL") && table.contains("in one step, allowed 2 µm"),
         "{table}"
     );
 }
@@ -195,8 +195,10 @@ fn wrong_calls_and_configurations_end_with_2() {
     let (dir, file) = changed(|text| text);
     let output = rehearse(dir.path(), &["gateway.toml", "--fault", "lightning"]);
     assert_eq!(output.status.code(), Some(2));
-    let told = String::from_utf8(output.stderr).expect("UTF-8");
-    assert!(told.starts_with("error: --fault: found \"lightning\", expected one of none, delay, "));
+    let reported = String::from_utf8(output.stderr).expect("UTF-8");
+    assert!(
+        reported.starts_with("error: --fault: found \"lightning\", expected one of none, delay, ")
+    );
     let text = fs::read_to_string(&file).expect("written");
     let (guard, controller) = (text.find("[guard]"), text.find("[[controller]]"));
     let (guard, controller) = (guard.expect("there"), controller.expect("there"));

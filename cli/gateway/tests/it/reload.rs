@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use volcomp_gateway::request::Ask;
+use volcomp_gateway::request::Operation;
 
 use crate::{
-    manual::{Gateway, configuration, machine, says},
+    manual::{Gateway, configuration, machine, says, started},
     program::change,
 };
 
 fn reload(gateway: &mut Gateway) -> (u16, Value) {
-    gateway.ask(Ask::Reload(None))
+    gateway.ask(Operation::Reload(None))
 }
 
 /// The question that a reload asks first.
@@ -21,10 +21,10 @@ fn asked(gateway: &mut Gateway) -> Value {
     asked
 }
 
-/// Repeats a reload with the hash that was asked for.
+/// Repeats a reload with the requested hash.
 fn confirm(gateway: &mut Gateway, asked: &Value) {
     let hash = asked["model"].as_str().map(str::to_owned);
-    let (status, confirmed) = gateway.ask(Ask::Reload(hash));
+    let (status, confirmed) = gateway.ask(Operation::Reload(hash));
     assert_eq!(status, 200, "{confirmed}");
 }
 
@@ -51,7 +51,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_for("compensating");
     wait_for_y(&mut gateway, -20.0);
-    // 5 um at every corner: nobody is asked.
+    // 5 µm at every corner: no confirmation.
     let before = ramps(&gateway);
     change(&machine, "EYX = 20.0", "EYX = 25.0");
     assert_eq!(reload(&mut gateway).0, 200);
@@ -70,7 +70,7 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     assert!((question["worst_corner_um"].as_f64().expect("a number") - 75.0).abs() < 0.1);
     gateway.run(Duration::from_secs(1));
     wait_for_y(&mut gateway, -25.0);
-    let other = gateway.ask(Ask::Reload(Some("sha256:00".to_owned())));
+    let other = gateway.ask(Operation::Reload(Some("sha256:00".to_owned())));
     assert_eq!(other.0, 409);
     confirm(&mut gateway, &question);
     wait_for_y(&mut gateway, -100.0);
@@ -86,13 +86,13 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let hash = gateway.state()["machine"]["hash"]
         .as_str()
         .map(str::to_owned);
-    assert_eq!(gateway.ask(Ask::Reload(hash)).0, 409);
+    assert_eq!(gateway.ask(Operation::Reload(hash)).0, 409);
     wait_for_y(&mut gateway, -100.0);
     confirm(&mut gateway, &question);
     let audit = gateway.audit();
     for words in [
         "\"limits\":{\"limit_um\":[150.0,50.0]}",
-        // The log tells the reasons in the order of the state, not by the alphabet.
+        // The log lists the reasons in the order of the state, not by the alphabet.
         "\"reasons\":[\"not proven what positions contain\",",
     ] {
         assert!(audit.contains(words), "{words}: {audit}");
@@ -105,15 +105,15 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     change(&config, "cycle_ms = 8.0", "cycle_ms = 4.0");
     refused(&mut gateway, "machine.toml");
     gateway.wait_for("compensating");
-    // The files on disk are not those that hold: it says so, also to whoever arms.
-    let told = "files on disk not taken over";
-    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    // The files on disk differ from the active ones: this is shown, also when arming.
+    let reported = "files on disk not taken over";
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
-    assert!(says(&gateway.must_arm(), told));
-    assert!(says(&gateway.wait_for("compensating"), told));
+    assert!(says(&gateway.must_arm(), reported));
+    assert!(says(&gateway.wait_for("compensating"), reported));
     change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
     assert_eq!(reload(&mut gateway).0, 200);
-    gateway.wait_until_silent_of(told);
+    gateway.wait_until_silent_of(reported);
     // Limits cannot be taken away while it runs.
     let text = std::fs::read_to_string(&config).expect("readable");
     let (before, rest) = text.split_once("[guard]").expect("there");
@@ -159,7 +159,7 @@ fn small_changes_do_not_add_up_without_a_confirmation() {
 
 /// The machine file becomes another machine's between two runs: arming asks.
 #[test]
-fn another_machines_file_is_not_armed_unasked() {
+fn another_machine_file_needs_confirmation_before_arming() {
     let dir = tempfile::tempdir().expect("writable");
     let config = configuration(dir.path(), "");
     let file = dir.path().join("machine.toml");
@@ -169,11 +169,11 @@ fn another_machines_file_is_not_armed_unasked() {
     change(&file, "EYX = 20.0", "EYX = -80.0");
     let mut gateway = Gateway::again(rig, &config);
     gateway.watch();
-    let (status, asked) = gateway.ask(Ask::Arm(None));
+    let (status, asked) = gateway.ask(Operation::Arm(None));
     assert_eq!(status, 409, "{asked}");
     let hash = asked["model"].as_str().map(str::to_owned);
     assert!(hash.is_some(), "{asked}");
-    assert_eq!(gateway.ask(Ask::Arm(hash)).0, 200);
+    assert_eq!(gateway.ask(Operation::Arm(hash)).0, 200);
     // Of other axes: it does not even start.
     change(&file, "w X' b Y Z t", "w X' b Y C Z t");
     let axis = "[axes.C]\ntravel = [-180.0, 180.0]\n[errors]";
@@ -186,10 +186,8 @@ fn another_machines_file_is_not_armed_unasked() {
 /// Times and confirmations decide how long a stale correction stays and how far a model may move it unasked: before, a
 /// reload took them without a question.
 #[test]
-fn times_and_confirmations_are_asked_about() {
-    let dir = tempfile::tempdir().expect("writable");
-    let config = configuration(dir.path(), "auto_arm = true");
-    let mut gateway = Gateway::start(&config);
+fn changed_times_and_thresholds_need_confirmation() {
+    let (_dir, config, mut gateway) = started("auto_arm = true");
     gateway.wait_for("compensating");
     for (key, before, line) in [
         ("hold_ms", 200.0, "hold_ms = 200"),

@@ -1,5 +1,5 @@
-//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC looks up by itself, and what happens when the sender is
-//! ended, killed, started twice, or asked for another map.
+//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC does the look-up, and what happens when the sender is
+//! ended, killed, started twice, or given another map.
 
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
@@ -44,7 +44,7 @@ struct Control {
 }
 
 impl Control {
-    /// One that stands at X = 500 mm, and its URL.
+    /// A control at X = 500 mm, and its URL.
     fn start(listen: &str) -> Option<(Self, String)> {
         let mut command = Command::new(peers::python()?);
         command
@@ -81,7 +81,7 @@ impl Control {
     }
 }
 
-/// A map over 1000 mm that corrects X by so many µm at its upper end, in a folder with the file of its sender.
+/// A map over 1000 mm that corrects X by `largest_um` at its upper end, in a folder with the file of its sender.
 fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
     write_map(dir, largest_um, 7);
     let file = dir.join("map-sender.toml");
@@ -129,7 +129,7 @@ fn said(output: &Output) -> String {
     text(&output.stdout) + &text(&output.stderr)
 }
 
-/// The hash by which the map is confirmed, from what is told without it.
+/// The hash that confirms the map, from the output without it.
 fn hash(file: &Path) -> String {
     let output = command(file, &[]).output().expect("it starts");
     let text = said(&output);
@@ -138,34 +138,120 @@ fn hash(file: &Path) -> String {
     hash.to_owned()
 }
 
-/// A sender that has its map in use.
-fn sending(file: &Path) -> (Running, BufReader<ChildStdout>) {
-    let hash = hash(file);
-    let mut command = command(file, &["--confirm", &hash]);
-    let (running, line, output) = Running::start_and_hear(&mut command);
-    assert_eq!(line, "map 7 is in use");
-    (running, output)
+/// A control with a sender's files, the sender not started.
+struct Rig {
+    dir: tempfile::TempDir,
+    control: Control,
+    url: String,
+    file: PathBuf,
+}
+
+/// A running sender with map 7 in use.
+struct Sender {
+    running: Running,
+    output: BufReader<ChildStdout>,
+    log: PathBuf,
+}
+
+impl Rig {
+    /// `None` without the peer.
+    fn new() -> Option<Self> {
+        let dir = tempfile::tempdir().expect("writable");
+        let (control, url) = Control::start("127.0.0.1:0")?;
+        let file = write(dir.path(), &url, 80.0);
+        Some(Self {
+            dir,
+            control,
+            url,
+            file,
+        })
+    }
+
+    fn sender(&mut self) -> Sender {
+        let confirmed = hash(&self.file);
+        self.sender_by(command(&self.file, &["--confirm", &confirmed]))
+    }
+
+    /// Starts a sender by this command; the control reaches the correction.
+    fn sender_by(&mut self, command: Command) -> Sender {
+        let sender = Sender::start(command, self.dir.path());
+        self.control.reaches(40.0);
+        sender
+    }
+
+    /// Confirms the map for the running sender: exit status and output.
+    fn replace(&self) -> (Option<i32>, String) {
+        let call = ["--confirm", &hash(&self.file), "--replace"];
+        result(&self.file, &call)
+    }
+
+    fn must_replace(&self) {
+        let (status, text) = self.replace();
+        assert_eq!(status, Some(0), "{text}");
+    }
+
+    fn keeps(&mut self, um: f64) {
+        assert!((self.control.x_um() - um).abs() <= 1.0);
+    }
+}
+
+impl Sender {
+    fn start(mut command: Command, dir: &Path) -> Self {
+        let log = dir.join("sender.log");
+        let errors = std::fs::File::create(&log).expect("writable");
+        let (running, line, output) = Running::start_and_hear(command.stderr(errors));
+        assert_eq!(line, "map 7 is in use");
+        Self {
+            running,
+            output,
+            log,
+        }
+    }
+
+    fn log(&self) -> String {
+        std::fs::read_to_string(&self.log).expect("a log")
+    }
+
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.output.read_line(&mut line).expect("a line");
+        line
+    }
+
+    /// Ends it by a signal: the rest of its output.
+    fn stop(mut self) -> String {
+        self.running.signal("TERM");
+        let mut rest = String::new();
+        self.output.read_to_string(&mut rest).expect("text");
+        let ended = self.running.ended(PATIENCE).expect("it ends");
+        assert_eq!(ended.code(), Some(0), "{}", self.log());
+        rest
+    }
+}
+
+/// Exit status and output of a call.
+fn result(file: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let output = command(file, more).output().expect("it starts");
+    (output.status.code(), said(&output))
+}
+
+/// A call that is refused with this status and words.
+fn refused(file: &Path, more: &[&str], expected: i32, words: &str) {
+    let (status, text) = result(file, more);
+    assert_eq!(status, Some(expected), "{text}");
+    assert!(text.contains(words), "{words}: {text}");
 }
 
 #[test]
 fn a_signal_ends_it_when_the_corrections_are_zero() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let (mut sender, mut output) = sending(&file);
-    control.reaches(40.0);
-    sender.signal("TERM");
-    let mut rest = String::new();
-    output.read_to_string(&mut rest).expect("text");
-    assert_eq!(rest, "the corrections are zero\n");
-    let ended = sender.ended(PATIENCE).expect("it ends");
-    assert_eq!(ended.code(), Some(0));
-    assert!(control.x_um().abs() < 0.5);
+    let sender = rig.sender();
+    assert_eq!(sender.stop(), "the corrections are zero\n");
+    assert!(rig.control.x_um().abs() < 0.5);
     // On record, from the beginning to the end.
-    let audit = dir.path().join("audit");
-    let files = std::fs::read_dir(&audit).expect("a folder");
+    let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
     let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();
     for what in [
@@ -177,61 +263,42 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     }
 }
 
-/// From the value of one map to that of another, at the rate of the control and never through zero; what cannot take its place
-/// changes nothing.
+/// From the value of one map to that of another, at the rate of the control and never through zero; a map that cannot replace
+/// it changes nothing.
 #[test]
 fn another_map_takes_the_place_of_the_one_in_use() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let replace = || {
-        let call = ["--confirm", &hash(&file), "--replace"];
-        let output = command(&file, &call).output().expect("it starts");
-        (output.status.code(), said(&output))
-    };
-    let (status, told) = replace();
-    assert_eq!(status, Some(1), "{told}");
-    assert!(told.contains("found no sender that runs"), "{told}");
-    let log = dir.path().join("sender.log");
-    let errors = std::fs::File::create(&log).expect("writable");
-    let confirmed = hash(&file);
-    let mut command = command(&file, &["--confirm", &confirmed]);
-    let (sender, line, mut output) = Running::start_and_hear(command.stderr(errors));
-    assert_eq!(line, "map 7 is in use");
-    control.reaches(40.0);
-    let refused = |words: &str| {
-        let (status, told) = replace();
-        assert_eq!(status, Some(0), "{told}");
+    let (status, text) = rig.replace();
+    assert_eq!(status, Some(1), "{text}");
+    assert!(text.contains("found no sender that runs"), "{text}");
+    let mut sender = rig.sender();
+    let refuses = |words: &str| {
+        rig.must_replace();
         until(words, PATIENCE, || {
-            let log = std::fs::read_to_string(&log).expect("a log");
+            let log = sender.log();
             log.contains("another map is not sent") && log.contains(words)
         });
     };
     // The same number again, other limits, and limits of the control that are narrower than those of the file.
-    write_map(dir.path(), 60.0, 7);
-    refused("found the number 7 of the map in use");
-    write_map(dir.path(), 60.0, 8);
-    change(&file, "limit_um = 100.0", "limit_um = 90.0");
-    refused("found other keys than `map` changed");
-    change(&file, "limit_um = 90.0", "limit_um = 100.0");
-    assert!((control.x_um() - 40.0).abs() <= 1.0);
+    write_map(rig.dir.path(), 60.0, 7);
+    refuses("found the number 7 of the map in use");
+    write_map(rig.dir.path(), 60.0, 8);
+    change(&rig.file, "limit_um = 100.0", "limit_um = 90.0");
+    refuses("found other keys than `map` changed");
+    change(&rig.file, "limit_um = 90.0", "limit_um = 100.0");
+    rig.keeps(40.0);
 
-    let (status, told) = replace();
-    assert_eq!(status, Some(0), "{told}");
+    rig.must_replace();
     let mut seen = Vec::new();
     until("the other map", PATIENCE, || {
-        let um = control.x_um();
+        let um = rig.control.x_um();
         seen.push(um);
         (um - 30.0).abs() <= 0.5
     });
-    let mut line = String::new();
-    output.read_line(&mut line).expect("a line");
-    assert_eq!(line, "map 8 is in use\n");
-    for _ in 0..100 {
-        seen.push(control.x_um());
-    }
+    assert_eq!(sender.line(), "map 8 is in use\n");
+    seen.extend((0..100).map(|_| rig.control.x_um()));
     // From 40 to 30 µm, downwards and no further.
     let (least, most) = (
         seen.iter().copied().fold(f64::INFINITY, f64::min),
@@ -239,91 +306,66 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     );
     assert!(least >= 29.0 && most <= 41.0, "{least} to {most} µm");
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
-    assert!(sender.id() > 0);
 }
 
-/// A sender with its map in use, whose program is started by `command`; what it says goes to a file.
-fn heard_sending(
-    mut command: Command,
-    dir: &Path,
-) -> (Running, BufReader<ChildStdout>, impl Fn() -> String) {
-    let log = dir.join("sender.log");
-    let errors = std::fs::File::create(&log).expect("writable");
-    let (sender, line, output) = Running::start_and_hear(command.stderr(errors));
-    assert_eq!(line, "map 7 is in use");
-    let log = move || std::fs::read_to_string(&log).expect("a log");
-    (sender, output, log)
-}
-
-/// Before, the record of another map was written in the loop that keeps the first one valid: a disk that hung let its time run
-/// out. Now the other map is given up after a while, and is not taken late.
+/// An earlier version wrote the record of another map in the loop that keeps the first one valid: a hanging disk let it
+/// expire. Now the other map is given up after a timeout, and is not activated late.
 #[test]
 fn a_disk_that_hangs_keeps_the_map_in_use() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some(library) = preloaded(dir.path()) else {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+    let Some(library) = preloaded(rig.dir.path()) else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let confirmed = hash(&file);
-    let hangs = dir.path().join("hangs");
-    let mut begun = command(&file, &["--confirm", &confirmed]);
+    let confirmed = hash(&rig.file);
+    let hangs = rig.dir.path().join("hangs");
+    let mut begun = command(&rig.file, &["--confirm", &confirmed]);
     begun.env("LD_PRELOAD", library).env("HANGS", &hangs);
-    let (mut sender, mut output, log) = heard_sending(begun, dir.path());
-    control.reaches(40.0);
+    let mut sender = rig.sender_by(begun);
     std::fs::write(&hangs, "").expect("writable");
-    write_map(dir.path(), 60.0, 8);
-    let replace = || {
-        let call = ["--confirm", &hash(&file), "--replace"];
-        let output = command(&file, &call).output().expect("it starts");
-        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    };
-    replace();
+    write_map(rig.dir.path(), 60.0, 8);
+    rig.must_replace();
     until("it is given up", PATIENCE, || {
-        assert!((control.x_um() - 40.0).abs() <= 1.0);
-        log().contains("another map is not sent: the disk of the audit log")
+        rig.keeps(40.0);
+        let why = "another map is not sent: the disk of the audit log";
+        sender.log().contains(why)
     });
-    assert!(log().contains("the map stays in use"), "{}", log());
+    let log = sender.log();
+    assert!(log.contains("the map stays in use"), "{log}");
     std::fs::remove_file(&hangs).expect("ours");
     until("the disk is back", PATIENCE, || {
-        assert!((control.x_um() - 40.0).abs() <= 1.0);
-        log().contains("the audit log is written again")
+        rig.keeps(40.0);
+        sender.log().contains("the audit log is written again")
     });
-    // Confirmed anew it is taken.
-    replace();
-    control.reaches(30.0);
-    let mut line = String::new();
-    output.read_line(&mut line).expect("a line");
-    assert_eq!(line, "map 8 is in use\n");
-    // With the disk gone again it still ends in good order, and says what is missing.
+    // Confirmed again it is activated.
+    rig.must_replace();
+    rig.control.reaches(30.0);
+    assert_eq!(sender.line(), "map 8 is in use\n");
+    // With the disk gone again it still ends properly, and reports the missing records.
     std::fs::write(&hangs, "").expect("writable");
-    sender.signal("TERM");
-    assert_eq!(sender.ended(PATIENCE).expect("it ends").code(), Some(0));
-    assert!(control.x_um().abs() < 0.5);
-    assert!(log().contains("the last records are lost"), "{}", log());
+    sender.running.signal("TERM");
+    let ended = sender.running.ended(PATIENCE).expect("it ends");
+    assert_eq!(ended.code(), Some(0));
+    assert!(rig.control.x_um().abs() < 0.5);
+    let log = sender.log();
+    assert!(log.contains("the last records are lost"), "{log}");
 }
 
-/// A confirmation that came while the one before was being refused was taken for that one, which could not be removed: nobody
-/// looked for confirmations any more.
+/// An earlier version took a confirmation that arrived during the refusal of another one for that one, which could not be
+/// removed, and then checked for no further confirmation.
 #[test]
-fn a_confirmation_during_a_refusal_is_one_of_its_own() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+fn a_confirmation_during_a_refusal_is_separate() {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let confirmed = hash(&file);
-    let begun = command(&file, &["--confirm", &confirmed]);
-    let (_sender, mut output, log) = heard_sending(begun, dir.path());
-    control.reaches(40.0);
-    // Whoever reads this map waits until somebody writes it.
-    let pipe = dir.path().join("pipe.map");
+    let mut sender = rig.sender();
+    // A reader of this map waits until it is written.
+    let pipe = rig.dir.path().join("pipe.map");
     let made = Command::new("mkfifo").arg(&pipe).status();
     assert!(made.expect("of the system").success());
-    change(&file, "machine.map", "pipe.map");
-    let confirmation = dir.path().join("audit/confirmed-map");
+    change(&rig.file, "machine.map", "pipe.map");
+    let confirmation = rig.dir.path().join("audit/confirmed-map");
     std::fs::write(&confirmation, "0123456789abcdef").expect("writable");
     until("it is taken", PATIENCE, || !confirmation.exists());
     // Opened by both sides: the refusal is under way.
@@ -331,80 +373,58 @@ fn a_confirmation_during_a_refusal_is_one_of_its_own() {
         .write(true)
         .open(&pipe)
         .expect("it is read");
-    change(&file, "pipe.map", "machine.map");
-    write_map(dir.path(), 60.0, 8);
-    let call = ["--confirm", &hash(&file), "--replace"];
-    let asked = command(&file, &call).output().expect("it starts");
-    assert_eq!(asked.status.code(), Some(0), "{}", said(&asked));
+    change(&rig.file, "pipe.map", "machine.map");
+    write_map(rig.dir.path(), 60.0, 8);
+    rig.must_replace();
     bytes.write_all(b"no map").expect("it is read");
     drop(bytes);
     until("the refusal", PATIENCE, || {
-        log().contains("another map is not sent")
+        sender.log().contains("another map is not sent")
     });
-    let mut line = String::new();
-    output.read_line(&mut line).expect("a line");
-    assert_eq!(line, "map 8 is in use\n");
-    control.reaches(30.0);
+    assert_eq!(sender.line(), "map 8 is in use\n");
+    rig.control.reaches(30.0);
 }
 
-/// Nobody is left to end anything: the control does it by itself. After that another sender takes it, and a control that
-/// lost everything is sent the map again.
+/// After a kill the control ramps to zero alone. Then another sender takes over, and a control that lost everything is sent
+/// the map again.
 #[test]
 fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let (mut sender, _) = sending(&file);
-    control.reaches(40.0);
-    sender.kill();
-    control.reaches(0.0);
-    let (sender, _) = sending(&file);
-    control.reaches(40.0);
+    let mut sender = rig.sender();
+    sender.running.kill();
+    rig.control.reaches(0.0);
+    let _sender = rig.sender();
     // The control is switched off and on again under the same address.
-    let listen = url.trim_start_matches("opc.tcp://").to_owned();
-    control.running.kill();
-    drop(control);
+    let listen = rig.url.trim_start_matches("opc.tcp://");
     let listen = listen.split('/').next().expect("one part at least");
+    rig.control.running.kill();
     let (mut control, _) = Control::start(listen).expect("it was there before");
     control.reaches(40.0);
-    assert!(sender.id() > 0);
 }
 
 #[test]
 fn a_second_sender_and_another_map_are_refused() {
-    let dir = tempfile::tempdir().expect("writable");
-    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+    let Some(mut rig) = Rig::new() else {
         return;
     };
-    let file = write(dir.path(), &url, 80.0);
-    let confirmed = hash(&file);
-    let (_sender, _output) = sending(&file);
-    control.reaches(40.0);
-    let second = command(&file, &["--confirm", &confirmed]).output();
-    let second = second.expect("it starts");
-    assert_eq!(second.status.code(), Some(1), "{}", said(&second));
-    assert!(
-        said(&second).contains("another gateway"),
-        "{}",
-        said(&second)
-    );
+    let confirmed = hash(&rig.file);
+    let _sender = rig.sender();
+    refused(&rig.file, &["--confirm", &confirmed], 1, "another gateway");
     // From another folder, and by another name of the same control.
     let other = tempfile::tempdir().expect("writable");
-    let elsewhere = write(other.path(), &url.replace("127.0.0.1", "localhost"), -80.0);
-    let foreign = command(&elsewhere, &["--confirm", &hash(&elsewhere)]).output();
-    let foreign = foreign.expect("it starts");
-    assert_eq!(foreign.status.code(), Some(1), "{}", said(&foreign));
+    let elsewhere = write(
+        other.path(),
+        &rig.url.replace("127.0.0.1", "localhost"),
+        -80.0,
+    );
     let why = "another gateway on this computer uses it";
-    assert!(said(&foreign).contains(why), "{}", said(&foreign));
-    assert!((control.x_um() - 40.0).abs() <= 1.0);
+    refused(&elsewhere, &["--confirm", &hash(&elsewhere)], 1, why);
+    rig.keeps(40.0);
     // The map was exchanged after it was confirmed.
-    let file = write(other.path(), &url, 60.0);
-    let changed = command(&file, &["--confirm", &confirmed]).output();
-    let changed = changed.expect("it starts");
-    assert_eq!(changed.status.code(), Some(2), "{}", said(&changed));
-    assert!(said(&changed).contains("expected"), "{}", said(&changed));
+    let file = write(other.path(), &rig.url, 60.0);
+    refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
 /// The same into the PMC of a FANUC control, which `focas-sim` simulates: a program of another package, built before.
@@ -415,33 +435,10 @@ fn a_fanuc_control_looks_up_as_well() {
         peers::not_run("focas-sim (cargo build -p focas-sim)");
         return;
     }
+    let options = "--listen 127.0.0.1:0 --at X=500 --map-words 700 --json --machine-number 1002 --limit-um 100 --scan-ms 10 --rate-um-per-s 200 --hold-ms 800 --time-out-ms 2000";
     let mut command = Command::new(built);
     command
-        .args([
-            "--listen",
-            "127.0.0.1:0",
-            "--at",
-            "X=500",
-            "--map-words",
-            "700",
-            "--json",
-        ])
-        .args([
-            "--machine-number",
-            "1002",
-            "--limit-um",
-            "100",
-            "--scan-ms",
-            "10",
-        ])
-        .args([
-            "--rate-um-per-s",
-            "200",
-            "--hold-ms",
-            "800",
-            "--time-out-ms",
-            "2000",
-        ])
+        .args(options.split_whitespace())
         .stdin(Stdio::piped());
     let (mut control, line, mut lines) = Running::start_and_hear(&mut command);
     let address = line.strip_prefix("listening on ").expect("an address");
@@ -459,13 +456,10 @@ fn a_fanuc_control_looks_up_as_well() {
         "[sinumerik]\ntime_out_ms = 2000.0\n",
         "[pmc]\ntime_out_ms = 2000.0\n",
     );
-    let (mut sender, mut output) = sending(&file);
+    let confirmed = hash(&file);
+    let sender = Sender::start(self::command(&file, &["--confirm", &confirmed]), dir.path());
     until("the correction", PATIENCE, || (x_um() - 40.0).abs() <= 1.0);
-    sender.signal("TERM");
-    let mut rest = String::new();
-    output.read_to_string(&mut rest).expect("text");
-    assert_eq!(rest, "the corrections are zero\n");
-    assert_eq!(sender.ended(PATIENCE).expect("it ends").code(), Some(0));
+    assert_eq!(sender.stop(), "the corrections are zero\n");
     assert_eq!(x_um(), 0.0);
 }
 
@@ -514,9 +508,7 @@ fn files_of_a_sender_that_are_wrong() {
         if !from.is_empty() {
             change(&file, from, to);
         }
-        let output = command(&file, &[]).output().expect("it starts");
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-        assert!(said(&output).contains(words), "{words}: {}", said(&output));
+        refused(&file, &[], 2, words);
     }
 }
 
@@ -524,9 +516,5 @@ fn files_of_a_sender_that_are_wrong() {
 fn a_map_beyond_the_limits_is_refused_before_anything_is_opened() {
     let dir = tempfile::tempdir().expect("writable");
     let file = write(dir.path(), "opc.tcp://127.0.0.1:1", 130.0);
-    let output = command(&file, &["--confirm", "0"])
-        .output()
-        .expect("it starts");
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("100"), "{}", said(&output));
+    refused(&file, &["--confirm", "0"], 2, "100");
 }

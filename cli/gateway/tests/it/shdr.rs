@@ -12,10 +12,7 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 use volcomp_gateway::interop::{
     quantities::{Shape, quantities},
-    shdr::{
-        self,
-        lines::{Items, Told, escaped},
-    },
+    shdr::{self, Items, SentState, escaped},
 };
 use volcomp_test_support::{Running, free_port, peers};
 use volcomp_vocabulary::AxisName;
@@ -44,12 +41,12 @@ fn noon() -> SystemTime {
 }
 
 #[test]
-fn every_item_is_told_once_and_then_what_changes() {
+fn every_item_is_sent_once_then_its_changes() {
     let items = Items::of(&shape());
-    let mut told = Told::nothing(&items);
-    let first = told.changes(&items, &status(&json!({})), noon());
+    let mut reported = SentState::nothing(&items);
+    let first = reported.changes(&items, &status(&json!({})), noon());
     for line in [
-        // The age of what is told is in its time: positions are 8 ms old, the confirmed correction 12 ms, the rest 20 ms.
+        // The timestamp contains the age: positions are 8 ms old, the confirmed correction 12 ms, the rest 20 ms.
         "2026-11-21T11:59:59.980Z|avail|AVAILABLE",
         "2026-11-21T11:59:59.980Z|state|COMPENSATING",
         "2026-11-21T11:59:59.992Z|x_position|400.25",
@@ -65,12 +62,15 @@ fn every_item_is_told_once_and_then_what_changes() {
         "2026-11-21T11:59:59.980Z|guard|NORMAL||||",
         "2026-11-21T11:59:59.980Z|temperature_bed_plate_2_condition|NORMAL||||",
     ] {
-        assert!(first.lines().any(|told| told == line), "{line} in {first}");
+        assert!(
+            first.lines().any(|reported| reported == line),
+            "{line} in {first}"
+        );
     }
     // One is the availability, and reasons are conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
     assert_eq!(first.lines().count(), count, "{first}");
-    let mut next = |changes: Value| told.changes(&items, &status(&changes), noon());
+    let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
     assert_eq!(next(json!({})), "");
     assert_eq!(next(json!({ "age_ms": 90.0 })), "", "an age below a second");
     assert_eq!(
@@ -87,10 +87,10 @@ fn every_item_is_told_once_and_then_what_changes() {
 #[test]
 fn what_is_not_known_is_not_available() {
     let items = Items::of(&shape());
-    let mut told = Told::nothing(&items);
-    let mut next = |changes: Value| told.changes(&items, &status(&changes), noon());
+    let mut reported = SentState::nothing(&items);
+    let mut next = |changes: Value| reported.changes(&items, &status(&changes), noon());
     next(json!({}));
-    // Old positions are told by the state with their last value.
+    // Old positions keep their last value; the state reports their age.
     let stale = next(json!({ "state": "holding", "reasons": ["positions stale"] }));
     for key in [
         "x_position",
@@ -147,9 +147,9 @@ fn what_is_not_known_is_not_available() {
 #[test]
 fn conditions_end_by_their_codes() {
     let items = Items::of(&shape());
-    let mut told = Told::nothing(&items);
+    let mut reported = SentState::nothing(&items);
     let mut next = |state: &str, reasons: &[&str]| {
-        let text = told.changes(
+        let text = reported.changes(
             &items,
             &status(&json!({ "state": state, "reasons": reasons })),
             noon(),
@@ -240,7 +240,7 @@ proptest! {
     }
 }
 
-/// The independent client, which is told what to wait for.
+/// The independent client, with the items to wait for.
 struct Agent {
     running: Running,
     wishes: Option<ChildStdin>,
@@ -268,7 +268,7 @@ impl Agent {
         line.trim_end().to_owned()
     }
 
-    /// Waits until an item is told with these fields.
+    /// Waits for an item with these fields.
     fn hears(&mut self, key: &str, fields: &Value) {
         let wishes = self.wishes.as_mut().expect("open");
         writeln!(wishes, "{}", json!([key, fields])).expect("it reads");
@@ -276,7 +276,7 @@ impl Agent {
         assert!(line.starts_with("ok "), "{key} {fields}: {line}");
     }
 
-    /// The keys of all items that were told.
+    /// The keys of all received items.
     fn keys(mut self) -> Vec<String> {
         drop(self.wishes.take());
         let end: Value = serde_json::from_str(&self.line()).expect("JSON");
@@ -336,7 +336,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     agent.hears("guard", &json!(["WARNING", "controller_does_not_answer"]));
     let keys = agent.keys();
 
-    // The description names exactly what is told.
+    // The description names exactly the items that are sent.
     let plan = machine(&config).plan().expect("right");
     let device = shdr::device(&plan.shape(), plan.shdr_device());
     let python = peers::python().expect("the agent ran by it");
@@ -371,9 +371,9 @@ print(json.dumps({"name": device.get("name"), "ids": sorted(item.get("id") for i
 "#;
 
 /// A client may say what it likes: nothing happens, and a line without an end closes its connection. One asks and never reads: it is
-/// let go, and the other one hears on meanwhile.
+/// disconnected, and the other one continues to receive.
 #[test]
-fn nothing_that_comes_in_commands_or_holds_up_anything() {
+fn received_data_neither_commands_nor_delays() {
     let dir = tempfile::tempdir().expect("writable");
     let (gateway, _, address) = served(dir.path(), "", "");
     gateway.watch();
@@ -381,10 +381,10 @@ fn nothing_that_comes_in_commands_or_holds_up_anything() {
     stream
         .write_all(b"* arm\nPOST /api/arm HTTP/1.1\r\n\r\n|armed|TRUE\n\0\xff\n* PING\n")
         .expect("open");
-    let (mut heard, mut buffer) = (Vec::new(), [0; 4096]);
-    while !String::from_utf8_lossy(&heard).contains("* PONG 10000\n") {
+    let (mut received, mut buffer) = (Vec::new(), [0; 4096]);
+    while !String::from_utf8_lossy(&received).contains("* PONG 10000\n") {
         let read = stream.read(&mut buffer).expect("an answer");
-        heard.extend_from_slice(&buffer[..read]);
+        received.extend_from_slice(&buffer[..read]);
         assert!(read > 0, "it was closed");
     }
     assert_eq!(gateway.state()["armed"], false);
@@ -411,18 +411,22 @@ fn nothing_that_comes_in_commands_or_holds_up_anything() {
                 return e.kind();
             }
         }
-        panic!("it is never let go");
+        panic!("it is never disconnected");
     });
     let mut hears = client(&address);
     let (mut count, mut buffer) = (0, [0; 4096]);
     while !asking.is_finished() {
-        let read = hears.read(&mut buffer).expect("it is told what changes");
+        let read = hears.read(&mut buffer).expect("changes are sent");
         assert!(read > 0, "it was closed");
         count += 1;
     }
-    let ended = asking.join().expect("it was let go");
-    assert_ne!(ended, std::io::ErrorKind::WouldBlock, "it was not let go");
-    assert!(count > 1, "the other heard {count} times");
+    let ended = asking.join().expect("it was disconnected");
+    assert_ne!(
+        ended,
+        std::io::ErrorKind::WouldBlock,
+        "it was not disconnected"
+    );
+    assert!(count > 1, "the other received {count} times");
     assert_eq!(gateway.state()["state"], "disarmed");
     drop(deaf);
 }

@@ -39,7 +39,7 @@ impl Control {
         std::thread::spawn(move || {
             for line in output.lines().map_while(Result::ok) {
                 let found = serde_json::from_str(&line).ok();
-                *report.lock().expect("nobody panics") = found;
+                *report.lock().expect("no panic") = found;
             }
         });
         control
@@ -47,7 +47,7 @@ impl Control {
 
     /// The last line of its report.
     pub(crate) fn report(&self) -> Option<Value> {
-        self.report.lock().expect("nobody panics").clone()
+        self.report.lock().expect("no panic").clone()
     }
 
     /// How far the tool misses, µm: without and with the correction.
@@ -62,7 +62,7 @@ impl Control {
     }
 }
 
-/// The simulator beside the gateway that is tested; built where only the gateway was.
+/// The simulator in the folder of the tested gateway; built if missing.
 pub(crate) fn simulator() -> PathBuf {
     let gateway = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     let folder = gateway.parent().expect("a folder");
@@ -109,14 +109,13 @@ pub(crate) fn copied_examples() -> (tempfile::TempDir, PathBuf) {
     (dir, examples)
 }
 
-/// Both programs as the comments of the configuration say, on free ports and with more options of the control: the tool
-/// misses by less than a fifth.
-fn rehearse(configuration: &str, more: &[&str]) {
+/// Runs both programs with the commands in the comments of the configuration, on free ports: the residual is less than a
+/// fifth of the error.
+fn rehearse(configuration: &str) {
     let (dir, examples) = copied_examples();
     let file = examples.join(configuration);
     let text = std::fs::read_to_string(&file).expect("readable");
-    let of_control = [&arguments(&text, "focas-sim")[..], more].concat();
-    let control = Control::start(dir.path(), &of_control);
+    let control = Control::start(dir.path(), &arguments(&text, "focas-sim"));
     change(&file, "127.0.0.1:8193", &control.address);
     let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     command.current_dir(dir.path());
@@ -127,7 +126,7 @@ fn rehearse(configuration: &str, more: &[&str]) {
         let Some(misses) = control.misses_um() else {
             return false;
         };
-        seen.lock().expect("nobody panics").push(misses);
+        seen.lock().expect("no panic").push(misses);
         // Where there is much to correct.
         misses[0] > 20.0 && misses[1] < 0.2 * misses[0]
     });
@@ -140,40 +139,25 @@ fn rehearse(configuration: &str, more: &[&str]) {
 
 #[test]
 fn three_axes_as_shipped() {
-    rehearse("gateway.toml", &[]);
+    rehearse("gateway.toml");
 }
 
 #[test]
 fn five_axes_as_shipped() {
-    rehearse("gateway-five-axis.toml", &[]);
-}
-
-/// The driver finds out what such controls accept; the configuration is the same.
-#[test]
-fn a_control_that_answers_one_point_at_a_time() {
-    rehearse("gateway.toml", &["--one-point"]);
-}
-
-#[test]
-fn a_control_that_refuses_combined_requests() {
-    rehearse("gateway-five-axis.toml", &["--one-point", "--refuses-mix"]);
-}
-
-#[test]
-fn a_control_that_takes_one_command_a_request() {
-    rehearse("gateway.toml", &["--one-point", "--one-command"]);
+    rehearse("gateway-five-axis.toml");
 }
 
 /// What a control refuses is in the log, with the return code in words.
 #[test]
-fn a_refusal_is_told_in_words() {
+fn a_refusal_is_logged_with_its_code() {
     let (dir, examples) = copied_examples();
     let control = Control::start(dir.path(), &["--at", "X=100"]);
     let file = examples.join("gateway.toml");
     change(&file, "127.0.0.1:8193", &control.address);
     change(&file, "at = 240", "at = 20000");
     let gateway = Program::start(dir.path(), &["--config", path(&file)]);
-    let told = "was refused with code 3: EW_NUMBER";
-    let logged = gateway.wait(|_| gateway.log().contains(told) && gateway.log().contains("R20000"));
+    let reported = "was refused with code 3: EW_NUMBER";
+    let logged =
+        gateway.wait(|_| gateway.log().contains(reported) && gateway.log().contains("R20000"));
     assert!(logged.is_ok(), "{}", gateway.log());
 }

@@ -110,8 +110,8 @@ impl Control {
             if done(&report) {
                 return;
             }
-            let told = || format!("{what}: {report}\n{}\n{}", program.state(), program.log());
-            assert!(Instant::now() < end, "{}", told());
+            let reported = || format!("{what}: {report}\n{}\n{}", program.state(), program.log());
+            assert!(Instant::now() < end, "{}", reported());
             std::thread::sleep(Duration::from_millis(100));
         }
     }
@@ -259,10 +259,10 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     control.wait(&program, "it went back", is_zero);
 }
 
-/// Old positions are held on, then ramped out. Where nobody knows whether the axes are in emergency stop either, nothing new is
+/// Old positions hold the correction, then ramp it out. If the emergency stop is unknown as well, nothing new is
 /// written at all.
 #[test]
-fn a_sampler_that_stands_is_held_and_old_positions_are_ramped_out() {
+fn a_stopped_sampler_holds_and_old_positions_ramp_out() {
     let dir = tempfile::tempdir().expect("writable");
     let Some(mut control) = Control::start(dir.path(), &["--temperature", "column=24"]) else {
         return;
@@ -348,7 +348,7 @@ fn a_control_that_ignores_corrections_is_refused() {
     assert!(program.post("/api/arm", "").status >= 400);
 }
 
-/// What `check` refuses before anything is asked.
+/// What `check` refuses before it connects.
 #[test]
 fn configurations_that_this_control_cannot_have() {
     let dir = tempfile::tempdir().expect("writable");

@@ -1,4 +1,4 @@
-//! What outlives a restart: that a person disarmed it, and a fault that nobody has acknowledged.
+//! State that survives a restart: a disarm by an operator, and an unacknowledged fault.
 
 use std::{
     fs::File,
@@ -9,17 +9,19 @@ use std::{
     time::Duration,
 };
 
-use volcomp_gateway::request::Ask;
+use serde_json::Value;
+use volcomp_gateway::request::Operation;
+use volcomp_port::inject::Injection;
 use volcomp_test_support::peers;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
     manual::{Gateway, configuration, says},
-    program::{MACHINE, Program, change, path, token_file},
+    program::{MACHINE, Program, append, change, path, token_file},
 };
 
-/// What stands by the file: the text with the highest count of its two slots.
-pub(crate) fn kept(file: &Path) -> String {
+/// The valid text of the file: that of the slot with the highest count.
+pub(crate) fn standing_text(file: &Path) -> String {
     let text = std::fs::read_to_string(file).expect("written");
     let slots = text.lines().filter_map(|line| {
         let mut words = line.trim_end().splitn(3, ' ').skip(1);
@@ -70,7 +72,7 @@ impl Drop for SmallDisk {
 const DISARMED: &str = "disarmed by a person";
 const UNWRITTEN: &str = "audit log cannot be written";
 
-/// A gateway that compensates, and arms by itself.
+/// A compensating gateway with auto-arm.
 fn compensating(dir: &Path) -> (PathBuf, Gateway) {
     let config = configuration(dir, "auto_arm = true");
     let mut gateway = Gateway::start(&config);
@@ -80,17 +82,17 @@ fn compensating(dir: &Path) -> (PathBuf, Gateway) {
 
 /// Before, a restart with `auto_arm` armed what a person had disarmed.
 #[test]
-fn a_persons_disarming_outlives_a_restart() {
+fn an_operators_disarm_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
     let (config, mut gateway) = compensating(dir.path());
-    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
     let mut gateway = gateway.killed_and_started(&config);
     gateway.wait_until_says(DISARMED);
     gateway.run(Duration::from_secs(10));
     assert_eq!(gateway.state()["state"], "disarmed");
     assert_eq!(gateway.shifts(), PerChannel::ZERO);
-    // Armed by a person again it arms by itself after the next restart.
+    // Armed by an operator again, it arms automatically after the next restart.
     gateway.must_arm();
     gateway.wait_for("compensating");
     gateway.wait_until_silent_of(DISARMED);
@@ -101,19 +103,19 @@ fn a_persons_disarming_outlives_a_restart() {
 /// A person's disarming that could not be written, since the disk was full, was never written again: after a kill and a
 /// restart it armed itself.
 #[test]
-fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
+fn an_operators_disarm_is_written_as_soon_as_possible() {
     let dir = tempfile::tempdir().expect("writable");
     let (config, mut gateway) = compensating(dir.path());
     // A folder of this name: the file cannot take its place.
     let file = dir.path().join("audit/standing.slots");
     std::fs::remove_file(&file).expect("it took its room at the start");
     std::fs::create_dir(&file).expect("nothing stands");
-    assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+    assert_eq!(gateway.ask(Operation::Disarm).0, 200);
     gateway.wait_for("disarmed");
     gateway.wait_until_says(UNWRITTEN);
     std::fs::remove_dir(&file).expect("empty");
     gateway.wait_until_silent_of(UNWRITTEN);
-    let text = kept(&file);
+    let text = standing_text(&file);
     assert!(text.contains("\"disarmed_by\":\"anna\""), "{text}");
     let mut gateway = gateway.killed_and_started(&config);
     gateway.run(Duration::from_secs(10));
@@ -123,8 +125,8 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
 /// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again. A fault there
 /// is one after a power failure, too.
 #[test]
-fn a_persons_disarming_is_kept_on_a_full_disk() {
-    for (is_fault, written, told, state) in [
+fn an_operators_disarm_is_kept_on_a_full_disk() {
+    for (is_fault, written, reported, state) in [
         (false, "\"disarmed_by\":\"anna\"", DISARMED, "disarmed"),
         (
             true,
@@ -142,25 +144,25 @@ fn a_persons_disarming_is_kept_on_a_full_disk() {
         if is_fault {
             gateway.fault();
         } else {
-            assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+            assert_eq!(gateway.ask(Operation::Disarm).0, 200);
             gateway.wait_for("disarmed");
         }
         gateway.run(Duration::from_millis(100));
-        let text = kept(&disk.0.join("standing.slots"));
+        let text = standing_text(&disk.0.join("standing.slots"));
         assert!(text.contains(written), "{text}");
         disk.make_room();
         let mut gateway = gateway.killed_and_started(&config);
-        assert_eq!(gateway.wait_until_says(told)["state"], state);
+        assert_eq!(gateway.wait_until_says(reported)["state"], state);
         if is_fault {
             gateway.watch();
-            assert_eq!(gateway.ask(Ask::Arm(None)).0, 409);
+            assert_eq!(gateway.ask(Operation::Arm(None)).0, 409);
         }
     }
 }
 
 /// Where there is no room for what may have to be kept, nothing is armed; once there is, it arms.
 #[test]
-fn without_room_for_what_stands_it_does_not_arm() {
+fn without_room_for_the_standing_state_it_does_not_arm() {
     let dir = tempfile::tempdir().expect("writable");
     let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
         return;
@@ -171,7 +173,7 @@ fn without_room_for_what_stands_it_does_not_arm() {
     let mut gateway = Gateway::start(&config);
     gateway.wait_until_says(UNWRITTEN);
     gateway.watch();
-    let (status, refused) = gateway.ask(Ask::Arm(None));
+    let (status, refused) = gateway.ask(Operation::Arm(None));
     assert_eq!(status, 409, "{refused}");
     assert_eq!(gateway.state()["state"], "disarmed");
     disk.make_room();
@@ -181,9 +183,9 @@ fn without_room_for_what_stands_it_does_not_arm() {
 }
 
 /// A person who disarms while the gateway already stops (it still ramps out, and still listens) has disarmed: before, the
-/// request waited for nobody, and the next start armed by itself.
+/// request was dropped, and the next start armed automatically.
 #[test]
-fn disarming_while_it_stops_outlives_a_restart() {
+fn a_disarm_while_stopping_survives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
     let config = configuration(dir.path(), "auto_arm = true");
     change(&config, "ramp_s = 0.1", "ramp_s = 2.0");
@@ -192,7 +194,7 @@ fn disarming_while_it_stops_outlives_a_restart() {
     let mut asked = Vec::new();
     let rig = gateway.stop_while(|begin| {
         if asked.is_empty() {
-            asked = vec![begin(Ask::Disarm), begin(Ask::Acknowledge)];
+            asked = vec![begin(Operation::Disarm), begin(Operation::Acknowledge)];
         }
     });
     let answers = asked
@@ -208,7 +210,7 @@ fn disarming_while_it_stops_outlives_a_restart() {
 
 /// Before, killing a gateway was a way to acknowledge its fault.
 #[test]
-fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
+fn a_fault_survives_a_restart_until_it_is_acknowledged() {
     let dir = tempfile::tempdir().expect("writable");
     let (config, mut gateway) = compensating(dir.path());
     let state = gateway.fault();
@@ -221,34 +223,34 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     }
     gateway.run(Duration::from_secs(10));
     assert_eq!(gateway.state()["state"], "faulted", "auto_arm waits");
-    let (status, refused) = gateway.ask(Ask::Arm(None));
+    let (status, refused) = gateway.ask(Operation::Arm(None));
     assert_eq!(status, 409, "{refused}");
     let words = "acknowledge the fault first";
     assert!(refused.to_string().contains(words), "{refused}");
-    // While an emergency stop is on it could be acknowledged all the same.
+    // During an emergency stop it could be acknowledged anyway.
     let stop = |gateway: &Gateway, is_on| {
         let switch = &gateway.rig.controls.emergency_stop;
         switch.store(is_on, Ordering::Relaxed);
     };
     stop(&gateway, true);
     gateway.wait_until_says("emergency stop");
-    let (status, refused) = gateway.ask(Ask::Acknowledge);
+    let (status, refused) = gateway.ask(Operation::Acknowledge);
     assert_eq!(status, 409, "{refused}");
     assert!(refused.to_string().contains("still faulted"), "{refused}");
     assert_eq!(gateway.state()["state"], "faulted");
     stop(&gateway, false);
     gateway.wait_until_silent_of("emergency stop");
-    let (status, acknowledged) = gateway.ask(Ask::Acknowledge);
+    let (status, acknowledged) = gateway.ask(Operation::Acknowledge);
     assert_eq!(status, 200, "{acknowledged}");
     gateway.wait("past", |state| state["state"] != "faulted");
     gateway.must_arm();
     gateway.wait_for("compensating");
 }
 
-/// Nobody knows what lines that are not reached were left with. An orderly end of a run that never knew it wrote down zero,
+/// The state of unreachable lines is unknown. At an orderly end an earlier version recorded zero for it,
 /// which the next run took for true.
 #[test]
-fn what_is_unknown_stays_unknown_over_an_orderly_end() {
+fn an_unknown_correction_stays_unknown_after_an_orderly_end() {
     let dir = tempfile::tempdir().expect("writable");
     std::fs::write(dir.path().join("machine.toml"), MACHINE).expect("writable");
     token_file(dir.path());
@@ -278,9 +280,9 @@ token_file = "tokens"
     let unknown = "what the control was left with is unknown";
     for run in 0..3 {
         let mut program = Program::start(dir.path(), &["--config", path(&config)]);
-        let told = program.wait(|state| says(state, unknown));
-        let told = told.unwrap_or_else(|state| panic!("run {run}: {state}"));
-        assert_eq!(told["correction_known"], false, "{told}");
+        let reported = program.wait(|state| says(state, unknown));
+        let reported = reported.unwrap_or_else(|state| panic!("run {run}: {state}"));
+        assert_eq!(reported["correction_known"], false, "{reported}");
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
@@ -290,4 +292,124 @@ token_file = "tokens"
         let stopped = stopped.expect("written");
         assert!(stopped.contains("\"left_um\":{}"), "{stopped}");
     }
+}
+
+/// The scale of X expands by 11.5 µm a metre and kelvin.
+fn with_thermometer(dir: &Path) -> PathBuf {
+    let config = configuration(dir, "auto_arm = true");
+    let profile = "name = \"ONE\"\n[channels]\nfunction = 4\naddress = 0\ncount = 1\ntype = \"i16\"\nscale = 0.1\nunit = \"degc\"\nvalid_degc = [-50.0, 200.0]\n";
+    let file = dir.join("one.toml");
+    std::fs::write(&file, profile).expect("writable");
+    let thermal = "[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale_x\"\num_per_m_k = 11.5\n";
+    std::fs::write(dir.join("machine.toml"), format!("{MACHINE}{thermal}")).expect("writable");
+    let url = format!("modbus://127.0.0.1:1?profile={}", file.display());
+    append(
+        &config,
+        &format!("[[thermometer]]\nurl = \"{url}\"\nnames = [\"scale_x\"]\n"),
+    );
+    config
+}
+
+fn quality(state: &Value) -> String {
+    let sensor = &state["temperatures"][0];
+    format!("{} {}", sensor["quality"], sensor["reason"])
+}
+
+/// The sensor delivers values while the machine is corrected, and then jumps.
+fn let_sensor_jump(gateway: &mut Gateway) {
+    gateway.wait_for("compensating");
+    gateway.wait("good", |state| quality(state).contains("good"));
+    let (sensor, kelvin) = (0, 15.0);
+    gateway
+        .rig
+        .inject_sensor(Injection::Jump { sensor, kelvin });
+    gateway.wait("jumped", |state| quality(state).contains("jumped"));
+}
+
+/// A broken sensor was out, and the gateway was started again, also after a full disk: its first reading was believed, it armed
+/// automatically, and X was moved by the reading.
+#[test]
+fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
+    for is_full in [false, true] {
+        let dir = tempfile::tempdir().expect("writable");
+        let folder = dir.path().join("audit");
+        let disk = is_full.then(|| SmallDisk::at(folder.clone()));
+        let Some(disk) = disk.map_or(Some(None), |disk| disk.map(Some)) else {
+            return;
+        };
+        let config = with_thermometer(dir.path());
+        let mut gateway = Gateway::start(&config);
+        gateway.wait_for("compensating");
+        if let Some(disk) = &disk {
+            disk.fill(0);
+        }
+        let_sensor_jump(&mut gateway);
+        gateway.run(Duration::from_millis(100));
+        assert!(standing_text(&folder.join("standing.slots")).contains("scale_x"));
+        if let Some(disk) = &disk {
+            disk.make_room();
+        }
+        let mut gateway = gateway.killed_and_started(&config);
+        let reported = "temperature that jumped before the restart: scale_x";
+        assert_eq!(gateway.wait_until_says(reported)["state"], "faulted");
+        gateway.run(Duration::from_secs(10));
+        assert_eq!(gateway.state()["state"], "faulted");
+        // An operator has checked it.
+        assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+        assert_ne!(gateway.state()["state"], "faulted");
+    }
+}
+
+/// The sensor jumped, and an alarm of the control was acknowledged: with it the sensor was believed.
+#[test]
+fn acknowledging_an_alarm_accepts_no_jumped_sensor() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = with_thermometer(dir.path());
+    let mut gateway = Gateway::start(&config);
+    let_sensor_jump(&mut gateway);
+    gateway.rig.controls.alarm.store(true, Ordering::Relaxed);
+    gateway.wait_for("holding");
+    gateway.ask(Operation::Acknowledge);
+    gateway.rig.controls.alarm.store(false, Ordering::Relaxed);
+    gateway.wait_for("compensating");
+    gateway.run(Duration::from_secs(5));
+    let state = gateway.state();
+    assert!(quality(&state).contains("jumped"), "{state}");
+    assert_eq!(gateway.ask(Operation::Acknowledge).0, 200);
+    gateway.wait("believed", |state| quality(state).contains("good"));
+}
+
+/// The cycle has armed when a person disarms: the service still sees the state of before, took the arming as done, and forgot
+/// who disarmed it after that.
+#[test]
+fn a_disarm_right_after_arming_survives_a_restart() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = configuration(dir.path(), "auto_arm = true");
+    let standing = dir.path().join("audit/standing.slots");
+    let mut gateway = Gateway::start(&config);
+    gateway.wait_for("compensating");
+    let mut armed = 0;
+    for cycles in 0..12 {
+        assert_eq!(gateway.ask(Operation::Disarm).0, 200);
+        gateway.wait_for("disarmed");
+        let mut arms = gateway.begin(Operation::Arm(None));
+        for _ in 0..cycles {
+            gateway.step();
+        }
+        gateway.cycle_alone();
+        let mut disarms = gateway.begin(Operation::Disarm);
+        gateway.run(Duration::from_secs(1));
+        armed += u32::from(arms.try_recv().expect("answered").status == 200);
+        assert_eq!(disarms.try_recv().expect("answered").status, 200);
+        let text = standing_text(&standing);
+        assert!(
+            text.contains("\"disarmed_by\":\"anna\""),
+            "{cycles}: {text}"
+        );
+        assert_eq!(gateway.state()["state"], "disarmed", "{cycles}");
+    }
+    assert!((1..12).contains(&armed), "{armed} of 12 were armed first");
+    let mut gateway = gateway.killed_and_started(&config);
+    gateway.run(Duration::from_secs(10));
+    assert_eq!(gateway.state()["state"], "disarmed");
 }

@@ -1,6 +1,6 @@
 //! What people read in a terminal.
 
-use volcomp_gateway::{check, config::Config, documents::Status, plan::Plan, text};
+use volcomp_gateway::{check, config::Config, documents::Status, plan::Plan, status};
 
 #[test]
 fn status_fits_a_small_terminal() {
@@ -52,7 +52,7 @@ fn status_fits_a_small_terminal() {
         },
     });
     let status: Status = serde_json::from_value(state).expect("a state");
-    let text = text::text(&status);
+    let text = status::text(&status);
     assert!(
         text.lines().all(|line| line.chars().count() <= 80),
         "{text}"

@@ -130,7 +130,7 @@ fn what_stands_is_corrected_to_the_rounding() {
     }
 }
 
-/// A and C move, the table at 33 rpm, and nobody writes them: what is left is the rounding and what the correction changes while it is on
+/// A and C move, the table at 33 rpm, uncorrected: the residual is the rounding and the change of the correction while it is on
 /// its way.
 #[test]
 fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
@@ -145,7 +145,7 @@ fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
     let seen = reports(&control, Duration::from_secs(8));
     assert_eq!(gateway.state()["state"], "compensating");
     let rounding = ROUNDING_UM * 3.0_f64.sqrt();
-    let (mut within, mut told) = (0, Vec::new());
+    let (mut within, mut reported) = (0, Vec::new());
     for pair in seen.windows(2) {
         let [before, after] = [&pair[0], &pair[1]];
         let time = |report: &Value| report["time_s"].as_f64().expect("a number");
@@ -169,13 +169,13 @@ fn what_moves_is_corrected_to_the_rounding_and_the_lag() {
         );
         assert!(with <= rounding + busy, "{text}");
         within += usize::from(with <= rounding + lag);
-        told.push(text);
+        reported.push(text);
     }
-    assert!(told.len() >= 20, "{} lines", told.len());
+    assert!(reported.len() >= 20, "{} lines", reported.len());
     assert!(
-        10 * within >= 9 * told.len(),
-        "{within} of {}: {told:#?}",
-        told.len()
+        10 * within >= 9 * reported.len(),
+        "{within} of {}: {reported:#?}",
+        reported.len()
     );
     let most = seen
         .iter()

@@ -220,7 +220,7 @@ fn frames_and_lines_correct_in_turn() {
     let report = rig.run(2 * SECOND, Some(Request::Arm));
     rig.corrects(&report, 0);
     for _ in 0..3 {
-        // The frames end: the lines wait until the barrier has let go, begin with zero, and bring the correction.
+        // The frames end: the lines wait until the barrier is free, begin with zero, and bring the correction.
         rig.cut(true);
         let report = rig.run(SECOND / 5, None);
         assert_eq!(report.active, 0, "the barrier may still apply it");

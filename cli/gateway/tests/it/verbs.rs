@@ -1,9 +1,9 @@
-//! Every request in every state: what answers 200 has taken effect, what has not answers 409 and says why; disarming
+//! Every request in every state: 200 if it took effect, 409 with the reason if not; disarming
 //! and ending work in every state.
 
 use std::{path::Path, sync::atomic::Ordering, time::Duration};
 
-use volcomp_gateway::request::Ask;
+use volcomp_gateway::request::Operation;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
@@ -32,7 +32,7 @@ const TABLE: [(Setting, [u16; 3]); 7] = [
     (Disarmed, [200, 200, 409]),
     (Arming, [200, 200, 409]),
     (Compensating, [200, 200, 409]),
-    // It is armed and goes on by itself. An alarm ends at the control.
+    // It is armed and continues automatically. An alarm ends at the control.
     (HoldingInAnAlarm, [200, 200, 409]),
     (RampingOut, [200, 200, 409]),
     (RampingOutInAnAlarm, [409, 200, 409]),
@@ -69,7 +69,7 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
                 let um = state["correction_um"]["Y"].as_f64();
                 um.is_some_and(|um| um < -1.0)
             });
-            assert_eq!(gateway.ask(Ask::Disarm).0, 200);
+            assert_eq!(gateway.ask(Operation::Disarm).0, 200);
             if setting == RampingOutInAnAlarm {
                 alarm(&gateway);
                 gateway.wait_until_says("alarm");
@@ -86,25 +86,25 @@ fn gateway(setting: Setting, dir: &Path) -> Gateway {
     gateway
 }
 
-/// What an answer says is what is so.
-fn judge(setting: Setting, ask: &Ask, expected: u16) {
+/// The answer matches the state.
+fn judge(setting: Setting, ask: &Operation, expected: u16) {
     let dir = tempfile::tempdir().expect("writable");
     let mut gateway = gateway(setting, dir.path());
-    let (status, told) = gateway.ask(ask.clone());
-    let what = format!("{ask:?} in {setting:?}: {told}");
+    let (status, reported) = gateway.ask(ask.clone());
+    let what = format!("{ask:?} in {setting:?}: {reported}");
     assert_eq!(status, expected, "{what}");
-    assert_eq!(told["error"].is_string(), expected == 409, "{what}");
+    assert_eq!(reported["error"].is_string(), expected == 409, "{what}");
     let is_armed = matches!(setting, Arming | Compensating | HoldingInAnAlarm);
     let state = gateway.state();
     let is_so = match (ask, expected) {
-        (Ask::Arm(_), 200) => state["armed"] == true,
-        (Ask::Arm(_) | Ask::Disarm, _) => state["armed"] == false,
+        (Operation::Arm(_), 200) => state["armed"] == true,
+        (Operation::Arm(_) | Operation::Disarm, _) => state["armed"] == false,
         (_, 409) => state["armed"] == is_armed,
         _ => state["state"] != "faulted",
     };
     assert!(is_so, "{what}: {state}");
     if expected == 409 {
-        let reasons = told["reasons"].as_array().expect("a list");
+        let reasons = reported["reasons"].as_array().expect("a list");
         assert!(!reasons.is_empty(), "{what}");
     }
 }
@@ -124,9 +124,9 @@ fn ends(setting: Setting) {
 #[test]
 fn every_request_in_every_state() {
     for (setting, [arm, disarm, acknowledge]) in TABLE {
-        judge(setting, &Ask::Arm(None), arm);
-        judge(setting, &Ask::Disarm, disarm);
-        judge(setting, &Ask::Acknowledge, acknowledge);
+        judge(setting, &Operation::Arm(None), arm);
+        judge(setting, &Operation::Disarm, disarm);
+        judge(setting, &Operation::Acknowledge, acknowledge);
         ends(setting);
     }
 }

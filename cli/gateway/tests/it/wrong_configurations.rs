@@ -184,7 +184,7 @@ pub(crate) const CASES: &[Wrong] = &[
     on_lines(
         "\"emergency_stop\"]",
         "\"referenced\"]",
-        "referenced stands twice",
+        "duplicate referenced",
     ),
     on_lines(
         ", \"emergency_stop\"]",
@@ -326,7 +326,7 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         "[[thermometer]]",
         "[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\nheartbeat = { pmc = \"R\", at = 120 }\n[[thermometer]]",
-        "stands in two [[controller]]",
+        "is configured in two [[controller]]",
     ),
     // Channels that a control does not have, and words that two controllers write.
     key("channel = \"nope\"", "channel: found \"nope\""),
@@ -350,14 +350,14 @@ pub(crate) const CASES: &[Wrong] = &[
     ),
     key(
         "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
-        "controller[0].heartbeat: found this key beside barrier",
+        "controller[0].heartbeat: found this key together with barrier",
     ),
     wrong(
         HEARTBEAT,
         "barrier = { machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 } }",
         "key `report` is missing",
     ),
-    // So many cycles later nothing of a write is remembered.
+    // By then no write is remembered any more.
     wrong(
         HEARTBEAT,
         "barrier = { machine = 1, scan_ms = 100.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
@@ -380,7 +380,7 @@ pub(crate) const CASES: &[Wrong] = &[
     ),
     table(
         "[[thermometer]]\nurl = \"modbus://127.0.0.1:1?profile=PT21A01\"\nnames = [\"spindle\"]",
-        "profile=PT21A01 stands in two [[thermometer]]",
+        "profile=PT21A01 is configured in two [[thermometer]]",
     ),
     wrong(
         "\"column\"]",
@@ -484,7 +484,7 @@ pub(crate) const CASES: &[Wrong] = &[
         "[audit]\ndir = \"llllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllllll\"",
         "cannot be used",
     ),
-    // An axis of the machine whose position nobody tells.
+    // An axis of the machine whose position is not read.
     wrong("[\"X\", \"Y\", \"Z\"]", "[\"X\", \"Y\"]", "axis Z"),
     Wrong {
         machine: FIVE,
@@ -502,7 +502,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "not_driven: axis B",
         )
     },
-    // Controllers that are only read: first, and beside a barrier's words.
+    // Read-only controllers: first, and overlapping a barrier's words.
     wrong(
         FOCAS,
         "url = \"focas://127.0.0.1:1\"\naxes = []\nreads = [\"X\", \"Y\", \"Z\"]",

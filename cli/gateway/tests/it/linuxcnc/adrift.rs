@@ -7,14 +7,14 @@ use super::{
 };
 use crate::online::check;
 
-alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_asked_for, an_offset_that_does_not_come_is_an_alarm);
+alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_requested, an_offset_that_does_not_come_is_an_alarm);
 
-/// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later.
-fn in_joint_mode_nothing_is_asked_for() {
+/// LinuxCNC moves offsets by its own planner: not in joint mode, where requested offsets would come later as a jump.
+fn in_joint_mode_nothing_is_requested() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), |ini| ini);
 
-    // What `check --online` says of it.
+    // The output of `check --online`.
     let config = super::configuration(dir.path(), PORT);
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
@@ -34,7 +34,7 @@ fn in_joint_mode_nothing_is_asked_for() {
     let counts = control.pin(pin);
     control.do_it("joint_mode");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-    seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
+    seen.unwrap_or_else(|state| panic!("the mode is not reported: {state}"));
     let (text, _, _) = check(&config, &["--online"]);
     assert!(
         text.contains("on, homed, an offset is lost, not reached, or does not move in this mode"),
@@ -65,8 +65,8 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     control.do_it("up");
     control.mdi("G21 G90 G0 X300 Y40 Z-20");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-    seen.unwrap_or_else(|state| panic!("nobody sees that no offset comes: {state}"));
-    // Something was asked for, and it stays told that it did not come.
+    seen.unwrap_or_else(|state| panic!("the missing offset is not reported: {state}"));
+    // An offset was requested, and its absence stays reported.
     control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
     std::thread::sleep(Duration::from_secs(2));
     let state = program.state();

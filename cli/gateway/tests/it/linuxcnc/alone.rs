@@ -89,7 +89,7 @@ fn build() -> TempDir {
 
 /// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory and a file that says that one runs, and
 /// the one that ends first kills the programs of the other, which it knows by their names: so a test is started once more in
-/// namespaces of its own, which end with it, and its result is that of the test here.
+/// separate namespaces, which end with it, and its result is that of the test here.
 pub(crate) fn goes_on(name: &str) -> bool {
     if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
         for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
@@ -106,25 +106,25 @@ pub(crate) fn goes_on(name: &str) -> bool {
     let _place = free.unwrap_or_else(|| PLACES[0].lock().unwrap_or_else(PoisonError::into_inner));
     let folder = WITH_BRIDGE_BUILT.get_or_init(build).path();
     for tried in 1.. {
-        let (succeeds, told) = inside(name, folder);
+        let (succeeds, reported) = inside(name, folder);
         if succeeds {
             break;
         }
-        let again = tried < TRIES && told.contains(STANDS);
-        assert!(again, "in namespaces of its own it fails");
+        let again = tried < TRIES && reported.contains(STANDS);
+        assert!(again, "in separate namespaces it fails");
         println!("LinuxCNC itself stood still, see above: the test is started again");
     }
     false
 }
 
-/// How often a test is started in which LinuxCNC itself stands still. What a test finds wrong of ours ends it the first time.
+/// Maximum number of attempts of a test in which LinuxCNC itself stalls. A failure of our own ends it the first time.
 const TRIES: usize = 3;
 
-/// What the user interface says when LinuxCNC does not do what it was asked for, and nothing moves. Without a real-time kernel
+/// What the user interface says when LinuxCNC ignores a command and nothing moves. Without a real-time kernel
 /// it does that on a busy computer.
 const STANDS: &str = "LinuxCNC stands:";
 
-/// Runs the test of this name in namespaces of its own: whether it succeeds, and what it told.
+/// Runs the test of this name in separate namespaces: whether it succeeds, and its output.
 fn inside(name: &str, folder: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")
@@ -137,7 +137,7 @@ fn inside(name: &str, folder: &Path) -> (bool, String) {
         .env(WITH_BRIDGE, folder)
         .output()
         .expect("unshare of util-linux");
-    let told = String::from_utf8_lossy(&output.stdout).into_owned();
-    println!("{told}");
-    (output.status.success(), told)
+    let reported = String::from_utf8_lossy(&output.stdout).into_owned();
+    println!("{reported}");
+    (output.status.success(), reported)
 }

@@ -29,7 +29,7 @@ fn a_gateway_that_dies_leaves_nothing() {
         ini.replace("AXES = XYZ\n", "")
     });
     let epoch = control.pin("volcomp.epoch");
-    // The disk hangs: whoever writes the epoch waits, and nobody waits for that one.
+    // The disk hangs: the writer of the epoch waits, and nothing waits for it.
     let hangs = dir.path().join("volcomp.epoch.new");
     let made = Command::new("mkfifo").arg(&hangs).status();
     assert!(made.expect("a program of the system").success());
@@ -58,7 +58,7 @@ fn a_gateway_that_dies_leaves_nothing() {
         now == epoch && kept().trim() == epoch.to_string()
     });
 
-    // A second gateway with folders of its own does nothing to an axis.
+    // A second gateway with its own folders does not move an axis.
     let other = tempfile::tempdir().expect("writable");
     // By another address: by the same one it is refused at its start, since both are on this computer.
     let mut relay = Relay::start(47_101, PORT);
@@ -172,7 +172,7 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     relay.bad.store(true, Ordering::Relaxed);
     let cycles = control.record(|control| control.mdi("G1 F600 X50 Y30 Z-20"));
     no_jump(&cycles, MOST);
-    // What is not told in time cannot be right to the nanometre; nothing is wrong by more than some cycles of the way.
+    // Late frames cannot be exact to the nanometre; the error stays within some cycles of motion.
     let found = super::residuals(&cycles);
     let [median, most] = [50, 99].map(|of| super::part(&found, of));
     println!("a bad network: residual {median:.2} nm median, {most:.1} nm p99");
@@ -182,6 +182,6 @@ fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     wait_corrected(&mut control, &program);
     let counts = relay.end();
     assert!(counts[0] > 5000 && counts[1] > 300, "{counts:?}");
-    // Nobody carries anything any more: zero by the time-out.
+    // No frames any more: zero by the timeout.
     wait_zero(&mut control);
 }

@@ -1,4 +1,4 @@
-//! `check` looks through the INI file of the control.
+//! `check` checks the INI file of the control.
 
 use std::{os::unix::fs::PermissionsExt as _, process::Command};
 
@@ -6,7 +6,7 @@ use volcomp_test_support::root;
 
 use crate::program::path;
 
-/// The shipped example with this change in its INI file: the status of `check`, and what it says.
+/// The shipped example with this change in its INI file: the status of `check` and its output.
 fn check(from: &str, to: &str) -> (Option<i32>, String) {
     let dir = tempfile::tempdir().expect("writable");
     for file in ["gateway.toml", "machine.toml", "mill.ini"] {

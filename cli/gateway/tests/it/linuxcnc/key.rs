@@ -28,7 +28,7 @@ use super::{
 };
 use crate::online::check;
 
-alone!(key: without_the_key_nothing_moves_and_nobody_is_shut_out, a_program_with_the_key_is_another_gateway);
+alone!(key: without_the_key_nothing_moves_and_no_gateway_is_locked_out, a_program_with_the_key_is_another_gateway);
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 /// Sockets that request states: many times the places that the bridge has.
@@ -86,7 +86,7 @@ impl Beside {
         report
     }
 
-    /// Asks for the whole limit of the bridge under the owner's number, as a frame that comes next.
+    /// Requests the whole limit of the bridge under the owner's number, as a frame that comes next.
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {
@@ -153,7 +153,7 @@ impl Attack {
     }
 }
 
-/// One look at the bridge with its key, with another one, and with none.
+/// The state of the bridge with its key, with another one, and without.
 fn a_probe_needs_the_key(dir: &Path) {
     let other = dir.join("other.key");
     std::fs::write(&other, "09".repeat(16)).expect("writable");
@@ -177,7 +177,7 @@ fn a_probe_needs_the_key(dir: &Path) {
 
 /// Frames with the owner's number, the right epoch, tick and sequence; a hundred listeners; recorded requests, sent again: before a
 /// gateway comes, and while it corrects.
-fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
+fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     a_probe_needs_the_key(dir.path());
@@ -185,7 +185,7 @@ fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
     control.do_it("up");
     control.mdi("G21 G90 G0 X20 Y10 Z-5");
     control.wait("volcomp.forged", |forged| forged > 3000.0);
-    // Nobody corrects.
+    // No gateway corrects.
     let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
     assert!(cycles.len() > 100, "{} cycles", cycles.len());
     assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
@@ -230,6 +230,6 @@ fn a_program_with_the_key_is_another_gateway() {
     let state = program.state();
     assert_eq!(
         state["state"], "faulted",
-        "a person looks at it first: {state}"
+        "an operator must acknowledge it: {state}"
     );
 }

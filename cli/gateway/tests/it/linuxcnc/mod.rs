@@ -27,7 +27,7 @@ const PORT: u16 = 47_001;
 /// What the barrier moves in a cycle and LinuxCNC's own planner may catch up, mm.
 const MOST: f64 = 0.005;
 
-/// The errors, um of mm: of X against the way of the workpiece, of the others against that of the tool.
+/// The errors, um of mm: of X against the motion of the workpiece, of the others against that of the tool.
 const MACHINE: &str = r#"
 name = "mill"
 structure = "w X' b Y Z t"
@@ -144,7 +144,7 @@ fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f6
 }
 
 /// The distances of the offsets from what they should be where the motors are, nm, sorted. Unlike [`residuals`] it knows nothing
-/// of how LinuxCNC smooths the way of a motor, by 300 nm while it accelerates, with or without a correction.
+/// of how LinuxCNC smooths the motion of a motor, by 300 nm while it accelerates, with or without a correction.
 fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
     distances(cycles, |now, then| {
         let wanted = oracle([0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]));

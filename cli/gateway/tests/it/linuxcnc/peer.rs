@@ -1,4 +1,4 @@
-//! A LinuxCNC without a display, in namespaces of its own.
+//! A LinuxCNC without a display, in separate namespaces.
 
 use std::{
     fmt::Write as _,
@@ -23,7 +23,7 @@ const UID: u32 = 65_533;
 /// What takes longer hangs.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
-/// What tells the processes of a test from those of another one.
+/// Identifies the processes of a test.
 pub(super) const HERE: &str = "VOLCOMP_HERE";
 
 pub(crate) struct LinuxCnc {
@@ -64,7 +64,7 @@ impl LinuxCnc {
                 "../../drivers/linuxcnc/bridge/volcomp.tcl",
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
-        // A command that the servo thread does not answer for so long is lost, without a word to the operator; the default is a
+        // A command that the servo thread does not answer within this time is lost without a message; the default is a
         // second, for which it can stand where nothing is in real time.
         let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
         assert!(ini.contains("[EMCMOT]\n"), "{ini}");
@@ -78,7 +78,7 @@ impl LinuxCnc {
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
         super::key_file(dir);
-        // The real-time part refuses to run as root; nobody has this number. Root reads the key, too.
+        // The real-time part refuses to run as root; this number is unused. Root reads the key, too.
         std::os::unix::fs::chown(dir.join("volcomp.key"), Some(UID), Some(UID)).expect("ours");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
         // Before it has real time, and where the computer is busy, its parts would wait for one another in vain: while it starts,
@@ -124,7 +124,7 @@ impl LinuxCnc {
         control
     }
 
-    /// Asks the user interface, and waits until it has done it.
+    /// Sends a command to the user interface and waits until it is done.
     pub(crate) fn ask(&mut self, what: &str, more: &Value) -> Value {
         let answer = self.try_ask(what, more);
         answer.unwrap_or_else(|error| panic!("{what}: {error}\n{}", self.log()))
@@ -136,10 +136,11 @@ impl LinuxCnc {
         writeln!(self.asks, "{asked}").map_err(|e| e.to_string())?;
         let mut line = String::new();
         self.hears.read_line(&mut line).map_err(|e| e.to_string())?;
-        let mut told: Value = serde_json::from_str(&line).map_err(|e| format!("{e}: {line:?}"))?;
-        match told["error"].as_str() {
+        let mut reported: Value =
+            serde_json::from_str(&line).map_err(|e| format!("{e}: {line:?}"))?;
+        match reported["error"].as_str() {
             Some(error) => Err(error.to_owned()),
-            None => Ok(told["ok"].take()),
+            None => Ok(reported["ok"].take()),
         }
     }
 
@@ -247,7 +248,7 @@ impl Drop for LinuxCnc {
         while Instant::now() < end && matches!(self.child.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        // Some of its programs outlive its start script for a while, and would answer, or take, what is asked of the next one.
+        // Some of its programs outlive its start script for a while, and would take requests for the next one.
         let end = Instant::now() + Duration::from_secs(30);
         loop {
             let left = self.processes("");

@@ -39,7 +39,7 @@ fn off_and_on_and_an_emergency_stop() {
         let cycles = control.record(|control| {
             wait_corrected(control, &program);
         });
-        // What it has no cure for is made slow, and told.
+        // What cannot be prevented is slowed down and reported.
         no_jump(&cycles, MOST);
         assert!(
             control.log().contains("has lost an offset"),
@@ -59,7 +59,7 @@ fn off_and_on_and_an_emergency_stop() {
     }
 }
 
-/// An offset that somebody freezes or clears, and one that is cut at a soft limit.
+/// An offset that is frozen or cleared by another program, and one that is cut at a soft limit.
 fn an_offset_that_is_frozen_cleared_or_cut() {
     let dir = tempfile::tempdir().expect("writable");
     let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
@@ -72,26 +72,26 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
     control.hal(&["setp", "axis.x.eoffset-clear", "0"]);
     wait_corrected(&mut control, &program);
 
-    // Frozen: the bridge drives the pin itself, so somebody must take it away first.
+    // Frozen: the bridge drives the pin, so it must be disconnected first.
     control.hal(&["unlinkp", "axis.x.eoffset-enable"]);
     control.hal(&["setp", "axis.x.eoffset-enable", "0"]);
     let frozen = offsets(&mut control)[0];
     control.mdi("G0 X80");
     let seen = program.wait(|state| state["state"] != "compensating");
-    seen.unwrap_or_else(|state| panic!("nobody sees that the offset stands still: {state}"));
+    seen.unwrap_or_else(|state| panic!("the frozen offset is not reported: {state}"));
     assert_eq!(offsets(&mut control)[0], frozen);
     control.hal(&["net", "volcomp-enable", "axis.x.eoffset-enable"]);
     wait_corrected(&mut control, &program);
 
-    // At the soft limit the offset is cut: told as an alarm, and over once the axis is away from there.
+    // At the soft limit the offset is cut: shown as an alarm, which ends once the axis is away from there.
     control.mdi("G0 X-9.9995 Y40 Z-20");
     let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-    state.unwrap_or_else(|state| panic!("it is not told: {state}"));
+    state.unwrap_or_else(|state| panic!("it is not reported: {state}"));
     control.mdi("G0 X50 Y40");
     wait_corrected(&mut control, &program);
 
     // An arc whose ends are within the limits, and that leaves them by 0.2 mm between: LinuxCNC takes it, and eats the excess by
-    // the offset. Told while it lasts, and nothing is left of it.
+    // the offset. Reported while it lasts; nothing of it remains.
     control.mdi("G0 X-9.9");
     wait_corrected(&mut control, &program);
     let shown = "volcomp.absorbed-0";
@@ -102,7 +102,7 @@ fn an_offset_that_is_frozen_cleared_or_cut() {
             &json!({ "text": "G17 G2 X-9.9 Y60 R250 F240" }),
         );
         let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-        state.unwrap_or_else(|state| panic!("it is not told: {state}"));
+        state.unwrap_or_else(|state| panic!("it is not reported: {state}"));
         control.do_it("idle");
         control.mdi("G0 X50 Y40");
     });
@@ -146,7 +146,7 @@ fn nothing_is_written_before_the_axes_are_homed() {
     control.do_it("on");
     // The gateway hears the bridge, and would correct: at X0 by 2 um.
     let seen = program.wait(|state| state["reasons"].to_string().contains("not referenced"));
-    seen.unwrap_or_else(|state| panic!("it is not told: {state}"));
+    seen.unwrap_or_else(|state| panic!("it is not reported: {state}"));
     let counts = "volcomp.counts-0";
     let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
     assert!(cycles.len() > 100, "{} cycles", cycles.len());
@@ -155,7 +155,7 @@ fn nothing_is_written_before_the_axes_are_homed() {
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
-    // Nothing was asked for while LinuxCNC would have swallowed it.
+    // Nothing was requested while LinuxCNC would have swallowed it.
     let shown = "volcomp.absorbed-0";
     assert_eq!(control.pin(shown), 0.0);
     let said = control.ask("said", &json!({}));

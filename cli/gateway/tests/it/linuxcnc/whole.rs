@@ -78,7 +78,7 @@ fn what_the_motors_do_is_the_program_and_the_correction() {
     let shown = "volcomp-probed-offset-x";
     let offset = control.pin(shown);
     let wanted = oracle([probed, 30.0, -10.0])[0];
-    // At 5 mm/s, and in a bridge that looks at the contact once in a while.
+    // At 5 mm/s, and in a bridge that polls the contact now and then.
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
 
     // Away from a contact: what counts is where it is lost.

@@ -1,4 +1,4 @@
-//! Machine files that are sent: whole, bounded, and in memory only until one is put in force.
+//! Machine files that are sent: whole, bounded, and in memory only until activation.
 
 use std::{
     io::{Read, Write},
@@ -40,7 +40,7 @@ fn a_file_is_taken_whole_under_a_plain_name() {
     );
 }
 
-/// The disk is full: the model is not put in force, and the audit log keeps its room. A small file system stands for it.
+/// On a full disk (a small file system) the model is not activated, and the audit log keeps its room.
 #[test]
 fn a_full_disk_refuses_a_model_and_keeps_the_log() {
     let rig = Rig::new("");
@@ -71,7 +71,7 @@ fn a_full_disk_refuses_a_model_and_keeps_the_log() {
 
 /// Four clients that send nothing hold the places; once they are gone the fifth is served, and never holds up disarming.
 #[test]
-fn clients_that_send_nothing_keep_nobody_from_disarming() {
+fn silent_clients_do_not_prevent_disarming() {
     let rig = Rig::new("");
     let program = rig.start();
     let begin = |_| {

@@ -24,10 +24,10 @@ fn goes_back(program: &Client, before: &Value) {
     }
 }
 
-/// Uploaded while it corrects; asked about; confirmed; through the ramp without a step; outlives a kill; a reload leaves it; the
+/// Uploaded while it corrects; confirmed; ramped in without a step; outlives a kill; a reload leaves it; the
 /// configured file is taken back only when a person says so.
 #[test]
-fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
+fn a_model_is_confirmed_ramped_in_and_survives_a_kill() {
     let rig = Rig::new("auto_arm = true");
     let program = rig.start();
     y(&program, -20.0);
@@ -39,7 +39,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
         -20.0,
         "nothing happened"
     );
-    // 80 µm: without the hash, and with another one, it is asked.
+    // 80 µm: without the hash, and with another one, confirmation is requested.
     program.largest_step_um();
     let asked = activate(&program, &made, None);
     assert_eq!(asked.status, 409, "{}", asked.body);
@@ -57,7 +57,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     );
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // What the answer says stands at once, not only when the disk was looked at again.
+    // The published state is consistent with the answer at once, not only after the next poll of the disk.
     let at_once = model(&program);
     assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
     assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
@@ -85,7 +85,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
         audit.contains("\"who\":\"erna\",\"what\":\"model\""),
         "{audit}"
     );
-    // What the answer says is on disk.
+    // The answered activation is on disk.
     let program = program.killed_and_started(&rig.config);
     assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
     let state = model(&program);
@@ -159,7 +159,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         }
     }
     println!("{answered} of 8 were answered before the kill");
-    assert!(answered > 0, "none was ever put in force");
+    assert!(answered > 0, "none was ever activated");
     // Whichever it is: it corrects.
     program.must_arm();
 }
@@ -192,7 +192,7 @@ fn a_fault_on_the_ramp_makes_no_step() {
     assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm");
 }
 
-/// A damaged file of the model in force: the configured one holds, which is told; arming compares with what was armed last.
+/// A damaged file of the active model: the configured one is used and the damage reported; arming compares with the model armed last.
 #[test]
 fn a_damaged_model_is_not_loaded() {
     let rig = Rig::new("");
@@ -221,16 +221,16 @@ fn a_damaged_model_is_not_loaded() {
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
     assert!(is_told(&now), "{now}");
-    // Somebody says that the configured one shall hold.
+    // An engineer reverts to the configured one.
     let taken = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(taken.status, 200, "{}", taken.body);
     let now = wait_model(&program, |now| now["trouble"].is_null());
     assert_eq!(now["from"], "file", "{now}");
 }
 
-/// What is put in force is what was looked at: a hash of another result, and none, put nothing in force.
+/// Only the displayed result is activated: the hash of another result, or none, activates nothing.
 #[test]
-fn only_the_result_that_was_looked_at_is_put_in_force() {
+fn only_the_displayed_result_is_activated() {
     let rig = Rig::new("");
     let program = rig.start();
     let before = model(&program)["hash"].clone();
@@ -249,9 +249,9 @@ fn only_the_result_that_was_looked_at_is_put_in_force() {
     assert_eq!(model(&program)["hash"], hash);
 }
 
-/// A model in force whose file cannot be kept is told until it can: before, the next line of the history wiped it out.
+/// An active model whose file cannot be kept is reported until it can: in an earlier version the next history entry cleared the message.
 #[test]
-fn a_model_that_cannot_be_kept_is_told_until_it_is() {
+fn a_model_that_cannot_be_kept_is_reported_until_it_is() {
     let rig = Rig::new("");
     let program = rig.start();
     let machine = rig.dir.path().join("machine.toml");
@@ -274,7 +274,7 @@ fn a_model_that_cannot_be_kept_is_told_until_it_is() {
         trouble.contains("cannot be kept on disk")
     };
     wait_model(&program, is_told);
-    // Looked at anew, it is still so.
+    // The next poll does not clear it.
     std::thread::sleep(Duration::from_secs(3));
     let now = model(&program);
     assert!(is_told(&now), "{now}");

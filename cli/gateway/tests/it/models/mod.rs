@@ -1,4 +1,4 @@
-//! New models over HTTP: uploaded, confirmed, in force through the ramp, gone back from; and what is refused.
+//! New models over HTTP: uploaded, confirmed, activated through the ramp, reverted; and refusals.
 
 mod files;
 mod in_force;

@@ -15,7 +15,7 @@ use crate::{
 };
 
 #[test]
-fn who_is_no_engineer_brings_no_model() {
+fn only_engineers_send_models() {
     let rig = Rig::new("");
     let program = rig.start();
     for (token, status) in [(Some(OPERATE), 403), (Some(VIEW), 403), (None, 401)] {
@@ -42,19 +42,19 @@ fn who_is_no_engineer_brings_no_model() {
 }
 
 #[test]
-fn what_is_no_model_of_this_machine_is_refused() {
+fn invalid_and_foreign_models_are_refused() {
     let rig = Rig::new("");
     let program = rig.start();
     let none: [(&[u8], &str); 3] = [
         (b"structure = 7\n", "m.toml:1"),
-        (b"\xff\xfe\x00rubbish", "no text"),
+        (b"\xff\xfe\x00rubbish", "invalid byte"),
         (b"", "structure"),
     ];
     for (bytes, says) in none {
         let sent = upload(&program, "kind=machine&name=m.toml", bytes);
         assert_eq!(sent.status, 200, "{}", sent.body);
         let made = settled(&program);
-        let error = made["error"].as_str().expect("told");
+        let error = made["error"].as_str().expect("a reason");
         assert!(error.contains(says), "{error}");
         assert!(made["result"].is_null());
         assert_eq!(activate(&program, &made, None).status, 409);
@@ -68,19 +68,25 @@ fn what_is_no_model_of_this_machine_is_refused() {
         .replace("w X' b Y Z t", "w X' b Y t")
         .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
     let made = machine_file(&program, &axes);
-    let why = made["result"]["refusal"].as_str().expect("told");
+    let why = made["result"]["refusal"].as_str().expect("a reason");
     assert!(
-        why.contains("X and Y, the model in force has X, Y and Z"),
+        why.contains("X and Y, the active model has X, Y and Z"),
         "{why}"
     );
     let refused = activate(&program, &made, None);
     assert_eq!(refused.status, 422, "{}", refused.body);
     assert_eq!(refused.json()["error"], why);
     let newest = wait_model(&program, |now| now["history"][0]["outcome"] == "refused");
-    assert!(newest["history"][0]["why"].as_str().expect("told").len() > 10);
+    assert!(
+        newest["history"][0]["why"]
+            .as_str()
+            .expect("a reason")
+            .len()
+            > 10
+    );
     assert_eq!(newest["from"], "file");
     post(&program, "discard", &json!({ "candidate": made["id"] }));
-    // Another structure: it is said, and asked where it moves anything.
+    // Another structure: reported, and confirmed if it moves anything.
     let made = machine_file(
         &program,
         &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
@@ -92,7 +98,7 @@ fn what_is_no_model_of_this_machine_is_refused() {
 
 /// The machine file of another machine whose correction hardly moves: it went into force with no word.
 #[test]
-fn a_model_of_another_machine_is_asked_about() {
+fn a_model_of_another_machine_needs_confirmation() {
     let rig = Rig::new("");
     let program = rig.start();
     let other = with_y(21.0).replace("travel = [0.0, 250.0]", "travel = [0.0, 800.0]");
@@ -111,7 +117,7 @@ fn a_model_of_another_machine_is_asked_about() {
     assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
-    // The way back is asked about in the same way, and arming no more than once.
+    // Reverting needs the same confirmation, and arming no second one.
     let back = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(back.status, 409, "{}", back.body);
     assert!(back.body.contains("gantry-8000"), "{}", back.body);
@@ -123,7 +129,7 @@ fn without_name(machine: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// The second engineer is told of the first, and nobody goes on with what is gone.
+/// The second engineer is informed of the first, and requests for a discarded file fail.
 #[test]
 fn two_engineers_do_not_mix_their_files() {
     let rig = Rig::new("");
@@ -157,7 +163,7 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
 }
 
-/// A comparison cannot be stopped: however many files are discarded, one alone computes beside the control.
+/// A comparison cannot be stopped: however many files are discarded, only one computes at a time.
 #[test]
 fn one_comparison_at_a_time_also_of_discarded_files() {
     let rig = Rig::new("");
@@ -205,6 +211,6 @@ fn no_upload_is_too_large_for_the_program_that_corrects() {
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let peak = peak.and_then(|peak| peak.trim().strip_suffix(" kB")?.parse().ok());
     let peak: u32 = peak.expect("a number");
-    println!("4 MiB of brackets: {} MiB at the most", peak / 1024);
+    println!("4 MiB of brackets: at most {} MiB", peak / 1024);
     assert!(peak < 512 * 1024, "{peak} kB");
 }

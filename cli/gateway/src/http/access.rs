@@ -1,22 +1,185 @@
-//! Named tokens and their roles: viewing, operating, changing models.
+//! Access control of the dashboard: host names, tokens, timeouts and response headers.
 
 use std::{
     collections::HashMap,
-    net::IpAddr,
+    net::{IpAddr, SocketAddr},
     path::{Path, PathBuf},
-    sync::Mutex,
+    sync::{Arc, Mutex},
     time::Duration,
 };
 
+use axum::{
+    Extension, Json,
+    extract::{Request, State},
+    http::{HeaderMap, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 use volcomp_port::Clock;
+use volcomp_web::{headers, hosts, is_of_another_page};
 
 use crate::{
-    documents::TokenPlan,
+    config::DashboardConfig,
+    documents::{Refusal, TokenPlan},
     error::{GatewayError, TokenError},
     locked,
+    request::Reply,
 };
+
+/// Timeout of a request, including the response of the service.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+/// Path for uploads of machine files, which may be slow.
+pub(super) const UPLOAD_PATH: &str = "/api/model/upload";
+/// Timeout of an upload.
+const UPLOAD_TIMEOUT: Duration = Duration::from_secs(300);
+
+/// Access control of the dashboard.
+pub struct AccessControl {
+    /// Tokens and their roles.
+    pub tokens: Tokens,
+    /// Host names, in addition to addresses, under which browsers may access the dashboard.
+    pub hosts: Vec<String>,
+    /// Whether reading needs a token because other computers can reach the dashboard.
+    pub reading_needs_token: bool,
+}
+
+impl AccessControl {
+    /// Access control of a configured dashboard.
+    pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
+        Self {
+            tokens,
+            hosts: config.hosts.clone(),
+            reading_needs_token: config.reading_needs_token(),
+        }
+    }
+
+    /// Authorizes a disarm request and returns its origin for the audit log. Without a token, requests from this
+    /// computer are accepted unless a page of another origin sent them.
+    pub(super) fn authorize_disarm(
+        &self,
+        from: IpAddr,
+        headers: &HeaderMap,
+    ) -> Result<String, Denied> {
+        if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {
+            if is_of_another_page(headers) {
+                return Err(Denied::AnotherPage);
+            }
+            return Ok("somebody at this computer".to_owned());
+        }
+        let holder = self.tokens.check(from, bearer(headers), Role::Operate)?;
+        Ok(holder.name)
+    }
+}
+
+/// Middleware for every request: checks the host, applies the timeout, sets the response headers.
+pub(super) async fn check_request(
+    State(access): State<Arc<AccessControl>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let host = request
+        .headers()
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let mut response = match host {
+        Some(host) if hosts::is_known(host, &access.hosts) => {
+            let at_most = if request.uri().path() == UPLOAD_PATH {
+                UPLOAD_TIMEOUT
+            } else {
+                REQUEST_TIMEOUT
+            };
+            match tokio::time::timeout(at_most, next.run(request)).await {
+                Ok(response) => response,
+                Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
+            }
+        }
+        Some(_) => refuse(
+            StatusCode::MISDIRECTED_REQUEST,
+            "this name is not configured: add it to [dashboard] hosts",
+        ),
+        None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
+    };
+    headers::put(response.headers_mut());
+    response
+}
+
+/// Middleware: requires a token where reading needs one.
+pub(super) async fn require_view(
+    State(access): State<Arc<AccessControl>>,
+    Extension(from): Extension<SocketAddr>,
+    request: Request,
+    next: Next,
+) -> Response {
+    if access.reading_needs_token
+        && let Err(denied) = access
+            .tokens
+            .check(from.ip(), bearer(request.headers()), Role::View)
+    {
+        return denied.into_response();
+    }
+    next.run(request).await
+}
+
+/// Returns name and role of the token, so that a wrong token is detected before it is needed.
+pub(super) async fn token(
+    State(access): State<Arc<AccessControl>>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+) -> Response {
+    match access.tokens.check(from.ip(), bearer(&headers), Role::View) {
+        Ok(holder) => Json(TokenPlan {
+            name: holder.name,
+            role: holder.role.name().to_owned(),
+        })
+        .into_response(),
+        Err(denied) => denied.into_response(),
+    }
+}
+
+/// Converts a reply of the service or of the models.
+pub(super) fn answer(reply: Reply) -> Response {
+    let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    (status, Json(reply.answer)).into_response()
+}
+
+/// The bearer token of a request.
+pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    let (scheme, token) = value.split_once(' ')?;
+    scheme
+        .eq_ignore_ascii_case("bearer")
+        .then_some(token.trim())
+}
+
+/// A refusal with its reason.
+pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
+    (status, Json(Refusal::new(why))).into_response()
+}
+
+/// A static file of the web interface.
+pub(super) fn page(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+impl IntoResponse for Denied {
+    fn into_response(self) -> Response {
+        match self {
+            Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
+            Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
+            Self::AnotherPage => refuse(
+                StatusCode::FORBIDDEN,
+                "a page of another origin may not disarm",
+            ),
+            Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
+            Self::TooMany => refuse(
+                StatusCode::TOO_MANY_REQUESTS,
+                "too many wrong tokens: wait a minute",
+            ),
+        }
+    }
+}
 
 /// Number of wrong tokens from one address within [`WRONG_IN`] after which further wrong ones are blocked.
 const WRONG: u32 = 5;

@@ -17,7 +17,7 @@ use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
 use super::{
-    shared::{Activate, GIVEN_UP, Job, Patience, Shared},
+    shared::{Activate, GIVEN_UP, Job, RequestDeadline, Shared},
     store,
 };
 use crate::{
@@ -27,40 +27,40 @@ use crate::{
         Answer, ConfiguredModel, ModelEntry, ModelInForce, ModelOutcome, ModelSource, ModelsKept,
     },
     locked,
-    request::{Ask, Asked, ModelAsk, Reply, refused},
+    request::{ModelActivation, Operation, Reply, ServiceRequest, refused},
 };
 
 /// Interval at which the configured machine file is checked and failed writes are retried.
-const LOOK: Duration = Duration::from_secs(2);
+const POLL_INTERVAL: Duration = Duration::from_secs(2);
 
 /// An active machine file that could not be stored, so that it cannot be reactivated later.
-struct Unkept {
+struct UnsavedModel {
     hash: String,
     text: String,
     error: String,
 }
 
 /// The state of the thread.
-pub(crate) struct Desk {
+pub(crate) struct ModelWorker {
     shared: Arc<Shared>,
     /// Machine file named in the configuration.
     configured: PathBuf,
     kept: ModelsKept,
     /// Why the model activated by an operator was not loaded; cleared by the next activation.
     damage: Option<String>,
-    unkept: Option<Unkept>,
+    unsaved: Option<UnsavedModel>,
     /// Why the state of the models is not on disk.
     unwritten: Option<String>,
 }
 
-impl Desk {
+impl ModelWorker {
     pub(crate) fn new(shared: Arc<Shared>, configured: PathBuf) -> Self {
         Self {
             shared,
             configured,
             kept: ModelsKept::default(),
             damage: None,
-            unkept: None,
+            unsaved: None,
             unwritten: None,
         }
     }
@@ -70,42 +70,42 @@ impl Desk {
         (self.kept, _) = self.shared.store.read();
         if !self.shared.is_built_in {
             self.damage = self.shared.store.in_force().err().map(|what| {
-                format!("{what}: the model that a person has put in force was not loaded, another one corrects")
+                format!("{what}: the model that an operator activated was not loaded, another one corrects")
             });
         }
-        self.look();
+        self.publish();
         loop {
-            match work.recv_timeout(LOOK) {
-                Ok(Job::Noted(entry, text)) => self.note(*entry, text),
+            match work.recv_timeout(POLL_INTERVAL) {
+                Ok(Job::Record(entry, text)) => self.note(*entry, text),
                 Ok(Job::Configured(machine)) => self.configured = machine,
                 Ok(Job::Activate {
                     who,
                     what,
                     confirm,
                     answer,
-                    patience,
+                    deadline,
                 }) => {
-                    let reply = self.activate(&who, what, confirm, &patience, work);
+                    let reply = self.activate(&who, what, confirm, &deadline, work);
                     // Publish first, so that a state read after the response is consistent with it.
-                    self.look();
+                    self.publish();
                     // The receiver may have been dropped.
                     let _ = answer.send(reply);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            if let Some(Unkept { hash, text, .. }) = self.unkept.take() {
+            if let Some(UnsavedModel { hash, text, .. }) = self.unsaved.take() {
                 self.keep(hash, text);
             }
             if self.unwritten.is_some() {
                 self.write();
             }
-            self.look();
+            self.publish();
         }
     }
 
     /// Publishes the current state.
-    fn look(&self) {
+    fn publish(&self) {
         let path = &self.configured;
         let mut configured = ConfiguredModel {
             file: path.display().to_string(),
@@ -117,25 +117,25 @@ impl Desk {
                 Err(e) => configured.error = Some(e.to_string()),
             }
         }
-        let there = self.shared.store.there(&self.kept);
-        let mut told = locked(&self.shared.told);
-        told.kept.clone_from(&self.kept);
-        told.there = there;
-        told.configured = configured;
-        let unkept = self.unkept.as_ref().map(|unkept| {
-            let error = &unkept.error;
-            format!("the model in force cannot be kept on disk ({error}): nobody can go back to it. It is tried again")
+        let stored = self.shared.store.stored_hashes(&self.kept);
+        let mut shown = locked(&self.shared.shown);
+        shown.kept.clone_from(&self.kept);
+        shown.stored = stored;
+        shown.configured = configured;
+        let unsaved = self.unsaved.as_ref().map(|unsaved| {
+            let error = &unsaved.error;
+            format!("the active model cannot be kept on disk ({error}) and cannot be reactivated later. It is retried")
         });
-        let trouble = [&self.damage, &unkept, &self.unwritten];
+        let trouble = [&self.damage, &unsaved, &self.unwritten];
         let trouble: Vec<&str> = trouble.into_iter().flatten().map(String::as_str).collect();
-        told.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
+        shown.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
     }
 
     /// Stores the machine file of the active model.
     fn keep(&mut self, hash: String, text: String) {
-        self.unkept = match self.shared.store.keep(&hash, &text) {
+        self.unsaved = match self.shared.store.keep(&hash, &text) {
             Ok(()) => None,
-            Err(e) => Some(Unkept {
+            Err(e) => Some(UnsavedModel {
                 hash,
                 text,
                 error: e.to_string(),
@@ -146,7 +146,7 @@ impl Desk {
     /// Adds an entry to the history.
     fn note(&mut self, entry: ModelEntry, text: Option<String>) {
         if entry.outcome == ModelOutcome::InForce {
-            locked(&self.shared.told).from = entry.from;
+            locked(&self.shared.shown).from = entry.from;
             if let Some(text) = text {
                 self.keep(entry.hash.clone(), text);
             }
@@ -190,7 +190,7 @@ impl Desk {
                     tracing::error!("models: {e}");
                 }
                 self.unwritten = Some(format!(
-                    "which model is in force cannot be written down ({e}): a restart would load the one before. It is tried again"
+                    "the active model cannot be recorded ({e}): a restart would load the previous one. It is retried"
                 ));
             }
         }
@@ -201,50 +201,56 @@ impl Desk {
         who: &str,
         what: Activate,
         confirm: Option<String>,
-        patience: &Patience,
+        deadline: &RequestDeadline,
         work: &Receiver<Job>,
     ) -> Reply {
         // The request timed out while it was queued: do not start it.
-        if patience.left().is_zero() {
+        if deadline.left().is_zero() {
             tracing::warn!("models: {who}: {GIVEN_UP}");
             return refused(503, GIVEN_UP);
         }
-        let (ask, candidate) = match self.prepared(what, confirm) {
+        let (activation, candidate) = match self.prepare(what, confirm) {
             Ok(prepared) => prepared,
             Err(reply) => return reply,
         };
-        if !patience.lets_go_on() {
+        if !deadline.claim() {
             tracing::warn!("models: {who}: {GIVEN_UP}");
             let refused_for = GIVEN_UP.to_owned();
-            let entry = ModelEntry::refused(who, ask.hash, ask.from, ask.file, refused_for);
+            let entry = ModelEntry::refused(
+                who,
+                activation.hash,
+                activation.from,
+                activation.file,
+                refused_for,
+            );
             self.note(entry, None);
             return refused(503, GIVEN_UP);
         }
         let (hash, file, is_configured) = (
-            ask.hash.clone(),
-            ask.file.clone(),
-            ask.machine == self.configured,
+            activation.hash.clone(),
+            activation.file.clone(),
+            activation.machine == self.configured,
         );
-        let (answer, answered) = oneshot::channel();
-        let asked = Asked::new(
-            Ask::Model(Box::new(ask)),
+        let (answer, receiver) = oneshot::channel();
+        let request = ServiceRequest::new(
+            Operation::Model(Box::new(activation)),
             who,
             Some(answer),
             &self.shared.switch,
         );
-        if self.shared.asks.try_send(asked).is_err() {
+        if self.shared.requests.try_send(request).is_err() {
             return refused(503, "too many requests wait");
         }
-        let Ok(mut reply) = answered.blocking_recv() else {
+        let Ok(mut reply) = receiver.blocking_recv() else {
             return refused(503, "the gateway is stopping");
         };
         // The service sent its note before the response. Activations requested meanwhile are refused.
         while let Ok(job) = work.try_recv() {
             match job {
-                Job::Noted(entry, text) => self.note(*entry, text),
+                Job::Record(entry, text) => self.note(*entry, text),
                 Job::Configured(machine) => self.configured = machine,
                 Job::Activate { answer, .. } => {
-                    let busy = "another model is being put in force: look at it, and try again";
+                    let busy = "another model is being activated: check it and try again";
                     let _ = answer.send(refused(409, busy));
                 }
             }
@@ -272,9 +278,9 @@ impl Desk {
 
     /// Differences from the active model; none if the file is not a valid machine, because the service reports that
     /// error.
-    fn compared(&self, new: Option<&Machine>) -> Differences {
+    fn compare(&self, new: Option<&Machine>) -> Differences {
         let running = self.shared.published.model();
-        let running = Machine::parse(&running.text, "the model in force");
+        let running = Machine::parse(&running.text, "the active model");
         match (new, running) {
             (Some(new), Ok(running)) => differences(new, &running),
             _ => Differences::default(),
@@ -283,11 +289,11 @@ impl Desk {
 
     /// Puts the machine file on disk and builds the request to the service; also returns the id of the candidate it
     /// came from.
-    fn prepared(
+    fn prepare(
         &self,
         what: Activate,
         confirm: Option<String>,
-    ) -> Result<(ModelAsk, Option<String>), Reply> {
+    ) -> Result<(ModelActivation, Option<String>), Reply> {
         let store = &self.shared.store;
         let (machine, hash, from, file, new, candidate) = match what {
             Activate::Candidate {
@@ -309,7 +315,7 @@ impl Desk {
                     entry.hash == hash && entry.outcome == ModelOutcome::InForce
                 };
                 let Some(entry) = history.find(was) else {
-                    let why = format!("{hash} is none of the models that were in force");
+                    let why = format!("{hash} is not one of the earlier models");
                     return Err(refused(404, why));
                 };
                 let text = store.text(&hash).map_err(|what| refused(422, what))?;
@@ -325,15 +331,15 @@ impl Desk {
                 (machine, hash, ModelSource::File, file, Some(read), None)
             }
         };
-        let ask = ModelAsk {
+        let activation = ModelActivation {
             machine,
             hash,
             from,
             file,
             confirm,
-            differences: self.compared(new.as_ref()),
+            differences: self.compare(new.as_ref()),
         };
-        Ok((ask, candidate))
+        Ok((activation, candidate))
     }
 }
 

@@ -27,44 +27,44 @@ use volcomp_vocabulary::AxisName;
 
 use super::{
     shared::Shared,
-    store::{Held, Kept, Standing, Store},
+    store::{Standing, Store, StoredFleet, StoredManifest},
 };
 use crate::{
     documents::{Answer, Question},
-    request::{Ask, Asked, Asks, CentreAsk, Reply},
+    request::{CentreOperation, Operation, Reply, RequestSender, ServiceRequest},
 };
 
 /// Retry interval after a failure.
-const AGAIN: Duration = Duration::from_secs(2);
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum number of queued values that change nothing; further ones are not answered.
-const OTHERS: usize = 4;
+const MAX_OTHER_VALUES: usize = 4;
 /// Pause after a value that changes nothing, to limit the load of a flood of them.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Access to the service.
 #[derive(Clone)]
 pub(super) struct Service {
-    pub(super) asks: Asks,
+    pub(super) requests: RequestSender,
     pub(super) switch: DisarmSwitch,
 }
 
 impl Service {
-    fn ask(
+    fn request(
         &self,
-        ask: CentreAsk,
+        operation: CentreOperation,
         who: String,
         answer: Option<oneshot::Sender<Reply>>,
-    ) -> Result<(), TrySendError<Asked>> {
-        let asked = Asked::new(Ask::Centre(ask), who, answer, &self.switch);
-        self.asks.try_send(asked)
+    ) -> Result<(), TrySendError<ServiceRequest>> {
+        let request = ServiceRequest::new(Operation::Centre(operation), who, answer, &self.switch);
+        self.requests.try_send(request)
     }
 }
 
 /// A received value, judged.
-enum Heard {
-    New(Box<Judged>),
+enum JudgedValue {
+    New(Box<AcceptedManifest>),
     /// The last accepted manifest, received again.
-    Again(Box<Judged>),
+    Again(Box<AcceptedManifest>),
     /// A value that is not accepted.
     Refused {
         /// Its version, as far as it can be read.
@@ -78,17 +78,17 @@ enum Heard {
 
 /// A manifest that a trusted key has signed for this machine.
 #[derive(Clone)]
-struct Judged {
-    held: Held,
+struct AcceptedManifest {
+    held: StoredManifest,
     /// Its machine file, if it was included; the checksum matches.
     model: Option<String>,
     value_sha256: String,
 }
 
 /// Receives and judges values.
-pub(super) struct Hearer {
+pub(super) struct ManifestReceiver {
     trust: Trust,
-    newest: Option<Held>,
+    newest: Option<StoredManifest>,
     service: Service,
     shared: Arc<Shared>,
 }
@@ -96,7 +96,7 @@ pub(super) struct Hearer {
 /// Signer of a value that no trusted key has signed.
 const UNKNOWN: &str = "unknown";
 /// Maximum length of a reported reason, characters: some reasons quote received text of any length.
-const LONGEST: usize = 300;
+const MAX_REASON_CHARS: usize = 300;
 
 /// Requester for the audit log: the centre, with the first digits of its key.
 fn who(key: &str) -> String {
@@ -115,17 +115,17 @@ fn signer(error: &NotAccepted, key: &str) -> String {
 
 fn shortened(error: &NotAccepted) -> String {
     let text = error.to_string();
-    match text.char_indices().nth(LONGEST) {
+    match text.char_indices().nth(MAX_REASON_CHARS) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text,
     }
 }
 
-impl Hearer {
+impl ManifestReceiver {
     pub(super) fn new(
         trust: Trust,
         axes: Vec<AxisName>,
-        kept: &Kept,
+        kept: &StoredFleet,
         service: Service,
         shared: Arc<Shared>,
     ) -> Self {
@@ -142,13 +142,13 @@ impl Hearer {
     }
 
     /// Classifies a value.
-    fn judge(&mut self, value: &[u8]) -> Heard {
+    fn judge(&mut self, value: &[u8]) -> JudgedValue {
         let value_sha256 = crate::hex(&Sha256::digest(value));
         let parsed = Desired::parse(value);
         let mut desired = match parsed {
             Ok(desired) => desired,
             Err(e) => {
-                return Heard::Refused {
+                return JudgedValue::Refused {
                     version: 0,
                     value_sha256,
                     who: UNKNOWN.to_owned(),
@@ -160,9 +160,9 @@ impl Hearer {
             Ok(Accepted { manifest, model }) => {
                 desired.model = None;
                 self.trust.highest = manifest.version;
-                let held = Held { desired, manifest };
+                let held = StoredManifest { desired, manifest };
                 self.newest = Some(held.clone());
-                Heard::New(Box::new(Judged {
+                JudgedValue::New(Box::new(AcceptedManifest {
                     held,
                     model,
                     value_sha256,
@@ -179,14 +179,14 @@ impl Hearer {
                     Some(manifest) if is_newest => {
                         let model = (desired.model.take())
                             .filter(|text| manifest.model.is(text.as_bytes()));
-                        let held = Held { desired, manifest };
-                        Heard::Again(Box::new(Judged {
+                        let held = StoredManifest { desired, manifest };
+                        JudgedValue::Again(Box::new(AcceptedManifest {
                             held,
                             model,
                             value_sha256,
                         }))
                     }
-                    _ => Heard::Refused {
+                    _ => JudgedValue::Refused {
                         version,
                         value_sha256,
                         who: signer(&error, &desired.key),
@@ -198,18 +198,20 @@ impl Hearer {
     }
 
     /// Ramps the correction out and forbids arming before the manifest has any other effect.
-    async fn disable(&self, judged: &Judged) {
-        // Note it first: the actor runs on the same thread and may be activating an older version, which must not lift
+    async fn disable(&self, judged: &AcceptedManifest) {
+        // Note it first: the activator runs on the same thread and may be activating an older version, which must not lift
         // this order.
         self.shared.forbid(judged.held.manifest.version);
         let key = &judged.held.desired.key;
-        let mut sent = self.service.ask(CentreAsk::Disable, who(key), None);
+        let mut sent = self
+            .service
+            .request(CentreOperation::Disable, who(key), None);
         while let Err(error) = sent {
-            let TrySendError::Full(asked) = error else {
+            let TrySendError::Full(request) = error else {
                 return;
             };
             tokio::time::sleep(Duration::from_millis(5)).await;
-            sent = self.service.asks.try_send(asked);
+            sent = self.service.requests.try_send(request);
         }
     }
 }
@@ -231,18 +233,18 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
 }
 
 /// A failure that is retried, with its reason.
-struct Later(String);
+struct RetryReason(String);
 
 /// Activates manifests. State: the content of the folder, and the current manifest.
-pub(super) struct Actor {
+pub(super) struct ManifestActivator {
     store: Store,
     service: Service,
     shared: Arc<Shared>,
     acknowledge: UnboundedSender<Acknowledgement>,
     standing: Standing,
-    active: Option<Held>,
+    active: Option<StoredManifest>,
     /// The current manifest, until its outcome is known and on disk.
-    at_hand: Option<Judged>,
+    current: Option<AcceptedManifest>,
     /// Whether the current manifest is on disk.
     is_kept: bool,
     /// Time of the next attempt.
@@ -253,10 +255,10 @@ pub(super) struct Actor {
     refusal: String,
 }
 
-impl Actor {
+impl ManifestActivator {
     pub(super) fn new(
         store: Store,
-        kept: Kept,
+        kept: StoredFleet,
         service: Service,
         shared: Arc<Shared>,
         acknowledge: UnboundedSender<Acknowledgement>,
@@ -267,11 +269,14 @@ impl Actor {
         }
         // A gateway that stopped between acceptance and activation continues here.
         let is_open = kept.standing.outcome.is_none();
-        let at_hand = kept.newest.filter(|_| is_open).map(|held| Judged {
-            held,
-            model: None,
-            value_sha256: String::new(),
-        });
+        let current = kept
+            .newest
+            .filter(|_| is_open)
+            .map(|held| AcceptedManifest {
+                held,
+                model: None,
+                value_sha256: String::new(),
+            });
         Self {
             store,
             service,
@@ -279,7 +284,7 @@ impl Actor {
             acknowledge,
             standing: kept.standing,
             active: kept.active,
-            at_hand,
+            current,
             is_kept: true,
             again: Instant::now(),
             damage: kept.damage,
@@ -291,11 +296,11 @@ impl Actor {
     async fn run(
         mut self,
         sender: MachineSender,
-        mut accepted: UnboundedReceiver<Box<Judged>>,
-        mut others: Receiver<Heard>,
+        mut accepted: UnboundedReceiver<Box<AcceptedManifest>>,
+        mut others: Receiver<JudgedValue>,
     ) {
         if let Some(what) = self.damage.take() {
-            self.tell(CentreAsk::Damaged(what), "gateway".to_owned());
+            self.tell(CentreOperation::Damaged(what), "gateway".to_owned());
         }
         loop {
             tokio::select! {
@@ -305,15 +310,15 @@ impl Actor {
                     None => return,
                 },
                 Some(other) = others.recv() => self.answer(other),
-                () = tokio::time::sleep_until(self.again), if self.at_hand.is_some() => {
-                    self.go_on(&sender).await;
+                () = tokio::time::sleep_until(self.again), if self.current.is_some() => {
+                    self.advance(&sender).await;
                 }
             }
         }
     }
 
     /// Replaces the current manifest with a new one.
-    fn begin(&mut self, new: Judged) {
+    fn begin(&mut self, new: AcceptedManifest) {
         let manifest = &new.held.manifest;
         tracing::info!(version = manifest.version, "fleet: manifest accepted");
         self.shared
@@ -321,33 +326,33 @@ impl Actor {
         self.standing.highest = manifest.version;
         self.standing.disabled |= !manifest.enable;
         self.standing.outcome = None;
-        self.at_hand = Some(new);
+        self.current = Some(new);
         self.is_kept = false;
         self.again = Instant::now();
         self.show(None);
     }
 
     /// Answers a value that changes nothing.
-    fn answer(&mut self, other: Heard) {
+    fn answer(&mut self, other: JudgedValue) {
         match other {
-            Heard::New(new) => self.begin(*new),
-            Heard::Again(again) => match (&self.standing.outcome, &mut self.at_hand) {
+            JudgedValue::New(new) => self.begin(*new),
+            JudgedValue::Again(again) => match (&self.standing.outcome, &mut self.current) {
                 (Some(outcome), _) => {
                     let outcome = outcome.clone();
                     self.acknowledge(self.standing.highest, again.value_sha256, outcome);
                 }
                 // The manifest dates from before the start, or its machine file was missing; this value may contain it.
-                (None, Some(at_hand)) => {
-                    at_hand.value_sha256 = again.value_sha256;
-                    at_hand.model = again.model.or(at_hand.model.take());
+                (None, Some(current)) => {
+                    current.value_sha256 = again.value_sha256;
+                    current.model = again.model.or(current.model.take());
                 }
                 (None, None) => {
-                    self.at_hand = Some(*again);
+                    self.current = Some(*again);
                     self.is_kept = false;
                     self.again = Instant::now();
                 }
             },
-            Heard::Refused {
+            JudgedValue::Refused {
                 version,
                 value_sha256,
                 who,
@@ -355,53 +360,53 @@ impl Actor {
             } => {
                 if self.refusal != why {
                     self.refusal.clone_from(&why);
-                    self.tell(CentreAsk::Refused(why.clone()), who);
+                    self.tell(CentreOperation::Refused(why.clone()), who);
                 }
                 let shown = why.clone();
-                (self.shared.published).tell_fleet(|state| state.refused = Some(shown));
+                (self.shared.published).update_fleet(|state| state.refused = Some(shown));
                 self.acknowledge(version, value_sha256, Outcome::Refused { why });
             }
         }
     }
 
     /// Tries once to activate the current manifest.
-    async fn go_on(&mut self, sender: &MachineSender) {
-        let Some(at_hand) = self.at_hand.clone() else {
+    async fn advance(&mut self, sender: &MachineSender) {
+        let Some(current) = self.current.clone() else {
             return;
         };
-        match self.put_in_force(at_hand, sender).await {
+        match self.activate(current, sender).await {
             Ok((value_sha256, outcome)) => {
                 tracing::info!(
                     version = self.standing.highest,
                     "fleet: {}",
                     in_words(&outcome)
                 );
-                self.at_hand = None;
+                self.current = None;
                 self.refusal.clear();
                 self.acknowledge(self.standing.highest, value_sha256, outcome);
                 self.show(None);
             }
-            Err(Later(why)) => {
+            Err(RetryReason(why)) => {
                 tracing::warn!("fleet: {why}: tried again");
-                self.again = Instant::now() + AGAIN;
+                self.again = Instant::now() + RETRY_INTERVAL;
                 self.show(Some(why));
             }
         }
     }
 
-    async fn put_in_force(
+    async fn activate(
         &mut self,
-        at_hand: Judged,
+        current: AcceptedManifest,
         sender: &MachineSender,
-    ) -> Result<(String, Outcome), Later> {
-        let held = at_hand.held;
+    ) -> Result<(String, Outcome), RetryReason> {
+        let held = current.held;
         if !self.is_kept {
             let standing = self.standing.clone();
             self.on_disk(&held, move |store, held| store.keep(held, &standing))
                 .await?;
             self.is_kept = true;
         }
-        let outcome = match self.bring_machine(&held, at_hand.model, sender).await? {
+        let outcome = match self.store_machine(&held, current.model, sender).await? {
             Some(why) => Outcome::Refused { why },
             None => self.take(&held).await?,
         };
@@ -427,29 +432,29 @@ impl Actor {
                 .version
                 .store(held.manifest.version, std::sync::atomic::Ordering::Relaxed);
             if self.enables(&held) {
-                self.ask(CentreAsk::Enable, &held).await?;
+                self.request(CentreOperation::Enable, &held).await?;
             }
             self.active = Some(held);
         }
-        Ok((at_hand.value_sha256, outcome))
+        Ok((current.value_sha256, outcome))
     }
 
     /// Whether activating this manifest permits correcting: not if a newer queued manifest forbids it.
-    fn enables(&self, held: &Held) -> bool {
+    fn enables(&self, held: &StoredManifest) -> bool {
         held.manifest.enable && !self.shared.is_forbidden_after(held.manifest.version)
     }
 
     /// Ensures that the machine file is complete on disk. `Some`: the reason why it is unobtainable.
-    async fn bring_machine(
+    async fn store_machine(
         &self,
-        held: &Held,
+        held: &StoredManifest,
         model: Option<String>,
         sender: &MachineSender,
-    ) -> Result<Option<String>, Later> {
+    ) -> Result<Option<String>, RetryReason> {
         let manifest = held.manifest.clone();
         let store = self.store.clone();
         let there = {
-            let _waits = self.shared.acting.wait();
+            let _waits = self.shared.activating.wait();
             tokio::task::spawn_blocking(move || store.has_machine(&manifest)).await
         };
         if there.unwrap_or(false) {
@@ -460,7 +465,7 @@ impl Actor {
             None => match sender.fetch_model(&held.manifest.model).await {
                 Ok(text) => text,
                 Err(error @ LinkError::Model { .. }) => return Ok(Some(error.to_string())),
-                Err(error) => return Err(Later(error.to_string())),
+                Err(error) => return Err(RetryReason(error.to_string())),
             },
         };
         self.on_disk(held, move |store, held| {
@@ -471,39 +476,43 @@ impl Actor {
     }
 
     /// Requests the service to correct with the machine file.
-    async fn take(&self, held: &Held) -> Result<Outcome, Later> {
-        let ask = CentreAsk::Take {
+    async fn take(&self, held: &StoredManifest) -> Result<Outcome, RetryReason> {
+        let operation = CentreOperation::Take {
             machine: self.store.machine(&held.manifest),
             confirm: held.manifest.confirm.clone(),
         };
-        let reply = self.ask(ask, held).await?;
+        let reply = self.request(operation, held).await?;
         match (reply.status, reply.answer) {
             (200, _) => Ok(Outcome::Activated),
             (_, Answer::Question(question)) => Ok(needs_confirmation(&question)),
             (422, Answer::Refusal(refusal)) => Ok(Outcome::Refused { why: refusal.error }),
-            (_, Answer::Refusal(refusal)) => Err(Later(refusal.error)),
+            (_, Answer::Refusal(refusal)) => Err(RetryReason(refusal.error)),
             (status, Answer::Settled(settled)) => {
                 let why = settled.error.unwrap_or_else(|| settled.reasons.join(", "));
-                Err(Later(format!("{status}: {why}")))
+                Err(RetryReason(format!("{status}: {why}")))
             }
-            (status, Answer::Reloaded(_)) => Err(Later(format!("answer {status}"))),
+            (status, Answer::Reloaded(_)) => Err(RetryReason(format!("answer {status}"))),
         }
     }
 
-    async fn ask(&self, ask: CentreAsk, held: &Held) -> Result<Reply, Later> {
+    async fn request(
+        &self,
+        operation: CentreOperation,
+        held: &StoredManifest,
+    ) -> Result<Reply, RetryReason> {
         let (answer, answered) = oneshot::channel();
         let who = who(&held.desired.key);
-        if self.service.ask(ask, who, Some(answer)).is_err() {
-            return Err(Later("too many requests wait".to_owned()));
+        if self.service.request(operation, who, Some(answer)).is_err() {
+            return Err(RetryReason("too many requests wait".to_owned()));
         }
         answered
             .await
-            .map_err(|_| Later("the gateway is stopping".to_owned()))
+            .map_err(|_| RetryReason("the gateway is stopping".to_owned()))
     }
 
     /// Sends a request for the audit log without waiting for the response.
-    fn tell(&self, ask: CentreAsk, who: String) {
-        if self.service.ask(ask, who, None).is_err() {
+    fn tell(&self, operation: CentreOperation, who: String) {
+        if self.service.request(operation, who, None).is_err() {
             tracing::warn!("fleet: too many requests wait");
         }
     }
@@ -511,15 +520,19 @@ impl Actor {
     /// Runs disk work on a blocking thread.
     async fn on_disk(
         &self,
-        held: &Held,
-        work: impl FnOnce(&Store, &Held) -> std::io::Result<()> + Send + 'static,
-    ) -> Result<(), Later> {
+        held: &StoredManifest,
+        work: impl FnOnce(&Store, &StoredManifest) -> std::io::Result<()> + Send + 'static,
+    ) -> Result<(), RetryReason> {
         let (store, held) = (self.store.clone(), held.clone());
         let done = {
-            let _waits = self.shared.acting.wait();
+            let _waits = self.shared.activating.wait();
             tokio::task::spawn_blocking(move || work(&store, &held)).await
         };
-        let later = |why: String| Later(format!("what was accepted cannot be kept on disk: {why}"));
+        let later = |why: String| {
+            RetryReason(format!(
+                "the accepted manifest cannot be kept on disk: {why}"
+            ))
+        };
         match done {
             Ok(done) => done.map_err(|e| later(e.to_string())),
             Err(e) => Err(later(e.to_string())),
@@ -543,7 +556,7 @@ impl Actor {
     /// Publishes the current state.
     fn show(&self, trouble: Option<String>) {
         let standing = &self.standing;
-        self.shared.published.tell_fleet(|state| {
+        self.shared.published.update_fleet(|state| {
             state.version = standing.active.unwrap_or(0);
             state.accepted = standing.highest;
             state.enabled = !standing.disabled;
@@ -564,20 +577,24 @@ fn needs_confirmation(question: &Question) -> Outcome {
     }
 }
 
-/// Receives values forever. The actor runs concurrently, so that its waits do not delay the next value.
-pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Actor) {
+/// Receives values forever. The activator runs concurrently, so that its waits do not delay the next value.
+pub(super) async fn receive(
+    mut link: MachineLink,
+    mut receiver: ManifestReceiver,
+    activator: ManifestActivator,
+) {
     let sender: MachineSender = link.sender();
     // Unbounded: accepted manifests are signed by a trusted key with increasing versions, so they are few, and none may
     // be lost.
     let (accept, accepted) = mpsc::unbounded_channel();
-    let (tell, others) = mpsc::channel(OTHERS);
-    let hearing = async {
+    let (tell, others) = mpsc::channel(MAX_OTHER_VALUES);
+    let receiving = async {
         loop {
             let value = link.next_desired().await;
-            match hearer.judge(&value) {
-                Heard::New(judged) => {
+            match receiver.judge(&value) {
+                JudgedValue::New(judged) => {
                     if !judged.held.manifest.enable {
-                        hearer.disable(&judged).await;
+                        receiver.disable(&judged).await;
                     }
                     if accept.send(judged).is_err() {
                         return;
@@ -592,7 +609,7 @@ pub(super) async fn follow(mut link: MachineLink, mut hearer: Hearer, actor: Act
         }
     };
     tokio::select! {
-        () = hearing => {}
-        () = actor.run(sender, accepted, others) => {}
+        () = receiving => {}
+        () = activator.run(sender, accepted, others) => {}
     }
 }

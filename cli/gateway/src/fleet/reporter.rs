@@ -23,15 +23,15 @@ use super::{audit_tail::AuditTail, shared::Shared, store::Store};
 use crate::{documents::Status, interop::quantities::length};
 
 /// Polling interval of the log and the connection.
-const LOOK: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Pause after a failed message.
 const PAUSE: Duration = Duration::from_secs(1);
 /// Interval at which the cursor of the log is saved and a folder that could not be opened is retried.
-const KEEP: Duration = Duration::from_secs(5);
+const SAVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Maximum number of acknowledgements queued while the folder cannot be opened.
-const WITHOUT_FOLDER: usize = 64;
+const MAX_WITHOUT_FOLDER: usize = 64;
 /// Timeout for the last messages at shutdown.
-const END: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Origin of the message being sent.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -43,14 +43,14 @@ enum Source {
 type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
 
 /// Sends messages to the centre. State: the number of the last message, and the queued messages.
-pub(super) struct Teller {
+pub(super) struct Reporter {
     store: Store,
     shared: Arc<Shared>,
     link: watch::Receiver<Option<MachineSender>>,
     log: AuditTail,
     spool: Option<Spool>,
     /// Queue used while there is no folder.
-    unspooled: Vec<Waiting>,
+    without_folder: Vec<Waiting>,
     dropped: u64,
     /// The record being sent, with its envelope: a retry sends the same message.
     record: Option<Waiting>,
@@ -63,7 +63,7 @@ pub(super) struct Teller {
     trouble: Option<String>,
 }
 
-impl Teller {
+impl Reporter {
     pub(super) fn new(
         store: Store,
         audit_dir: PathBuf,
@@ -77,7 +77,7 @@ impl Teller {
             shared,
             link,
             spool: None,
-            unspooled: Vec::new(),
+            without_folder: Vec::new(),
             dropped: 0,
             record: None,
             instance: instance(),
@@ -106,12 +106,12 @@ impl Teller {
             tokio::select! {
                 changed = stopped.changed() => if changed.is_err() { break },
                 Some(told) = acknowledged.recv() => self.acknowledge(&told),
-                () = sleep_until(due) => self.look_at_state(),
-                (source, sent) = on_its_way(&mut sending) => {
+                () = sleep_until(due) => self.send_due_states(),
+                (source, sent) = pending_send(&mut sending) => {
                     sending = None;
                     self.sent(source, sent);
                 }
-                () = sleep(LOOK) => {}
+                () = sleep(POLL_INTERVAL) => {}
             }
             self.keep();
         }
@@ -127,7 +127,7 @@ impl Teller {
         while let Ok(told) = acknowledged.try_recv() {
             self.acknowledge(&told);
         }
-        let until = Instant::now() + END;
+        let until = Instant::now() + END_TIMEOUT;
         self.pause_until = Instant::now();
         while Instant::now() < until {
             if sending.is_none() {
@@ -137,7 +137,7 @@ impl Teller {
                 break;
             }
             tokio::select! {
-                (source, sent) = on_its_way(&mut sending) => {
+                (source, sent) = pending_send(&mut sending) => {
                     sending = None;
                     if sent.is_err() {
                         break;
@@ -158,7 +158,7 @@ impl Teller {
         match Spool::open(&self.store.spool(), SpoolLimits::default()) {
             Ok(spool) => {
                 self.spool = Some(spool);
-                for waiting in std::mem::take(&mut self.unspooled) {
+                for waiting in std::mem::take(&mut self.without_folder) {
                     self.push(waiting);
                 }
             }
@@ -170,11 +170,11 @@ impl Teller {
         let is_kept = Lane::of(message.kind) == Lane::Kept;
         match &mut self.spool {
             Some(spool) => {
-                let _waits = self.shared.telling.wait();
+                let _waits = self.shared.reporting.wait();
                 spool.push(message);
             }
-            None if is_kept && self.unspooled.len() < WITHOUT_FOLDER => {
-                self.unspooled.push(message);
+            None if is_kept && self.without_folder.len() < MAX_WITHOUT_FOLDER => {
+                self.without_folder.push(message);
             }
             None => self.dropped += 1,
         }
@@ -208,7 +208,7 @@ impl Teller {
     }
 
     /// Sends the condition and the complete state when they are due.
-    fn look_at_state(&mut self) {
+    fn send_due_states(&mut self) {
         let now = Instant::now();
         let pace = self.shared.pace();
         let is_due = self.next.map(|next| next <= now);
@@ -241,7 +241,7 @@ impl Teller {
             return None;
         }
         let waiting = {
-            let _waits = self.shared.telling.wait();
+            let _waits = self.shared.reporting.wait();
             self.spool.as_mut().and_then(|spool| spool.first().cloned())
         };
         let is_kept = |message: &Waiting| Lane::of(message.kind) == Lane::Kept;
@@ -296,9 +296,9 @@ impl Teller {
 
     /// Periodic work: the folder, the cursor of the log, and the published state.
     fn keep(&mut self) {
-        if self.kept_at.elapsed() > KEEP {
+        if self.kept_at.elapsed() > SAVE_INTERVAL {
             self.kept_at = Instant::now();
-            let _waits = self.shared.telling.wait();
+            let _waits = self.shared.reporting.wait();
             self.log.keep();
             if self.spool.is_none() {
                 self.open();
@@ -312,7 +312,7 @@ impl Teller {
             None => self.trouble.clone(),
         };
         let dropped = self.dropped + self.spool.as_ref().map_or(0, Spool::dropped);
-        self.shared.published.tell_fleet(|state| {
+        self.shared.published.update_fleet(|state| {
             state.connected = connected;
             state.waiting = waiting;
             state.dropped = dropped;
@@ -320,8 +320,8 @@ impl Teller {
     }
 }
 
-/// Waits for the message being sent; never returns if there is none.
-async fn on_its_way(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
+/// Waits for the message being sent; without one it never returns.
+async fn pending_send(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
     match sending {
         Some(sending) => sending.await,
         None => std::future::pending().await,

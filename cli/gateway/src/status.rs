@@ -1,6 +1,81 @@
-//! Formats the state of a gateway for a terminal of 80 columns.
+//! Requests the state of a running gateway.
 
-use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status};
+use std::{
+    net::{SocketAddr, TcpStream},
+    path::Path,
+    time::Duration,
+};
+
+use tokio_rustls::rustls::{
+    ClientConnection, StreamOwned,
+    pki_types::{CertificateDer, ServerName, pem::PemObject},
+};
+use volcomp_web::{CertificateError, TlsError, client};
+
+use crate::{
+    config::DashboardConfig,
+    documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status},
+    error::GatewayError,
+};
+
+/// Timeout for connecting and for each read.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// Requests the state from the gateway of a dashboard configuration. `token` is required where reading needs one.
+///
+/// # Errors
+/// No response, or the response is not the state of a gateway.
+pub fn request(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, GatewayError> {
+    let mut address = dashboard.listen;
+    if address.ip().is_unspecified() {
+        address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
+    }
+    let failed = |e: std::io::Error| GatewayError::system(format!("gateway at {address}"), e);
+    let stream = TcpStream::connect_timeout(&address, REQUEST_TIMEOUT).map_err(failed)?;
+    stream
+        .set_read_timeout(Some(REQUEST_TIMEOUT))
+        .map_err(failed)?;
+    let authorization = token.map_or(String::new(), |token| {
+        format!("Authorization: Bearer {token}\r\n")
+    });
+    let request = format!(
+        "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
+    );
+    let text = match &dashboard.tls_certificate {
+        None => client::exchange(stream, &request),
+        Some(certificate) => client::exchange(encrypted(stream, address, certificate)?, &request),
+    }
+    .map_err(failed)?;
+    let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+    let status = head.split_whitespace().nth(1).unwrap_or_default();
+    if status != "200" {
+        return Err(GatewayError::failed(format!(
+            "gateway at {address}: it answers {status}: {}",
+            body.trim()
+        )));
+    }
+    serde_json::from_str(body.trim()).map_err(|e| {
+        GatewayError::failed(format!(
+            "gateway at {address}: its response is not a state: {e}"
+        ))
+    })
+}
+
+/// Trusts the gateway's own certificate only.
+fn encrypted(
+    stream: TcpStream,
+    address: SocketAddr,
+    certificate: &Path,
+) -> Result<StreamOwned<ClientConnection, TcpStream>, GatewayError> {
+    let wrong = |source: CertificateError| TlsError::Certificate {
+        file: certificate.to_owned(),
+        source,
+    };
+    let trusted = CertificateDer::from_pem_file(certificate).map_err(|e| wrong(e.into()))?;
+    let config = client::trusting(trusted).map_err(wrong)?;
+    let name = ServerName::from(address.ip());
+    Ok(client::encrypted(stream, config, name).map_err(|e| wrong(e.into()))?)
+}
 
 /// Formats a state as lines of text.
 pub fn text(status: &Status) -> String {
@@ -14,7 +89,7 @@ pub fn text(status: &Status) -> String {
     add("state", status.state.name().to_owned());
     add("because", status.reasons.join(", "));
     if is_gone(status) {
-        add("look at", GONE.to_owned());
+        add("check", GONE.to_owned());
     }
     add("machine", status.machine.name.clone());
     add(
@@ -78,9 +153,9 @@ pub fn text(status: &Status) -> String {
 }
 
 /// What to check if the active control no longer responds.
-const GONE: &str = "the cable and the control, which lets go by itself if it has a barrier";
+const GONE: &str = "the cable and the control, which ramps to zero if it has a barrier";
 
-/// Whether the active controller has been silent for so long that its correction is unknown.
+/// Whether the correction is unknown because the active controller does not respond.
 fn is_gone(status: &Status) -> bool {
     let mut active = status.controllers.iter().filter(|path| path.active);
     active.any(|path| path.holds_correction.is_none() && path.answered_ms.is_some())
@@ -111,7 +186,7 @@ fn health(path: &PathState, corrects: bool) -> Vec<String> {
     let role = match (path.active, corrects) {
         (true, true) => "corrects",
         (true, false) => "in use",
-        (false, _) => "stands by",
+        (false, _) => "standby",
     };
     vec![
         format!("{role}, {}", path.device),

@@ -18,12 +18,12 @@ use volcomp_port::Clock;
 use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 /// Maximum number of queued records and files.
-const WAITING: usize = 256;
+const MAX_QUEUED: usize = 256;
 /// The disk counts as not responding when one record or file takes longer than this.
-const LATE: Duration = Duration::from_secs(1);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Interval at which a failed log is retried.
-pub(crate) const RETRY: Duration = Duration::from_millis(100);
+pub(crate) const RETRY_INTERVAL: Duration = Duration::from_millis(100);
 
 /// One piece of work for the disk.
 enum Task {
@@ -34,11 +34,11 @@ enum Task {
 }
 
 /// Handle of the writer thread. Only [`settle`](Self::settle) blocks on the disk.
-pub struct Clerk {
+pub struct AuditWriter {
     tasks: SyncSender<Task>,
     health: Arc<Health>,
     /// Time of the last retry, by the clock of `health`.
-    tried_again: Duration,
+    retried: Duration,
 }
 
 /// State of the writer, shared between both threads.
@@ -51,7 +51,7 @@ struct Health {
     lost: AtomicU64,
     /// Number of unfinished tasks.
     open: AtomicU64,
-    /// Start time of the current task, ns of the clock; 0 if there is none.
+    /// Start time of the current task, ns of the clock; 0 if idle.
     begun_ns: AtomicU64,
 }
 
@@ -72,13 +72,13 @@ impl Receipt {
     }
 }
 
-impl Clerk {
+impl AuditWriter {
     /// Starts the thread.
     ///
     /// # Errors
     /// The operating system cannot create a thread.
     pub fn start(log: AuditLog, clock: Clock) -> io::Result<Self> {
-        let (tasks, work) = sync_channel(WAITING);
+        let (tasks, work) = sync_channel(MAX_QUEUED);
         let health = Arc::new(Health {
             clock,
             fails: AtomicBool::default(),
@@ -86,7 +86,7 @@ impl Clerk {
             open: AtomicU64::default(),
             begun_ns: AtomicU64::default(),
         });
-        let desk = Desk {
+        let thread_state = WriterThread {
             standing: Slots::new(log.standing_file()),
             log,
             health: Arc::clone(&health),
@@ -96,60 +96,60 @@ impl Clerk {
             .spawn({
                 // The thread logs under the span of the machine that starts it.
                 let span = tracing::Span::current();
-                move || span.in_scope(|| desk.run(&work))
+                move || span.in_scope(|| thread_state.run(&work))
             })?;
         Ok(Self {
             tasks,
             health,
-            tried_again: Duration::ZERO,
+            retried: Duration::ZERO,
         })
     }
 
     /// Queues a record. If the queue is full, the record is counted as lost in the next one.
     pub fn record(&self, entry: Entry) -> Receipt {
         let (tell, receipt) = sync_channel(1);
-        let taken = self.hand_over(Task::Record(Box::new(entry), tell));
-        if !taken {
+        let is_queued = self.queue_task(Task::Record(Box::new(entry), tell));
+        if !is_queued {
             self.health.lost.fetch_add(1, Ordering::Relaxed);
         }
-        Receipt(taken.then_some(receipt))
+        Receipt(is_queued.then_some(receipt))
     }
 
-    /// If records were lost and no task is pending, queues a record at most every `RETRY` to test whether the log is
+    /// If records were lost and no task is pending, queues a record at most every `RETRY_INTERVAL` to test whether the log is
     /// writable again. That record states the number of lost records.
-    pub fn try_again(&mut self, entry: impl FnOnce() -> Entry) {
+    pub fn retry(&mut self, entry: impl FnOnce() -> Entry) {
         let health = &self.health;
         let missing =
             health.fails.load(Ordering::Relaxed) || health.lost.load(Ordering::Relaxed) > 0;
         let now = health.clock.elapsed();
-        let is_due = now.saturating_sub(self.tried_again) > RETRY;
+        let is_due = now.saturating_sub(self.retried) > RETRY_INTERVAL;
         if missing && is_due && health.open.load(Ordering::Relaxed) == 0 {
-            self.tried_again = now;
-            let _ = self.hand_over(Task::Again(Box::new(entry())));
+            self.retried = now;
+            let _ = self.queue_task(Task::Again(Box::new(entry())));
         }
     }
 
     /// Queues a small file, which is replaced atomically.
     pub fn keep(&self, path: PathBuf, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
-        let taken = self.hand_over(Task::Keep(path, text, tell));
-        Receipt(taken.then_some(receipt))
+        let is_queued = self.queue_task(Task::Keep(path, text, tell));
+        Receipt(is_queued.then_some(receipt))
     }
 
     /// Queues the text of `standing.slots`. After the first write its file is allocated, so that later writes succeed on a full disk.
     pub fn keep_standing(&self, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
-        let taken = self.hand_over(Task::KeepStanding(text, tell));
-        Receipt(taken.then_some(receipt))
+        let is_queued = self.queue_task(Task::KeepStanding(text, tell));
+        Receipt(is_queued.then_some(receipt))
     }
 
-    fn hand_over(&self, task: Task) -> bool {
+    fn queue_task(&self, task: Task) -> bool {
         self.health.open.fetch_add(1, Ordering::Relaxed);
-        let taken = self.tasks.try_send(task).is_ok();
-        if !taken {
+        let is_queued = self.tasks.try_send(task).is_ok();
+        if !is_queued {
             self.health.open.fetch_sub(1, Ordering::Relaxed);
         }
-        taken
+        is_queued
     }
 
     /// Why records may be missing; `None` while the writer keeps up.
@@ -180,23 +180,23 @@ impl Clerk {
 }
 
 /// The state of the writer thread.
-struct Desk {
+struct WriterThread {
     log: AuditLog,
     standing: Slots,
     health: Arc<Health>,
 }
 
-impl Desk {
+impl WriterThread {
     fn run(mut self, work: &Receiver<Task>) {
         while let Ok(task) = work.recv() {
             self.health.begin();
-            self.carry_out(task);
+            self.execute(task);
             self.health.end();
             self.health.open.fetch_sub(1, Ordering::Relaxed);
         }
     }
 
-    fn carry_out(&mut self, task: Task) {
+    fn execute(&mut self, task: Task) {
         // The receipt may have been dropped.
         match task {
             Task::Record(entry, tell) => {
@@ -207,16 +207,16 @@ impl Desk {
                 self.write(&entry, 0);
             }
             Task::Keep(path, text, tell) => {
-                let kept = replace_file(&path, &text);
-                let _ = tell.try_send(kept.is_ok());
-                if let Err(e) = kept {
+                let written = replace_file(&path, &text);
+                let _ = tell.try_send(written.is_ok());
+                if let Err(e) = written {
                     tracing::error!("{}: {e}", path.display());
                 }
             }
             Task::KeepStanding(text, tell) => {
-                let kept = self.standing.keep(&text);
-                let _ = tell.try_send(kept.is_ok());
-                if let Err(e) = kept {
+                let written = self.standing.keep(&text);
+                let _ = tell.try_send(written.is_ok());
+                if let Err(e) = written {
                     tracing::error!("{}: {e}", self.log.standing_file().display());
                 }
             }
@@ -243,7 +243,7 @@ impl Health {
         let begun = self.begun_ns.load(Ordering::Relaxed);
         begun > 0
             && self.now_ns().saturating_sub(begun)
-                > u64::try_from(LATE.as_nanos()).unwrap_or(u64::MAX)
+                > u64::try_from(WRITE_TIMEOUT.as_nanos()).unwrap_or(u64::MAX)
     }
 
     fn begin(&self) {
